@@ -1,0 +1,13 @@
+"""The errors that a user can cause. The command line prints their one sentence and no traceback."""
+
+
+class InputError(ValueError):
+    """Bad input: the message names the file or field, what was found, and what was expected. Exit status 2."""
+
+
+class MissingExtraError(ImportError):
+    """A feature needs an optional package: the message names the extra that installs it. Exit status 2."""
+
+
+class BlowUpError(RuntimeError):
+    """The simulation left the finite numbers: the message names the frame and the particle. Exit status 1."""

@@ -1,0 +1,34 @@
+"""The polygon mesh that every other part of the package speaks of."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class PolygonMesh:
+    """A mesh of polygons of any size, named as in USD. The n-th point is the n-th vertex of the file."""
+
+    points: NDArray[np.float64]
+    """positions, in the file's units, shape (vertex_count, 3)"""
+    face_vertex_counts: NDArray[np.int32]
+    """corners of each face, shape (face_count,)"""
+    face_vertex_indices: NDArray[np.int32]
+    """corners of all faces in order, indices into `points`, shape (face_vertex_counts.sum(),)"""
+    name: str = "mesh"
+    """what the file or the prim is called"""
+    up_axis: str = "Y"
+    """the axis that points up in the file: "Y" or "Z" """
+    meters_per_unit: float = 1.0
+    """metres in one unit of `points`"""
+    warnings: tuple[str, ...] = field(default=())
+    """what the reader had to put up with, a sentence each"""
+
+    @property
+    def vertex_count(self) -> int:
+        return len(self.points)
+
+    @property
+    def face_count(self) -> int:
+        return len(self.face_vertex_counts)

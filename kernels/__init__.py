@@ -1,0 +1,1 @@
+"""Warp kernels and functions: the physics and the ray caster, and nothing else. Imports warp alone."""

@@ -1,0 +1,1 @@
+"""The bundled scenes (TOML) and their meshes (OBJ)."""
