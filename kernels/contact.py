@@ -1,0 +1,118 @@
+"""Contact with spheres and with the ground (paper, "Collision Detection and Resolution").
+
+A particle inside a sphere moves out along center -> particle. Its velocity into the sphere is taken away too: the paper
+leaves it, but then a particle pressed against a sphere gathers speed for as long as it is pressed.
+
+The sphere gets a penalty force against that movement, proportional to how inflated the balloon is: the particle's own
+inflation force times the sphere's `penalty`, so that the sphere feels pressure times contact area.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.inflation import inflation_force
+
+
+@wp.func
+def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
+    """Unit vector from a sphere's center to a particle; up where they coincide."""
+    arm = point - center
+    distance = wp.length(arm)
+    if distance > 0.0:
+        return arm / distance
+    return up
+
+
+@wp.func
+def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.vec3):
+    """The velocity less its part into the obstacle."""
+    return velocity - wp.min(wp.dot(velocity - obstacle_velocity, normal), 0.0) * normal
+
+
+@wp.func
+def with_friction(velocity: wp.vec3, normal: wp.vec3, stopped_speed: float, friction: float):
+    """Coulomb friction on an obstacle at rest: the normal impulse stopped `stopped_speed`, so the tangential one stops
+    at most `friction` times that."""
+    tangential = velocity - wp.dot(velocity, normal) * normal
+    speed = wp.length(tangential)
+    if speed > 0.0:
+        velocity -= tangential * wp.min(friction * stopped_speed / speed, 1.0)
+    return velocity
+
+
+@wp.kernel
+def resolve_contacts(
+    # model
+    particle_balloon: wp.array[wp.int32],
+    particle_mass_share: wp.array[float],
+    sphere_radius: wp.array2d[float],
+    sphere_penalty: wp.array2d[float],
+    up: wp.vec3,
+    ground_height: float,
+    ground_friction: float,
+    time_in_frame: float,
+    # state in
+    inflation_aims: wp.array2d[wp.vec3],
+    inflation_ramp: wp.array2d[wp.vec2],
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # state out
+    new_points: wp.array2d[wp.vec3],
+    new_velocities: wp.array2d[wp.vec3],
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): out of every sphere, then above the ground. Adds the penalty to `sphere_forces`."""
+    world, particle = wp.tid()
+    point = points[world, particle]
+    velocity = velocities[world, particle]
+    if particle_mass_share[particle] > 0.0:
+        for sphere in range(sphere_positions.shape[1]):
+            center = sphere_positions[world, sphere]
+            radius = sphere_radius[world % sphere_radius.shape[0], sphere]
+            if wp.length_sq(point - center) < radius * radius:
+                outward = way_out(point, center, up)
+                point = center + radius * outward
+                velocity = without_approach(velocity, sphere_velocities[world, sphere], outward)
+                ramp = inflation_ramp[world, particle_balloon[particle]]
+                inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+                penalty = sphere_penalty[world % sphere_penalty.shape[0], sphere] * wp.length(inflation)
+                wp.atomic_sub(sphere_forces, world, sphere, penalty * outward)
+        depth = ground_height - wp.dot(point, up)
+        if depth > 0.0:
+            point += depth * up
+            stopped_speed = wp.max(-wp.dot(velocity, up), 0.0)
+            velocity = without_approach(velocity, wp.vec3(), up)
+            velocity = with_friction(velocity, up, stopped_speed, ground_friction)
+    new_points[world, particle] = point
+    new_velocities[world, particle] = velocity
+
+
+@wp.kernel
+def move_spheres(
+    # model
+    sphere_mass: wp.array2d[float],
+    sphere_radius: wp.array2d[float],
+    gravity: wp.array[float],
+    up: wp.vec3,
+    ground_height: float,
+    ground_restitution: float,
+    step_seconds: float,
+    # state in and out
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): gravity and the penalties gathered since the last step, which it clears; the ground."""
+    world, sphere = wp.tid()
+    mass = sphere_mass[world % sphere_mass.shape[0], sphere]
+    acceleration = sphere_forces[world, sphere] / mass - gravity[world % gravity.shape[0]] * up
+    velocity = sphere_velocities[world, sphere] + step_seconds * acceleration
+    position = sphere_positions[world, sphere] + step_seconds * velocity
+    depth = ground_height + sphere_radius[world % sphere_radius.shape[0], sphere] - wp.dot(position, up)
+    if depth > 0.0:
+        position += depth * up
+        velocity -= (1.0 + ground_restitution) * wp.min(wp.dot(velocity, up), 0.0) * up
+    sphere_positions[world, sphere] = position
+    sphere_velocities[world, sphere] = velocity
+    sphere_forces[world, sphere] = wp.vec3()

@@ -1,0 +1,115 @@
+"""Inflation along Gouraud normals: F = 100 k_normal (A_p / A_total) n (paper, "Particle Simulation").
+
+A_p is the area of the incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean of
+the unit normals of its incident faces, normalized. `aim` stands for (A_p / A_total) n, which the paper caches over a frame.
+"""
+
+import warp as wp
+
+
+@wp.func
+def inflation_force(k_normal: float, aim: wp.vec3):
+    """Force on a particle [N] from the inflation coefficient and its aim."""
+    return 100.0 * k_normal * aim
+
+
+@wp.func
+def keyframed_value(
+    times: wp.array2d[float], values: wp.array3d[float], world: wp.int32, balloon: wp.int32, time: float
+):
+    """Piecewise linear through the keyframes, constant before the first and after the last."""
+    row = world % values.shape[0]
+    value = values[row, balloon, 0]
+    for key in range(times.shape[1] - 1):
+        begin = times[balloon, key]
+        end = times[balloon, key + 1]
+        if time > begin and end > begin:
+            blend = wp.min((time - begin) / (end - begin), 1.0)
+            value = wp.lerp(values[row, balloon, key], values[row, balloon, key + 1], blend)
+    return value
+
+
+@wp.kernel
+def ramp_inflation(
+    # model
+    keyframe_times: wp.array2d[float],
+    keyframe_values: wp.array3d[float],
+    frame_seconds: float,
+    # state in
+    frame: wp.array[wp.int32],
+    # state out
+    inflation_ramp: wp.array2d[wp.vec2],
+):
+    """A thread a (world, balloon): k_normal at the start of the frame, and its slope [1/s] over the frame."""
+    world, balloon = wp.tid()
+    begin = float(frame[0]) * frame_seconds
+    first = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin)
+    last = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin + frame_seconds)
+    inflation_ramp[world, balloon] = wp.vec2(first, (last - first) / frame_seconds)
+
+
+@wp.kernel
+def measure_faces(
+    # model
+    face_offsets: wp.array[wp.int32],
+    face_particles: wp.array[wp.int32],
+    face_balloon: wp.array[wp.int32],
+    # state in
+    points: wp.array2d[wp.vec3],
+    # state out
+    face_centers: wp.array2d[wp.vec3],
+    face_area_vectors: wp.array2d[wp.vec3],
+    balloon_areas: wp.array2d[float],
+):
+    """A thread a (world, face): its center, its area vector (area times unit normal), and its part of the balloon's area.
+
+    The area vector of a polygon of any size, flat or not: half the sum of (a - c) x (b - c) over its edges a b.
+    """
+    world, face = wp.tid()
+    begin = face_offsets[face]
+    end = face_offsets[face + 1]
+    center = wp.vec3()
+    for corner in range(begin, end):
+        center += points[world, face_particles[corner]]
+    center /= float(end - begin)
+    area_vector = wp.vec3()
+    arm = points[world, face_particles[end - 1]] - center
+    for corner in range(begin, end):
+        next_arm = points[world, face_particles[corner]] - center
+        area_vector += 0.5 * wp.cross(arm, next_arm)
+        arm = next_arm
+    face_centers[world, face] = center
+    face_area_vectors[world, face] = area_vector
+    wp.atomic_add(balloon_areas, world, face_balloon[face], wp.length(area_vector))
+
+
+@wp.kernel
+def aim_inflation(
+    # model
+    particle_balloon: wp.array[wp.int32],
+    particle_face_offsets: wp.array[wp.int32],
+    particle_faces: wp.array[wp.int32],
+    # state in
+    points: wp.array2d[wp.vec3],
+    face_centers: wp.array2d[wp.vec3],
+    face_area_vectors: wp.array2d[wp.vec3],
+    balloon_areas: wp.array2d[float],
+    # state out
+    inflation_aims: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): (A_p / A_total) n."""
+    world, particle = wp.tid()
+    point = points[world, particle]
+    normal = wp.vec3()
+    nearest_area = float(0.0)
+    nearest_squared_distance = float(1.0e30)
+    for incidence in range(particle_face_offsets[particle], particle_face_offsets[particle + 1]):
+        face = particle_faces[incidence]
+        area_vector = face_area_vectors[world, face]
+        normal += wp.normalize(area_vector)
+        squared_distance = wp.length_sq(face_centers[world, face] - point)
+        if squared_distance < nearest_squared_distance:
+            nearest_squared_distance = squared_distance
+            nearest_area = wp.length(area_vector)
+    total_area = wp.max(balloon_areas[world, particle_balloon[particle]], 1.0e-20)
+    inflation_aims[world, particle] = (nearest_area / total_area) * wp.normalize(normal)

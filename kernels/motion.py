@@ -1,0 +1,74 @@
+"""Forces on a particle by itself, and the step from forces to motion."""
+
+import warp as wp
+
+from balloon_warp.kernels.inflation import inflation_force
+
+
+@wp.func
+def body_force(mass: float, gravity: float, helium: float, damping: float, up: wp.vec3, velocity: wp.vec3):
+    """Gravity [m/s^2] and helium [N/kg] along the up axis, and damping [N s/m] against the velocity."""
+    return (mass * (helium - gravity)) * up - damping * velocity
+
+
+@wp.kernel
+def set_body_forces(
+    # model
+    particle_balloon: wp.array[wp.int32],
+    particle_mass_share: wp.array[float],
+    mass: wp.array2d[float],
+    helium: wp.array2d[float],
+    damping: wp.array2d[float],
+    gravity: wp.array[float],
+    up: wp.vec3,
+    time_in_frame: float,
+    # state in
+    velocities: wp.array2d[wp.vec3],
+    inflation_aims: wp.array2d[wp.vec3],
+    inflation_ramp: wp.array2d[wp.vec2],
+    # state out
+    forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): gravity, helium, damping and inflation. Overwrites `forces`; the others add to it."""
+    world, particle = wp.tid()
+    balloon = particle_balloon[particle]
+    share = particle_mass_share[particle]
+    ramp = inflation_ramp[world, balloon]
+    body = body_force(
+        share * mass[world % mass.shape[0], balloon],
+        gravity[world % gravity.shape[0]],
+        helium[world % helium.shape[0], balloon],
+        share * damping[world % damping.shape[0], balloon],
+        up,
+        velocities[world, particle],
+    )
+    inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+    forces[world, particle] = body + inflation
+
+
+@wp.kernel
+def integrate_symplectic_euler(
+    # model
+    particle_balloon: wp.array[wp.int32],
+    particle_mass_share: wp.array[float],
+    mass: wp.array2d[float],
+    step_seconds: float,
+    # state in
+    forces: wp.array2d[wp.vec3],
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # state out
+    new_points: wp.array2d[wp.vec3],
+    new_velocities: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle), in the order of the paper's listing: a = F/m, v += h a, x += h v.
+
+    A particle without a share of the mass is fixed.
+    """
+    world, particle = wp.tid()
+    particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], particle_balloon[particle]]
+    velocity = velocities[world, particle]
+    if particle_mass > 0.0:
+        velocity += (step_seconds / particle_mass) * forces[world, particle]
+    new_velocities[world, particle] = velocity
+    new_points[world, particle] = points[world, particle] + step_seconds * velocity

@@ -1,0 +1,66 @@
+"""Springs: structural, shear and flexion alike, and strings, which pull but do not push."""
+
+from typing import Any
+
+import warp as wp
+
+
+@wp.func
+def spring_coefficient(squared_length: Any, stiffness: Any, rest_length: Any):
+    """Force per unit displacement of a Hookean spring [N/m]: F = coefficient * d, d the vector to the other end.
+
+    k (|d| - L) d/|d| written as (k - k L/|d|) d. Coincident ends have d = 0 and a finite coefficient: no force, no NaN.
+    """
+    return stiffness - stiffness * rest_length / wp.sqrt(squared_length + type(squared_length)(1.0e-20))
+
+
+@wp.func
+def string_coefficient(squared_length: Any, stiffness: Any, length: Any):
+    """Force per unit displacement of a string [N/m]: a spring while taut, nothing while slack."""
+    return wp.max(spring_coefficient(squared_length, stiffness, length), type(squared_length)(0.0))
+
+
+@wp.kernel
+def add_spring_forces(
+    # model
+    spring_particles: wp.array[wp.vec2i],
+    spring_kind: wp.array[wp.int32],
+    spring_rest_length: wp.array[float],
+    spring_stiffness_scale: wp.array[float],
+    particle_balloon: wp.array[wp.int32],
+    stiffness: wp.array3d[float],
+    # state in
+    points: wp.array2d[wp.vec3],
+    # state out
+    forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, spring): equal and opposite forces on its two particles."""
+    world, spring = wp.tid()
+    ends = spring_particles[spring]
+    p, q = ends[0], ends[1]
+    k = stiffness[world % stiffness.shape[0], particle_balloon[p], spring_kind[spring]] * spring_stiffness_scale[spring]
+    d = points[world, q] - points[world, p]
+    force = spring_coefficient(wp.length_sq(d), k, spring_rest_length[spring]) * d
+    wp.atomic_add(forces, world, p, force)
+    wp.atomic_sub(forces, world, q, force)
+
+
+@wp.kernel
+def add_string_forces(
+    # model
+    string_particle: wp.array[wp.int32],
+    string_anchor: wp.array[wp.vec3],
+    string_length: wp.array2d[float],
+    string_stiffness: wp.array2d[float],
+    # state in
+    points: wp.array2d[wp.vec3],
+    # state out
+    forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, string): the pull of a taut string on its particle."""
+    world, string = wp.tid()
+    p = string_particle[string]
+    d = string_anchor[string] - points[world, p]
+    k = string_stiffness[world % string_stiffness.shape[0], string]
+    length = string_length[world % string_length.shape[0], string]
+    wp.atomic_add(forces, world, p, string_coefficient(wp.length_sq(d), k, length) * d)
