@@ -1,1 +1,16 @@
+"""Scenes: what a TOML file says, checked, with overrides and defaults applied."""
 
+from balloon_warp.scene.load import bundled_scenes, load_scene
+from balloon_warp.scene.schema import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
+
+__all__ = [
+    "Balloon",
+    "Ground",
+    "Inflation",
+    "Scene",
+    "Sphere",
+    "Stiffness",
+    "String",
+    "bundled_scenes",
+    "load_scene",
+]

@@ -1,0 +1,37 @@
+"""The commands, and what happens when one fails."""
+
+import sys
+
+import typer
+from rich.console import Console
+
+from balloon_warp.cli.inspect import inspect
+from balloon_warp.cli.remesh import remesh
+from balloon_warp.cli.render import render
+from balloon_warp.cli.run import run
+from balloon_warp.cli.scenes import scenes
+from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
+
+app = typer.Typer(
+    help="Simulate balloons: any mesh in, animated USD out.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (run, scenes, inspect, remesh, render):
+    app.command()(command)
+
+
+def main() -> None:
+    """Run a command. A user's mistake becomes one sentence on standard error and exit status 2; a blow-up, 1."""
+    try:
+        app()
+    except (InputError, MissingExtraError) as mistake:
+        _fail(mistake, status=2)
+    except BlowUpError as failure:
+        _fail(failure, status=1)
+
+
+def _fail(error: Exception, status: int) -> None:
+    Console(stderr=True, soft_wrap=True, highlight=False).print("[bold red]error:[/]", str(error).replace("[", r"\["))
+    sys.exit(status)

@@ -1,0 +1,35 @@
+"""The net force on each particle of a balloon, as lines (paper, figure 26)."""
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from balloon_warp.model import Model
+from balloon_warp.outputs.usd.lines import define_lines, write_lines
+from balloon_warp.outputs.usd.material import FORCE_COLOR, paint
+from balloon_warp.simulator import Frame
+
+
+class NetForcesPrim:
+    """A line from each particle along its net force.
+
+    A force as large as the mean inflation force or the mean weight of a particle, whichever is larger, is drawn a tenth
+    of the balloon's size long; the attribute `userProperties:metersPerNewton` says how long a newton is.
+    """
+
+    def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
+        self.number = number
+        balloon, mesh = model.scene.balloon[number], model.shapes[number].mesh
+        size = float(np.ptp(mesh.points, axis=0).max())
+        inflation = max(100.0 * abs(value) for _, value in balloon.inflation.keyframes)
+        weight = balloon.mass * abs(model.scene.gravity)
+        self.meters_per_newton = 0.1 * size * mesh.vertex_count / max(inflation, weight, 1e-12)
+        self.prim = define_lines(stage, path, [2] * mesh.vertex_count, width=0.003 * size)
+        paint(self.prim, FORCE_COLOR, roughness=0.6)
+        self.prim.GetPrim().CreateAttribute(
+            "userProperties:metersPerNewton", Sdf.ValueTypeNames.Double, custom=True
+        ).Set(self.meters_per_newton)
+
+    def write(self, frame: Frame) -> None:
+        begin = frame.points[self.number]
+        end = begin + np.float32(self.meters_per_newton) * frame.net_forces[self.number]
+        write_lines(self.prim, np.stack([begin, end], axis=1).reshape(-1, 3), frame.number)

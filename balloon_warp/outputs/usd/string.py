@@ -1,0 +1,32 @@
+"""A string in the stage."""
+
+import numpy as np
+from pxr import Sdf, Usd
+
+from balloon_warp.model import Model
+from balloon_warp.outputs.usd.lines import define_lines, write_lines
+from balloon_warp.outputs.usd.material import STRING_COLOR, paint
+from balloon_warp.outputs.usd.string_curve import POINT_COUNT, string_curve
+from balloon_warp.simulator import Frame
+
+
+class StringPrim:
+    """One string of the scene, as one curve."""
+
+    def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
+        self.model = model
+        self.string = model.scene.string[number]
+        self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
+        self.length = float(model.string_length.numpy()[0, number])
+        held = model.shapes[self.string.balloon].mesh
+        self.prim = define_lines(stage, path, [POINT_COUNT], width=0.008 * float(np.ptp(held.points, axis=0).max()))
+        paint(self.prim, STRING_COLOR, roughness=0.8)
+
+    def write(self, frame: Frame) -> None:
+        end = frame.points[self.string.balloon][self.particle]
+        model = self.model
+        write_lines(
+            self.prim,
+            string_curve(self.string.anchor, end, self.length, model.scene.up, model.ground_height),
+            frame.number,
+        )

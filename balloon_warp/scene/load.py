@@ -1,0 +1,75 @@
+"""From a bundled name, a TOML file or a mesh file to a checked scene."""
+
+import tomllib
+from collections.abc import Iterable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene.around import scene_table_around
+from balloon_warp.scene.complaint import complaint
+from balloon_warp.scene.overrides import Override, apply_overrides
+from balloon_warp.scene.schema import Scene
+
+
+def bundled_scenes() -> dict[str, Path]:
+    """Names of the bundled scenes, and their files."""
+    folder = Path(str(resources.files("balloon_warp.scenes")))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def scene_name(source: str | Path) -> str:
+    """What outputs of this scene are called: the bundled name, or the file's name without its suffix."""
+    return Path(source).stem
+
+
+def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
+    """Load a scene.
+
+    Args:
+        source: a bundled scene's name, a path to a scene file (.toml), or a path to a mesh, which gets a scene around it.
+        overrides: dotted paths and values, applied in order before the scene is checked.
+
+    Raises:
+        InputError: there is no such scene, the file is not valid TOML, or a field is wrong.
+    """
+    bundled = bundled_scenes()
+    path = bundled.get(str(source), Path(source))
+    if path.suffix.lower() != ".toml" and not path.exists():
+        raise InputError(
+            f"{source}: no such scene or file; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
+        )
+    table = _read_toml(path) if path.suffix.lower() == ".toml" else scene_table_around(path)
+    apply_overrides(table, overrides)
+    return check_scene(table, path)
+
+
+def check_scene(table: dict[str, Any], path: Path) -> Scene:
+    """Validate a scene's table; mesh files are sought beside `path`.
+
+    Raises:
+        InputError: names the file and the first field that is wrong.
+    """
+    try:
+        scene = Scene.model_validate(table)
+    except ValidationError as error:
+        raise InputError(f"{path}: {complaint(error, Scene)}") from None
+    balloons = [
+        balloon.model_copy(update={"mesh": path.parent / balloon.mesh}) if isinstance(balloon.mesh, Path) else balloon
+        for balloon in scene.balloon
+    ]
+    return scene.model_copy(update={"balloon": balloons})
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a scene file: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not valid TOML: {error}") from None

@@ -1,0 +1,63 @@
+"""Overrides of scene values by dotted path: `balloon.inflation.k_normal=3`, `sphere.0.mass=100`."""
+
+import tomllib
+from collections.abc import Iterable
+from typing import Any
+
+from balloon_warp.errors import InputError
+
+Override = tuple[str, Any]
+"""a dotted path, and the value to put there"""
+
+
+def parse_override(text: str) -> Override:
+    """Split `PATH=VALUE`; the value is read as TOML, and as plain text where it is no TOML value.
+
+    Raises:
+        InputError: there is no `=` or no path.
+    """
+    path, equals, value = text.partition("=")
+    path = path.strip()
+    if not equals or not all(path.split(".")):
+        raise InputError(f"--set {text}: expected PATH=VALUE, as in --set balloon.inflation.k_normal=3")
+    try:
+        return path, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return path, value.strip()
+
+
+def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> None:
+    """Put each value at its path in the scene's table, in place. A list without a number in the path means all its items.
+
+    Raises:
+        InputError: a path leads through a value that has no fields, or past the end of a list.
+    """
+    for path, value in overrides:
+        _put(table, path.split("."), value, path)
+
+
+def _put(place: Any, names: list[str], value: Any, path: str) -> None:
+    name, rest = names[0], names[1:]
+    if isinstance(place, list):
+        if not name.isdecimal():
+            if not place:
+                raise InputError(f"{path}: cannot be set, the scene has no {path.split('.')[0]}")
+            for item in place:
+                _put(item, names, value, path)
+            return
+        if int(name) >= len(place):
+            listed = path.split(".")[0]
+            raise InputError(
+                f"{path}: there is no {listed} {name}, the scene has {len(place)} (the first is {listed}.0)"
+            )
+        if rest:
+            _put(place[int(name)], rest, value, path)
+        else:
+            place[int(name)] = value
+    elif isinstance(place, dict):
+        if rest:
+            _put(place.setdefault(name, [] if name in ("balloon", "sphere", "string") else {}), rest, value, path)
+        else:
+            place[name] = value
+    else:
+        raise InputError(f"{path}: cannot be set, {name!r} is asked of a plain value")

@@ -1,0 +1,166 @@
+"""The scene schema: every field, its unit, its default and its bounds. SI units throughout."""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from balloon_warp.mesh import PolygonMesh
+
+Vector = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Keyframe = tuple[NonNegative, float]
+"""a time [s] and the value at that time"""
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
+
+
+class Table(BaseModel):
+    """A table of the scene file: no unknown fields, no NaN, no infinity."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True)
+
+
+class Stiffness(Table):
+    """Spring constants k [N/m] of the three kinds of springs (paper, figure 3)."""
+
+    structural: NonNegative = 20.0
+    """along the edges of faces"""
+    shear: NonNegative = 10.0
+    """across faces"""
+    flexion: NonNegative = 2.0
+    """past one particle, against bending"""
+    variation: UnitInterval = 0.0
+    """each spring's constant is drawn uniformly from k (1 - variation) to k (1 + variation)"""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """of the draws"""
+
+
+class Inflation(Table):
+    """The paper's inflation: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N]."""
+
+    k_normal: float | Annotated[list[Keyframe], Field(min_length=1)] = 0.2
+    """a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last"""
+
+    @property
+    def keyframes(self) -> list[Keyframe]:
+        """`k_normal` as keyframes; a plain number is one keyframe."""
+        return self.k_normal if isinstance(self.k_normal, list) else [(0.0, self.k_normal)]
+
+    @model_validator(mode="after")
+    def _times_increase(self) -> Self:
+        times = [time for time, _ in self.keyframes]
+        if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+            raise ValueError(f"k_normal: keyframe times must increase (got {times})")
+        return self
+
+
+class Balloon(Table):
+    """A mesh that becomes a balloon."""
+
+    mesh: Path | PolygonMesh
+    """a mesh file, sought beside the scene file; from Python, a PolygonMesh too"""
+    name: str = ""
+    """what its prim is called in the stage; the mesh's name when empty"""
+    position: Vector = (0.0, 0.0, 0.0)
+    """where the mesh's origin goes [m]"""
+    rotation: Vector = (0.0, 0.0, 0.0)
+    """about x, then y, then z [degrees], before `position`"""
+    scale: Positive = 1.0
+    """factor on the mesh's size, before `rotation`"""
+    mass: Positive = 0.1
+    """of the whole balloon, shared alike by its particles [kg]"""
+    helium: float = 0.0
+    """lift for each kilogram of balloon, against gravity's 9.81 [N/kg]"""
+    damping: NonNegative = 0.1
+    """drag of the whole balloon for each m/s, shared like the mass [N s/m]"""
+    stiffness: Stiffness = Stiffness()
+    inflation: Inflation = Inflation()
+    fixed: list[Annotated[int, Field(ge=0)]] = []
+    """particles that do not move, by the order of the file's vertices"""
+    color: tuple[UnitInterval, UnitInterval, UnitInterval] | None = None
+    """linear RGB; one of the palette when missing"""
+
+
+class Sphere(Table):
+    """A rigid sphere that collides with balloons and the ground."""
+
+    radius: Positive = 0.15
+    """[m]"""
+    mass: Positive = 1.0
+    """[kg]"""
+    position: Vector
+    """of its center at the start [m]"""
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """at the start [m/s]"""
+    penalty: NonNegative = 1.0
+    """force it gets from a touching particle, as a multiple of that particle's inflation force"""
+    color: tuple[UnitInterval, UnitInterval, UnitInterval] | None = None
+
+
+class String(Table):
+    """A string from a fixed anchor to one particle: it pulls when taut and does not push."""
+
+    anchor: Vector
+    """its fixed end [m]"""
+    balloon: Annotated[int, Field(ge=0)] = 0
+    """the balloon it holds, by its place in the scene"""
+    particle: Annotated[int, Field(ge=0)] | Literal["highest", "lowest"] = "lowest"
+    """the particle it holds, by the order of the file's vertices, or along the up axis at the start"""
+    length: Positive | None = None
+    """[m]; the distance from anchor to particle at the start when missing"""
+    stiffness: Positive = 20.0
+    """[N/m]"""
+
+
+class Ground(Table):
+    """A plane across the up axis."""
+
+    height: float = 0.0
+    """[m]"""
+    friction: NonNegative = 0.5
+    """Coulomb's coefficient, for balloons"""
+    restitution: UnitInterval = 0.3
+    """rebound speed over impact speed, for spheres"""
+
+
+class Scene(Table):
+    """One world: balloons, and what is around them."""
+
+    description: str = ""
+    """one line, shown by `balloon-warp scenes`"""
+    up_axis: Literal["Y", "Z"] = "Y"
+    gravity: float = 9.81
+    """[m/s^2], down the up axis"""
+    frames: Annotated[int, Field(ge=1)] = 120
+    """how many frames follow the start"""
+    frames_per_second: Positive = 60.0
+    substeps: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
+    """integration steps in a frame; "auto" takes as many as stability asks"""
+    normals: Literal["cached", "fresh"] = "cached"
+    """normals and areas of the inflation: refreshed once a frame (the paper), or every substep"""
+    net_forces: bool = False
+    """write the net force on each particle into the stage, as curves"""
+    picture_frame: Annotated[int, Field(ge=0)] | None = None
+    """the frame that a picture of this scene shows; the last when missing"""
+    balloon: Annotated[list[Balloon], Field(min_length=1)]
+    sphere: list[Sphere] = []
+    string: list[String] = []
+    ground: Ground | None = None
+
+    @property
+    def up(self) -> Vector:
+        """unit vector of the up axis"""
+        return (0.0, 1.0, 0.0) if self.up_axis == "Y" else (0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        for number, string in enumerate(self.string):
+            if string.balloon >= len(self.balloon):
+                raise ValueError(
+                    f"string.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
+                    f"(got {string.balloon})"
+                )
+        if self.picture_frame is not None and self.picture_frame > self.frames:
+            raise ValueError(f"picture_frame: must be at most frames, {self.frames} (got {self.picture_frame})")
+        return self

@@ -1,0 +1,150 @@
+"""The `scatter` schedule: a thread a spring, a face or a particle, with atomic adds into one force array.
+
+The readable reference that every other schedule is tested against.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.clock import count_frame
+from balloon_warp.kernels.contact import move_spheres, resolve_contacts
+from balloon_warp.kernels.inflation import aim_inflation, measure_faces, ramp_inflation
+from balloon_warp.kernels.motion import integrate_symplectic_euler, set_body_forces
+from balloon_warp.kernels.springs import add_spring_forces, add_string_forces
+from balloon_warp.model import Model, State
+
+
+class ScatterSchedule:
+    """Advances a state by whole frames, in place."""
+
+    name = "scatter"
+
+    def __init__(self, model: Model):
+        worlds, device = model.world_count, model.device
+        self.model = model
+        self.forces = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
+        """net force on each particle [N], shape (world_count, particle_count)"""
+        self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
+        self._face_area_vectors = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
+        self._balloon_areas = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
+
+    def advance_frame(self, state: State) -> None:
+        """One frame: the inflation refreshed, then every substep."""
+        model = self.model
+        self._ramp_inflation(state)
+        self._aim_inflation(state)
+        for substep in range(model.substeps):
+            if substep > 0 and model.scene.normals == "fresh":
+                self._aim_inflation(state)
+            self._advance_substep(state, substep * model.step_seconds)
+        self._launch(count_frame, 1, state.frame)
+
+    def _advance_substep(self, state: State, time_in_frame: float) -> None:
+        self.sum_forces(state, time_in_frame)
+        self._integrate(state)
+        self._move_spheres(state)
+        self._resolve_contacts(state, time_in_frame)
+
+    def sum_forces(self, state: State, time_in_frame: float = 0.0) -> None:
+        """Fill `forces` with the net force on each particle."""
+        self._set_body_forces(state, time_in_frame)
+        self._add_spring_forces(state)
+        self._add_string_forces(state)
+
+    def _ramp_inflation(self, state: State) -> None:
+        m = self.model
+        self._launch(
+            ramp_inflation,
+            (m.world_count, m.balloon_count),
+            *(m.keyframe_times, m.keyframe_values, m.frame_seconds),
+            state.frame,
+            state.inflation_ramp,
+        )
+
+    def _aim_inflation(self, state: State) -> None:
+        m = self.model
+        self._balloon_areas.zero_()
+        self._launch(
+            measure_faces,
+            (m.world_count, m.face_count),
+            *(m.face_offsets, m.face_particles, m.face_balloon),
+            state.points,
+            *(self._face_centers, self._face_area_vectors, self._balloon_areas),
+        )
+        self._launch(
+            aim_inflation,
+            (m.world_count, m.particle_count),
+            *(m.particle_balloon, m.particle_face_offsets, m.particle_faces),
+            *(state.points, self._face_centers, self._face_area_vectors, self._balloon_areas),
+            state.inflation_aims,
+        )
+
+    def _set_body_forces(self, state: State, time_in_frame: float) -> None:
+        m = self.model
+        self._launch(
+            set_body_forces,
+            (m.world_count, m.particle_count),
+            *(m.particle_balloon, m.particle_mass_share, m.mass, m.helium, m.damping, m.gravity, m.up, time_in_frame),
+            *(state.velocities, state.inflation_aims, state.inflation_ramp),
+            self.forces,
+        )
+
+    def _add_spring_forces(self, state: State) -> None:
+        m = self.model
+        self._launch(
+            add_spring_forces,
+            (m.world_count, m.spring_count),
+            *(m.spring_particles, m.spring_kind, m.spring_rest_length, m.spring_stiffness_scale),
+            *(m.particle_balloon, m.stiffness),
+            state.points,
+            self.forces,
+        )
+
+    def _add_string_forces(self, state: State) -> None:
+        m = self.model
+        if m.string_count:
+            self._launch(
+                add_string_forces,
+                (m.world_count, m.string_count),
+                *(m.string_particle, m.string_anchor, m.string_length, m.string_stiffness),
+                state.points,
+                self.forces,
+            )
+
+    def _integrate(self, state: State) -> None:
+        m = self.model
+        self._launch(
+            integrate_symplectic_euler,
+            (m.world_count, m.particle_count),
+            *(m.particle_balloon, m.particle_mass_share, m.mass, m.step_seconds),
+            *(self.forces, state.points, state.velocities),
+            *(state.points, state.velocities),
+        )
+
+    def _move_spheres(self, state: State) -> None:
+        m = self.model
+        if m.sphere_count:
+            self._launch(
+                move_spheres,
+                (m.world_count, m.sphere_count),
+                *(m.sphere_mass, m.sphere_radius, m.gravity, m.up),
+                *(m.ground_height, m.ground_restitution, m.step_seconds),
+                *(state.sphere_positions, state.sphere_velocities, state.sphere_forces),
+            )
+
+    def _resolve_contacts(self, state: State, time_in_frame: float) -> None:
+        m = self.model
+        if m.sphere_count or m.scene.ground:
+            self._launch(
+                resolve_contacts,
+                (m.world_count, m.particle_count),
+                *(m.particle_balloon, m.particle_mass_share, m.sphere_radius, m.sphere_penalty),
+                *(m.up, m.ground_height, m.ground_friction, time_in_frame),
+                *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
+                *(state.points, state.velocities),
+                *(state.points, state.velocities, state.sphere_forces),
+            )
+
+    def _launch(self, kernel: wp.Kernel, dim: int | tuple[int, ...], *arguments: Any) -> None:
+        wp.launch(kernel, dim, inputs=list(arguments), device=self.model.device)

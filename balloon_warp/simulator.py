@@ -1,0 +1,128 @@
+"""The simulator: a scene in, frames out."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.kernels.health import find_non_finite
+from balloon_warp.model import build_model, initial_state
+from balloon_warp.scene import Scene
+from balloon_warp.schedules import ScatterSchedule
+
+_HEALTHY = np.iinfo(np.int32).max
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One world as it is displayed or written, on the host."""
+
+    number: int
+    points: list[NDArray[np.float32]]
+    """of each balloon [m], shape (particle_count, 3)"""
+    velocities: list[NDArray[np.float32]]
+    """of each balloon [m/s], shape (particle_count, 3)"""
+    net_forces: list[NDArray[np.float32]]
+    """on each balloon's particles [N], shape (particle_count, 3); empty unless the scene asks for them"""
+    inflation_forces: list[NDArray[np.float32]]
+    """on each balloon's particles [N], shape (particle_count, 3)"""
+    sphere_positions: NDArray[np.float32]
+    """[m], shape (sphere_count, 3)"""
+    sphere_velocities: NDArray[np.float32]
+    """[m/s], shape (sphere_count, 3)"""
+
+
+class Simulator:
+    """Advances a batch of worlds frame by frame.
+
+    Args:
+        scene: what to simulate.
+        device: a Warp device such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
+        world_count: how many copies of the scene.
+
+    Raises:
+        InputError: the scene's meshes, particles or step are wrong, or there is no such device.
+    """
+
+    def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1):
+        self.model = build_model(scene, _device(device), world_count)
+        self.state = initial_state(self.model)
+        self.schedule = ScatterSchedule(self.model)
+        self.frame_number = 0
+        self._first_bad_particle = wp.full(world_count, _HEALTHY, dtype=wp.int32, device=self.model.device)
+        self._graph: wp.Graph | None = None
+
+    def run(self, world: int = 0) -> Iterator[Frame]:
+        """The frames of one world: the start, then as many as the scene asks for.
+
+        Raises:
+            BlowUpError: the simulation left the finite numbers.
+        """
+        yield self.read_frame(world)
+        for _ in range(self.model.scene.frames):
+            self.step()
+            yield self.read_frame(world)
+
+    def step(self) -> None:
+        """Advance every world by one frame.
+
+        Raises:
+            BlowUpError: the simulation left the finite numbers.
+        """
+        if self._graph is None:
+            self._graph = self._capture_frame()
+        wp.capture_launch(self._graph)
+        self.frame_number += 1
+        bad = self._first_bad_particle.numpy()
+        if (bad != _HEALTHY).any():
+            world = int(np.argmax(bad != _HEALTHY))
+            raise BlowUpError(
+                f"the simulation blew up in frame {self.frame_number}, world {world}: particle {bad[world]} is no longer "
+                "at a finite place; more substeps, more damping or softer springs help"
+            )
+
+    def read_frame(self, world: int = 0) -> Frame:
+        """Copy one world to the host."""
+        ramp = self.state.inflation_ramp.numpy()[world]
+        k_normal = ramp[:, 0] + ramp[:, 1] * (self.model.frame_seconds if self.frame_number else 0.0)
+        aims = self._of_balloons(self.state.inflation_aims, world)
+        return Frame(
+            number=self.frame_number,
+            points=self._of_balloons(self.state.points, world),
+            velocities=self._of_balloons(self.state.velocities, world),
+            net_forces=self._net_forces(world) if self.model.scene.net_forces else [],
+            inflation_forces=[100.0 * k * aim for k, aim in zip(k_normal, aims, strict=True)],
+            sphere_positions=self.state.sphere_positions.numpy()[world],
+            sphere_velocities=self.state.sphere_velocities.numpy()[world],
+        )
+
+    def _of_balloons(self, array: wp.array2d[wp.vec3], world: int) -> list[NDArray[np.float32]]:
+        """One world's rows of a particle array, split by balloon."""
+        return np.split(array[world].numpy(), self.model.particle_offsets[1:-1])
+
+    def _net_forces(self, world: int) -> list[NDArray[np.float32]]:
+        self.schedule.sum_forces(self.state, self.model.frame_seconds if self.frame_number else 0.0)
+        return self._of_balloons(self.schedule.forces, world)
+
+    def _capture_frame(self) -> wp.Graph:
+        """Record a frame once, to be replayed without the cost of its launches."""
+        with wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
+            self.schedule.advance_frame(self.state)
+            wp.launch(
+                find_non_finite,
+                self.state.points.shape,
+                inputs=[self.state.points],
+                outputs=[self._first_bad_particle],
+            )
+        return capture.graph
+
+
+def _device(name: str | None) -> wp.Device:
+    try:
+        return wp.get_device(name) if name else wp.get_preferred_device()
+    except ValueError:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise InputError(f"--device {name}: no such device; this machine has {known}") from None
