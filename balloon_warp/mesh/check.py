@@ -1,0 +1,40 @@
+"""What every mesh must satisfy, whatever file it came from."""
+
+import numpy as np
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+FLOAT32_MAX = float(np.finfo(np.float32).max)
+
+
+def check_mesh(mesh: PolygonMesh, source: str) -> None:
+    """Check that a mesh has points and faces, and that they fit together.
+
+    Raises:
+        InputError: names `source` and the first face or vertex, from 1, that is wrong.
+    """
+    if mesh.vertex_count == 0 or mesh.face_count == 0:
+        raise InputError(
+            f"{source}: has {mesh.vertex_count} vertices and {mesh.face_count} faces; it needs both"
+        )
+    outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
+    if outside.any():
+        vertex = int(outside.argmax())
+        raise InputError(
+            f"{source}: vertex {vertex + 1}: coordinates must be finite and fit in 32-bit floats "
+            f"(got {' '.join(map(str, mesh.points[vertex]))})"
+        )
+    if mesh.face_vertex_counts.min() < 3:
+        face = int(mesh.face_vertex_counts.argmin())
+        raise InputError(
+            f"{source}: face {face + 1}: a face needs three corners or more (got {mesh.face_vertex_counts[face]})"
+        )
+    corner_count = int(mesh.face_vertex_counts.sum(dtype=np.int64))
+    if corner_count != len(mesh.face_vertex_indices):
+        raise InputError(
+            f"{source}: the face sizes add up to {corner_count} corners, but {len(mesh.face_vertex_indices)} are given"
+        )
+    for index in (mesh.face_vertex_indices.min(), mesh.face_vertex_indices.max()):
+        if not 0 <= index < mesh.vertex_count:
+            raise InputError(f"{source}: a face names point {index}, but the points are 0 to {mesh.vertex_count - 1}")

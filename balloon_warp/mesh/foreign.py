@@ -1,0 +1,43 @@
+"""Formats that trimesh reads: STL, PLY, OFF, glTF and GLB, as triangles."""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.check import check_mesh
+from balloon_warp.mesh.geometry import first_coincident
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+# STL repeats a vertex for each triangle, and glTF for each normal and texture coordinate there: a balloon made of
+# such vertices would fall apart.
+SPLIT_VERTEX_SUFFIXES = (".stl", ".glb", ".gltf")
+
+
+def read_foreign(path: Path | str) -> PolygonMesh:
+    """Read a mesh through trimesh: all of a scene's parts as one, in its world, polygons split into triangles.
+
+    Vertices keep the file's order; in STL and glTF those at exactly the same place become one.
+
+    Raises:
+        InputError: trimesh cannot read the file, or it has no triangles.
+    """
+    path = Path(path)
+    try:
+        # process=False: trimesh would merge and reorder vertices.
+        read = trimesh.load_mesh(path, process=False)
+    except Exception as error:  # its readers let any exception of the parsing through
+        raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
+    points, triangles = np.array(read.vertices, dtype=np.float64), np.array(read.faces, dtype=np.int64)
+    if path.suffix.lower() in SPLIT_VERTEX_SUFFIXES:
+        kept, merged = np.unique(first_coincident(points), return_inverse=True)
+        points, triangles = points[kept], merged[triangles]
+    mesh = PolygonMesh(
+        points=points.reshape(-1, 3),
+        face_vertex_counts=np.full(len(triangles), 3, dtype=np.int32),
+        face_vertex_indices=triangles.ravel().astype(np.int32),
+        name=path.stem,
+    )
+    check_mesh(mesh, str(path))
+    return mesh

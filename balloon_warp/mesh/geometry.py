@@ -1,0 +1,97 @@
+"""Areas, volume and normals of polygon meshes, in float64 and in the unit of the mesh's points.
+
+Faces may have any number of corners and need not be flat: a face's vector area, half the sum of the cross products of
+its successive corners, does not depend on where the sum starts, and neither does the volume that follows from it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+
+def face_centers(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Mean of each face's corners, shape (face_count, 3)."""
+    return _sum_over_faces(mesh, mesh.points[mesh.face_vertex_indices]) / mesh.face_vertex_counts[:, None]
+
+
+def face_vector_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Each face's area along its normal, 1/2 sum a x b over its edges a b, shape (face_count, 3)."""
+    # Taken about the face's first corner, so that a small face far from the origin keeps its digits.
+    first = mesh.points[mesh.face_vertex_indices[face_starts(mesh)]]
+    arms = mesh.points[mesh.face_vertex_indices] - first[corner_faces(mesh)]
+    return 0.5 * _sum_over_faces(mesh, np.cross(arms, arms[next_corners(mesh)]))
+
+
+def face_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Length of each face's vector area, shape (face_count,)."""
+    return np.linalg.norm(face_vector_areas(mesh), axis=1)
+
+
+def total_area(mesh: PolygonMesh) -> float:
+    """Sum of the face areas."""
+    return float(face_areas(mesh).sum())
+
+
+def face_volumes(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Signed volume of the cone from the mesh's own center to each face, center . area / 3, shape (face_count,).
+
+    A face counts as the fan of triangles about its center; for a quad that is the mean of its two triangulations.
+    """
+    centers = face_centers(mesh)
+    middle = mesh.points[mesh.face_vertex_indices].mean(axis=0)
+    return np.einsum("ij,ij->i", centers - middle, face_vector_areas(mesh)) / 3.0
+
+
+def signed_volume(mesh: PolygonMesh) -> float:
+    """Volume about the mesh's own center: positive where a closed mesh's faces wind outward."""
+    return float(face_volumes(mesh).sum())
+
+
+def vertex_normals(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Gouraud normals: the mean of the unit normals of the incident faces, normalized, shape (vertex_count, 3).
+
+    Faces of no area add nothing; a vertex without any other face gets the zero vector.
+    """
+    face_normals = _normalized(face_vector_areas(mesh))
+    sums = np.zeros((mesh.vertex_count, 3))
+    np.add.at(sums, mesh.face_vertex_indices, face_normals[corner_faces(mesh)])
+    return _normalized(sums)
+
+
+def triangulate(mesh: PolygonMesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Fans of triangles from each face's first corner.
+
+    Returns:
+        The triangles' corners, shape (triangle_count, 3), and the face of each triangle, shape (triangle_count,).
+    """
+    per_face = mesh.face_vertex_counts - 2
+    face = np.repeat(np.arange(mesh.face_count), per_face)
+    place = np.arange(len(face)) - np.repeat(np.cumsum(per_face) - per_face, per_face)
+    start = face_starts(mesh)[face]
+    corners = np.stack([start, start + place + 1, start + place + 2], axis=1)
+    return mesh.face_vertex_indices[corners].astype(np.int32), face.astype(np.int32)
+
+
+def first_coincident(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """For each point, the lowest number of a point at exactly the same place, shape (point_count,)."""
+    order = np.lexsort(points.T)
+    ordered = points[order]
+    begins = np.ones(len(points), dtype=bool)
+    begins[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    # lexsort is stable: the first of each run is its lowest number.
+    first = np.empty(len(points), dtype=np.int64)
+    first[order] = order[begins][np.cumsum(begins) - 1]
+    return first
+
+
+def _sum_over_faces(mesh: PolygonMesh, at_corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    if mesh.face_count == 0:
+        return np.zeros((0, at_corners.shape[1]))
+    return np.add.reduceat(at_corners, face_starts(mesh), axis=0)
+
+
+def _normalized(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)

@@ -1,0 +1,165 @@
+"""Wavefront OBJ files: vertices and polygons, kept as they are written. The n-th `v` line is vertex n.
+
+Texture coordinates, normals, groups, materials, lines and curves are passed over, and no other file is opened.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.check import FLOAT32_MAX
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+
+class _LineError(Exception):
+    """What is wrong with a line."""
+
+
+def read_obj(path: Path | str) -> PolygonMesh:
+    """Read vertices and polygons. OBJ says nothing of axes and units: they are taken as Y up and meters.
+
+    Raises:
+        InputError: the file cannot be read, or a line is wrong; it names the line and the reason.
+    """
+    path = Path(path)
+    coordinates, vertex_lines = [], []
+    corners, sizes, face_lines = [], [], []
+    for number, line in enumerate(_lines(path), start=1):
+        words = line.split()
+        try:
+            if not words:
+                continue
+            if words[0] == b"v":
+                coordinates += _coordinates(words[1:])
+                vertex_lines.append(number)
+            elif words[0] == b"f":
+                face = _face(words[1:], len(vertex_lines))
+                corners += face
+                sizes.append(len(face))
+                face_lines.append(number)
+        except _LineError as problem:
+            raise InputError(f"{path}, line {number}: {problem} (got {_quote(line)})") from None
+    if not vertex_lines:
+        raise InputError(f"{path}: has no vertices, that is, no line that begins with v")
+    if not face_lines:
+        raise InputError(f"{path}: has no faces, that is, no line that begins with f")
+
+    mesh = PolygonMesh(
+        points=np.array(coordinates).reshape(-1, 3),
+        face_vertex_counts=np.array(sizes, dtype=np.int32),
+        face_vertex_indices=np.array(corners, dtype=np.int32),
+        name=path.stem,
+    )
+    outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
+    if outside.any():
+        vertex = int(outside.argmax())
+        got = " ".join(map(str, mesh.points[vertex]))
+        raise InputError(
+            f"{path}, line {vertex_lines[vertex]}: coordinates must be finite and fit in 32-bit floats (got {got})"
+        )
+    # A face may stand above its vertices, so this shows only at the end.
+    missing = mesh.face_vertex_indices >= mesh.vertex_count
+    if missing.any():
+        corner = int(missing.argmax())
+        line = face_lines[int(np.searchsorted(np.cumsum(sizes), corner, side="right"))]
+        raise InputError(
+            f"{path}, line {line}: there is no vertex {corners[corner] + 1}, the file has {mesh.vertex_count}"
+        )
+    return mesh
+
+
+def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
+    """Write vertices and polygons. Reading them gives the same float64 points. The file appears whole or not at all.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    path = Path(path)
+    lines = [f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.points.tolist()]
+    corners = (mesh.face_vertex_indices + 1).tolist()
+    begin = 0
+    for end in np.cumsum(mesh.face_vertex_counts).tolist():
+        lines.append(f"f {' '.join(map(str, corners[begin:end]))}\n")
+        begin = end
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        unfinished.write_text("".join(lines), encoding="ascii", newline="\n")
+        os.replace(unfinished, path)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _lines(path: Path) -> list[bytes]:
+    """The lines of the file, comments cut off, continued lines joined. Their place in the list is their line number."""
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    if text.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in text:
+        raise InputError(f"{path}: is binary or UTF-16, not the plain text of an OBJ file")
+    # Bytes throughout: comments and names may be in any 8-bit encoding.
+    lines = text.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+    if b"#" in text:
+        lines = [line.split(b"#", 1)[0] for line in lines]
+    if b"\\" in text:
+        _join_continued(lines)
+    return lines
+
+
+def _join_continued(lines: list[bytes]) -> None:
+    """Move each line that follows a backslash up to the line it continues; no line changes its number."""
+    first = 0
+    for number in range(1, len(lines)):
+        begun = lines[first].rstrip()
+        if begun.endswith(b"\\"):
+            lines[first] = begun[:-1] + b" " + lines[number]
+            lines[number] = b""
+        else:
+            first = number
+
+
+def _coordinates(words: list[bytes]) -> list[float]:
+    """The first three numbers of a `v` line. A weight or a color may follow: it is dropped."""
+    if len(words) < 3:
+        raise _LineError(f"a vertex needs three coordinates, not {len(words)}")
+    try:
+        numbers = list(map(float, words))
+    except ValueError:
+        raise _LineError("coordinates must be decimal numbers") from None
+    if b"_" in b"".join(words):  # which Python reads, as in 1_000
+        raise _LineError("coordinates must be decimal numbers")
+    return numbers[:3]
+
+
+def _face(words: list[bytes], above: int) -> list[int]:
+    """Vertices of an `f` line, from 0; of v/vt/vn only v is read. `above` vertices stand above the line."""
+    if len(words) < 3:
+        raise _LineError(f"a face needs three corners or more, not {len(words)}")
+    try:
+        numbers = [int(word.split(b"/", 1)[0]) for word in words]
+    except ValueError:
+        raise _LineError("vertex numbers must be integers") from None
+    if min(numbers) < 1 or max(numbers) > above or b"_" in b"".join(words):
+        return [_vertex(number, word, above) for number, word in zip(numbers, words, strict=True)]
+    return [number - 1 for number in numbers]
+
+
+def _vertex(number: int, word: bytes, above: int) -> int:
+    """A vertex, from 0, of its unusual number in the file: from 1, or negative, counting back from the last above."""
+    if b"_" in word:
+        raise _LineError("vertex numbers must be integers")
+    if number == 0:
+        raise _LineError("vertex numbers begin at 1, not 0")
+    if number < -above:
+        raise _LineError(f"there is no vertex {number}, only {above} stand above this line")
+    if number > np.iinfo(np.int32).max:
+        raise _LineError(f"there is no vertex {number}, which takes more than 32 bits")
+    return number - 1 if number > 0 else above + number
+
+
+def _quote(line: bytes) -> str:
+    text = line.strip().decode("latin-1")
+    return repr(text if len(text) <= 60 else f"{text[:60]}...")
