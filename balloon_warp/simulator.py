@@ -80,8 +80,8 @@ class Simulator:
         if (bad != _HEALTHY).any():
             world = int(np.argmax(bad != _HEALTHY))
             raise BlowUpError(
-                f"the simulation blew up in frame {self.frame_number}, world {world}: particle {bad[world]} is no longer "
-                "at a finite place; more substeps, more damping or softer springs help"
+                f"the simulation blew up in frame {self.frame_number}, world {world}: particle {bad[world]} is no "
+                "longer at a finite place; more substeps, more damping or softer springs help"
             )
 
     def read_frame(self, world: int = 0) -> Frame:

@@ -103,7 +103,7 @@ def move_spheres(
     sphere_velocities: wp.array2d[wp.vec3],
     sphere_forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, sphere): gravity and the penalties gathered since the last step, which it clears; the ground."""
+    """A thread a (world, sphere): gravity, the penalties since the last step (then cleared), and the ground."""
     world, sphere = wp.tid()
     mass = sphere_mass[world % sphere_mass.shape[0], sphere]
     acceleration = sphere_forces[world, sphere] / mass - gravity[world % gravity.shape[0]] * up

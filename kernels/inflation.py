@@ -1,7 +1,8 @@
 """Inflation along Gouraud normals: F = 100 k_normal (A_p / A_total) n (paper, "Particle Simulation").
 
-A_p is the area of the incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean of
-the unit normals of its incident faces, normalized. `aim` stands for (A_p / A_total) n, which the paper caches over a frame.
+A_p is the area of the incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean
+of the unit normals of its incident faces, normalized. `aim` stands for (A_p / A_total) n, which the paper caches over a
+frame.
 """
 
 import warp as wp
@@ -61,7 +62,7 @@ def measure_faces(
     face_area_vectors: wp.array2d[wp.vec3],
     balloon_areas: wp.array2d[float],
 ):
-    """A thread a (world, face): its center, its area vector (area times unit normal), and its part of the balloon's area.
+    """A thread a (world, face): its center, its area vector (area times unit normal), and its part of the area.
 
     The area vector of a polygon of any size, flat or not: half the sum of (a - c) x (b - c) over its edges a b.
     """

@@ -29,7 +29,7 @@ def set_body_forces(
     # state out
     forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): gravity, helium, damping and inflation. Overwrites `forces`; the others add to it."""
+    """A thread a (world, particle): gravity, helium, damping, inflation. Overwrites `forces`; the others add to it."""
     world, particle = wp.tid()
     balloon = particle_balloon[particle]
     share = particle_mass_share[particle]

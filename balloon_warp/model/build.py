@@ -121,7 +121,7 @@ def _string_length(string: String, particle: int, shapes: Sequence[BalloonShape]
 
 
 def _keyframe_table(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times and values of all balloons' keyframes, each of shape (balloon_count, keyframe_count), padded by the last."""
+    """Times and values of all keyframes, each of shape (balloon_count, keyframe_count), padded by the last."""
     lists = [balloon.inflation.keyframes for balloon in scene.balloon]
     longest = max(len(keys) for keys in lists)
     table = np.array([keys + keys[-1:] * (longest - len(keys)) for keys in lists])

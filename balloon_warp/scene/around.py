@@ -9,8 +9,8 @@ from balloon_warp.mesh.load import load_mesh
 def scene_table_around(path: Path) -> dict[str, Any]:
     """A scene's table for the mesh in `path`.
 
-    Gravity grows with the mesh's size, so that a mesh in centimeters moves as one in meters does: with masses and spring
-    constants alike, forces, lengths and accelerations all scale together.
+    Gravity grows with the mesh's size, so that a mesh in centimeters moves as one in meters does: with masses and
+    spring constants alike, forces, lengths and accelerations all scale together.
 
     Raises:
         InputError: the mesh cannot be read.

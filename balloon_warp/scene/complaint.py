@@ -1,56 +1,76 @@
 """A validation error in one sentence: which field, what was found, what was expected."""
 
 import difflib
-import types
 import typing
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 
 def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
-    """The most telling of the errors, as "field: expected (got value)"."""
-    first = min(error.errors(), key=lambda e: -len(e["loc"]) if e["type"] == "extra_forbidden" else -len(e["loc"]) - 1)
-    steps = [str(step) for step in first["loc"] if _is_field_or_index(step)]
-    field = ".".join(steps)
-    more = error.error_count() - 1
+    """The first wrong field, and what was expected of it. A value that fits no member of a union fails each of them:
+    what they expect is joined by "or"."""
+    by_field: dict[str, list[ErrorDetails]] = {}
+    for details in error.errors():
+        by_field.setdefault(_field(details, schema), []).append(details)
+    field, failures = next(iter(by_field.items()))
+    first = failures[0]
     match first["type"]:
         case "extra_forbidden":
-            known = _fields_at(schema, steps[:-1])
-            close = difflib.get_close_matches(steps[-1], known, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
-            return f"{field}: unknown field; {hint}"
+            return f"{field}: unknown field{_hint(field, schema)}"
         case "missing":
             return f"{field}: is missing"
         case "value_error":
-            return first["msg"].removeprefix("Value error, ") if not field else f"{field}.{first['msg'][13:]}"
-    message = first["msg"][0].lower() + first["msg"][1:]
-    return f"{field}: {message} (got {_shown(first['input'])})" + (f", and {more} more" if more > 4 else "")
+            message = first["msg"].removeprefix("Value error, ")
+            return f"{field}.{message}" if field else message
+    expected = " or ".join(dict.fromkeys(_expected(details["msg"]) for details in failures))
+    return f"{field}: must be {expected} (got {_shown(first['input'])})"
 
 
-def _is_field_or_index(step: int | str) -> bool:
-    """Pydantic also names the member of a union that it tried; those are no part of the path."""
-    return isinstance(step, int) or step.isidentifier() and step not in ("float", "int", "str", "list", "tuple", "path")
+def _field(details: ErrorDetails, schema: type[BaseModel]) -> str:
+    """The dotted path of the wrong field: Pydantic's location less the members of unions that it names too."""
+    steps: list[str] = []
+    table: type[BaseModel] | None = schema
+    for place, step in enumerate(details["loc"]):
+        unknown = details["type"] == "extra_forbidden" and place == len(details["loc"]) - 1
+        if isinstance(step, int) or unknown:
+            steps.append(str(step))
+        elif table and step in table.model_fields:
+            steps.append(step)
+            table = _table_in(table.model_fields[step].annotation)
+    return ".".join(steps)
+
+
+def _hint(field: str, schema: type[BaseModel]) -> str:
+    """The known field that was probably meant, or all that are known there."""
+    *path, name = field.split(".")
+    table = schema
+    for step in path:
+        if not step.isdecimal():
+            table = _table_in(table.model_fields[step].annotation) or table
+    close = difflib.get_close_matches(name, table.model_fields, n=1)
+    return f"; did you mean {close[0]}?" if close else f"; known here are {', '.join(table.model_fields)}"
+
+
+def _table_in(annotation: object) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and not typing.get_args(annotation):
+        return annotation if issubclass(annotation, BaseModel) else None
+    return next((found for part in typing.get_args(annotation) if (found := _table_in(part))), None)
+
+
+def _expected(message: str) -> str:
+    """Pydantic's sentence as what a value must be."""
+    for opening, replacement in (
+        ("Input should be a valid dictionary", "a table"),
+        ("Input should be an instance of PolygonMesh", "a PolygonMesh"),
+        ("Input is not a valid path", "a path"),
+        ("List should have at least 1 item", "a list of at least one item"),
+    ):
+        if message.startswith(opening):
+            return replacement
+    return message.removeprefix("Input should be ").split(",", 1)[0]
 
 
 def _shown(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _fields_at(schema: type[BaseModel], steps: list[str]) -> list[str]:
-    """Names of the fields of the table at a path."""
-    table = schema
-    for step in steps:
-        if not step.isdecimal():
-            table = _table_in(table.model_fields[step].annotation) or table
-    return list(table.model_fields)
-
-
-def _table_in(annotation: object) -> type[BaseModel] | None:
-    if (
-        isinstance(annotation, type)
-        and not isinstance(annotation, types.GenericAlias)
-        and issubclass(annotation, BaseModel)
-    ):
-        return annotation
-    return next((found for part in typing.get_args(annotation) if (found := _table_in(part))), None)

@@ -30,7 +30,7 @@ def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
     """Load a scene.
 
     Args:
-        source: a bundled scene's name, a path to a scene file (.toml), or a path to a mesh, which gets a scene around it.
+        source: a bundled scene's name, a scene file (.toml), or a mesh file, which gets a scene around it.
         overrides: dotted paths and values, applied in order before the scene is checked.
 
     Raises:

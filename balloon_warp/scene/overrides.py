@@ -27,7 +27,7 @@ def parse_override(text: str) -> Override:
 
 
 def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> None:
-    """Put each value at its path in the scene's table, in place. A list without a number in the path means all its items.
+    """Put each value at its path in the scene's table, in place. A list without a number in the path means all of it.
 
     Raises:
         InputError: a path leads through a value that has no fields, or past the end of a list.
@@ -47,9 +47,7 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
             return
         if int(name) >= len(place):
             listed = path.split(".")[0]
-            raise InputError(
-                f"{path}: there is no {listed} {name}, the scene has {len(place)} (the first is {listed}.0)"
-            )
+            raise InputError(f"{path}: there is no {listed} {name}, the scene has {len(place)}, counted from 0")
         if rest:
             _put(place[int(name)], rest, value, path)
         else:

@@ -1,9 +1,10 @@
 """The scene schema: every field, its unit, its default and its bounds. SI units throughout."""
 
+import itertools
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf, model_validator
 
 from balloon_warp.mesh import PolygonMesh
 
@@ -50,7 +51,7 @@ class Inflation(Table):
     @model_validator(mode="after")
     def _times_increase(self) -> Self:
         times = [time for time, _ in self.keyframes]
-        if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+        if any(later <= earlier for earlier, later in itertools.pairwise(times)):
             raise ValueError(f"k_normal: keyframe times must increase (got {times})")
         return self
 
@@ -58,7 +59,7 @@ class Inflation(Table):
 class Balloon(Table):
     """A mesh that becomes a balloon."""
 
-    mesh: Path | PolygonMesh
+    mesh: Path | InstanceOf[PolygonMesh]
     """a mesh file, sought beside the scene file; from Python, a PolygonMesh too"""
     name: str = ""
     """what its prim is called in the stage; the mesh's name when empty"""

@@ -11,8 +11,8 @@ def string_curve(
 ) -> NDArray[np.float32]:
     """Points along a string: straight when taut, hanging in a parabola of about its length when slack.
 
-    A shallow parabola of sag s over a chord c is 8 s^2 / 3 c longer than the chord. It lies on the ground where it would
-    sink below.
+    A shallow parabola of sag s over a chord c is 8 s^2 / 3 c longer than the chord. It lies on the ground where it
+    would sink below.
 
     Returns:
         positions [m], shape (POINT_COUNT, 3)
