@@ -1,0 +1,182 @@
+"""Gravity, helium, damping, springs and the integrator, against closed forms."""
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube, mesh_of, quad_sphere
+
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
+from balloon_warp.simulator import Simulator
+
+NO_INFLATION = Inflation(k_normal=0.0)
+FLOAT32 = 1.2e-7
+"""relative rounding of float32"""
+
+
+def triangle_balloon(stiffness: float = 50.0, **fields) -> Balloon:
+    """An equilateral triangle, corners one meter from the origin, in the x-y plane."""
+    angles = np.radians([90.0, 210.0, 330.0])
+    corners = np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
+    fields = {"mass": 0.3, "damping": 0.0, "inflation": NO_INFLATION} | fields
+    return Balloon(mesh=mesh_of(corners, [[0, 1, 2]]), stiffness=Stiffness(structural=stiffness), **fields)
+
+
+def simulated(scene: Scene, device: str) -> Simulator:
+    simulator = Simulator(scene, device)
+    for _ in range(scene.frames):
+        simulator.step()
+    return simulator
+
+
+def test_free_fall_is_the_listing_to_the_last_bit_but_rounding(device):
+    """v += h a before x += h v gives x = -g h^2 n (n + 1) / 2 after n steps, not n^2 nor n (n - 1)."""
+    scene = Scene(balloon=[triangle_balloon()], gravity=2.0, frames=10, frames_per_second=10, substeps=20)
+    simulator = simulated(scene, device)
+    h, n = 0.1 / 20, 200
+    fallen = simulator.read_frame().points[0] - simulator.model.shapes[0].mesh.points
+    # 200 additions of velocities near 1: rounding of some 200 * 1.2e-7 relative
+    np.testing.assert_allclose(fallen[:, 1], -2.0 * h * h * n * (n + 1) / 2, rtol=200 * FLOAT32)
+    np.testing.assert_allclose(fallen[:, [0, 2]], 0.0, atol=1e-5)
+
+
+def test_helium_lifts_against_gravity_along_the_up_axis(device):
+    balloon = triangle_balloon(helium=12.0)
+    scene = Scene(balloon=[balloon], up_axis="Z", gravity=2.0, frames=10, frames_per_second=10, substeps=20)
+    velocities = simulated(scene, device).read_frame().velocities[0]
+    np.testing.assert_allclose(velocities, [[0.0, 0.0, 10.0]] * 3, atol=1e-4)
+
+
+def test_damping_gives_exponential_approach_at_first_order(device):
+    """m v' = m g - c v has v = (m g / c) (1 - exp(-c t / m)). Euler's error halves with the step."""
+
+    def error(substeps: int) -> float:
+        scene = Scene(
+            balloon=[triangle_balloon(mass=0.5, damping=1.0)],
+            gravity=9.81,
+            frames=5,
+            frames_per_second=5,
+            substeps=substeps,
+        )
+        speed = -simulated(scene, device).read_frame().velocities[0][0, 1]
+        return abs(speed - 9.81 * 0.5 * (1.0 - np.exp(-2.0)))
+
+    errors = [error(substeps) for substeps in (20, 40, 80)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 1.0, atol=0.1)  # the next term of the error is a few hundredths here
+
+
+def breathing_triangle(substeps: int, device: str) -> Simulator:
+    """The triangle, stretched by a tenth, let go. Each corner feels 3 k (1 - r), so r = 1 + 0.1 cos(sqrt(3 k / m) t)."""
+    scene = Scene(balloon=[triangle_balloon()], gravity=0.0, frames=30, frames_per_second=60, substeps=substeps)
+    simulator = Simulator(scene, device)
+    stretched = wp.array(1.1 * simulator.state.points.numpy(), dtype=wp.vec3, device=device)
+    wp.copy(simulator.state.points, stretched)
+    return simulator
+
+
+def test_spring_oscillates_at_its_frequency_at_first_order(device):
+    """The exact motion against the simulated one over 1.8 periods, at three steps."""
+    omega = np.sqrt(3 * 50.0 / 0.1)
+
+    def error(substeps: int) -> float:
+        simulator = breathing_triangle(substeps, device)
+        worst = 0.0
+        for frame in range(1, 31):
+            simulator.step()
+            radius = np.linalg.norm(simulator.read_frame().points[0], axis=1)
+            worst = max(worst, np.abs(radius - 1.0 - 0.1 * np.cos(omega * frame / 60.0)).max())
+        return worst
+
+    errors = [error(substeps) for substeps in (20, 40, 80)]
+    assert errors[0] < 0.02
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 1.0, atol=0.1)
+
+
+def test_coincident_ends_give_no_force(device):
+    """Two corners at one place: finite, and no force between them, though their spring has a rest length."""
+    simulator = Simulator(Scene(balloon=[triangle_balloon()], gravity=0.0), device)
+    together = wp.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]], dtype=wp.vec3, device=device)
+    wp.copy(simulator.state.points, together)
+    simulator.schedule.sum_forces(simulator.state)
+    forces = simulator.schedule.forces.numpy()[0]
+    pull = 50.0 * (np.sqrt(3.0) - 1.0)  # both other springs are squeezed to length 1
+    np.testing.assert_allclose(forces, [[0, 2 * pull, 0], [0, -pull, 0], [0, -pull, 0]], rtol=1e-5)
+
+
+def test_stiffness_goes_by_kind_and_by_spring(device):
+    """One quad stretched along x: each spring's pull, by its own constant, sums to the net force."""
+    quad = mesh_of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    stiffness = Stiffness(structural=7.0, shear=3.0, flexion=11.0, variation=0.5, seed=4)
+    balloon = Balloon(mesh=quad, stiffness=stiffness, inflation=NO_INFLATION, damping=0.0)
+    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device)
+    points = quad.points * [1.3, 1.0, 1.0]
+    wp.copy(simulator.state.points, wp.array(points[None], dtype=wp.vec3, device=device))
+    simulator.schedule.sum_forces(simulator.state)
+
+    shape = simulator.model.shapes[0]
+    expected = np.zeros((4, 3))
+    for (p, q), kind, scale in zip(shape.springs.pairs, shape.springs.kind, shape.stiffness_scale, strict=True):
+        d = points[q] - points[p]
+        rest = np.linalg.norm(quad.points[q] - quad.points[p])
+        pull = (7.0, 3.0)[kind] * scale * (np.linalg.norm(d) - rest) * d / np.linalg.norm(d)
+        expected[p] += pull
+        expected[q] -= pull
+    assert 0.05 < np.ptp(shape.stiffness_scale) <= 1.0
+    np.testing.assert_allclose(simulator.schedule.forces.numpy()[0], expected, atol=1e-5)
+
+
+def test_fixed_and_unused_particles_stay(device):
+    mesh = mesh_of([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]], [[0, 1, 2]])
+    scene = Scene(balloon=[Balloon(mesh=mesh, fixed=[0])], frames=3)
+    moved = simulated(scene, device).read_frame().points[0] - mesh.points
+    np.testing.assert_array_equal(moved[[0, 3]], 0.0)
+    assert (np.abs(moved[[1, 2]]).max(axis=1) > 1e-3).all()
+
+
+def test_stable_step_holds_and_is_not_wasteful(device):
+    """At the stable step itself a ringing balloon keeps its energy; with half the substeps the scene is refused."""
+    balloon = Balloon(mesh=quad_sphere(4), damping=0.0, inflation=NO_INFLATION)
+    scene = Scene(balloon=[balloon], gravity=0.0, frames_per_second=6, frames=20)
+    fewest = int(0.801 * Simulator(scene, device).model.substeps)  # "auto" takes 0.8 of the stable step
+    simulator = Simulator(scene.model_copy(update={"substeps": fewest}), device)
+    kick = np.random.default_rng(1).normal(0.0, 0.01, (1, simulator.model.particle_count, 3))
+    wp.copy(simulator.state.velocities, wp.array(kick, dtype=wp.vec3, device=device))
+    for _ in range(20):
+        simulator.step()
+    # all the energy is kinetic at first, so the rms speed can hardly grow while the scheme is stable
+    assert np.std(simulator.read_frame().velocities[0]) < 1.5 * np.std(kick)
+
+    with pytest.raises(InputError, match=r"^substeps: \d+ are too few .* at least \d+ are needed"):
+        Simulator(scene.model_copy(update={"substeps": fewest // 2}), device)
+
+
+def test_a_blow_up_names_frame_and_particle(device):
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), device)
+    simulator.step()
+    velocities = simulator.state.velocities.numpy()
+    velocities[0, 5] = np.inf
+    wp.copy(simulator.state.velocities, wp.array(velocities, dtype=wp.vec3, device=device))
+    with pytest.raises(BlowUpError, match="in frame 2, world 0: particle"):
+        simulator.step()
+
+
+def test_worlds_of_a_batch_are_alike_and_the_same_as_one_alone():
+    """On the CPU, where the order of the sums is fixed, to the last bit."""
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=5)
+    alone = simulated(scene, "cpu").read_frame().points[0]
+    batch = Simulator(scene, "cpu", world_count=3)
+    for _ in range(5):
+        batch.step()
+    for world in range(3):
+        np.testing.assert_array_equal(batch.read_frame(world).points[0], alone)
+
+
+def test_balloons_of_a_scene_do_not_feel_each_other(device):
+    first = Balloon(mesh=quad_sphere(3), mass=0.2, helium=3.0)
+    second = Balloon(mesh=cube(), position=(5, 0, 0), damping=0.3, stiffness=Stiffness(structural=5.0))
+    together = simulated(Scene(balloon=[first, second], frames=10, substeps=40), device).read_frame()
+    for number, balloon in enumerate([first, second]):
+        alone = simulated(Scene(balloon=[balloon], frames=10, substeps=40), device).read_frame()
+        np.testing.assert_allclose(together.points[number], alone.points[0], atol=1e-6)
