@@ -1,5 +1,6 @@
 """Meshes of USD stages: polygons at the default time, placed in the stage's world."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,7 @@ def read_usd(path: Path | str, prim_path: str | None = None) -> PolygonMesh:
     Raises:
         InputError: the file is no stage, there is no such mesh, or its arrays do not fit together.
     """
-    # While it lives, the delegate holds back what USD would print.
-    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()
+    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -73,7 +73,7 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, warnings: tuple[st
     )
     check_mesh(mesh, source)
     if left_handed != (np.linalg.det(to_world[:3, :3]) < 0.0):
-        mesh.face_vertex_indices[:] = flip_faces(counts, indices)
+        mesh = replace(mesh, face_vertex_indices=flip_faces(counts, indices))
     return mesh
 
 

@@ -1,0 +1,137 @@
+"""How the faces of a mesh hang together: edges, borders, manifoldness, winding, components, genus."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.corners import corner_faces, next_corners
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+
+@dataclass(frozen=True)
+class MeshEdges:
+    """The edges of a mesh, sorted by their ends. A half-edge is an edge as one face runs along it."""
+
+    ends: NDArray[np.int64]
+    """the lower vertex first, shape (edge_count, 2)"""
+    face_counts: NDArray[np.int64]
+    """half-edges on each edge, which is its number of faces, shape (edge_count,)"""
+    corners: NDArray[np.int64]
+    """the corner where each half-edge begins, grouped by edge, shape (half_edge_count,)"""
+    forward: NDArray[np.bool_]
+    """whether each half-edge runs from the lower to the higher vertex, shape (half_edge_count,)"""
+
+    @property
+    def count(self) -> int:
+        return len(self.ends)
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """where each edge's half-edges begin in `corners`, shape (edge_count,)"""
+        return np.cumsum(self.face_counts) - self.face_counts
+
+
+def mesh_edges(mesh: PolygonMesh) -> MeshEdges:
+    """Undirected edges and the half-edges on each. A corner repeated in a row makes no edge."""
+    begin = mesh.face_vertex_indices.astype(np.int64)
+    end = begin[next_corners(mesh)]
+    corners = np.flatnonzero(begin != end)
+    begin, end = begin[corners], end[corners]
+    keys = np.minimum(begin, end) * mesh.vertex_count + np.maximum(begin, end)
+    order = np.argsort(keys, kind="stable")
+    unique, face_counts = np.unique(keys, return_counts=True)
+    return MeshEdges(
+        ends=np.stack(np.divmod(unique, max(mesh.vertex_count, 1)), axis=1),
+        face_counts=face_counts,
+        corners=corners[order],
+        forward=(begin < end)[order],
+    )
+
+
+def unused_vertices(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Vertices of no face, in order."""
+    return np.flatnonzero(np.bincount(mesh.face_vertex_indices, minlength=mesh.vertex_count) == 0)
+
+
+def border_edges(edges: MeshEdges) -> NDArray[np.int64]:
+    """Edges of one face only, as numbers into `edges`."""
+    return np.flatnonzero(edges.face_counts == 1)
+
+
+def non_manifold_edges(edges: MeshEdges) -> NDArray[np.int64]:
+    """Edges of three faces or more, as numbers into `edges`."""
+    return np.flatnonzero(edges.face_counts > 2)
+
+
+def inconsistent_edges(edges: MeshEdges) -> NDArray[np.int64]:
+    """Edges along which two faces or more run the same way, so that their normals point to different sides."""
+    forward = np.add.reduceat(edges.forward, edges.starts, dtype=np.int64) if edges.count else edges.face_counts
+    return np.flatnonzero(np.maximum(forward, edges.face_counts - forward) > 1)
+
+
+def non_manifold_vertices(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int64]:
+    """Vertices whose faces do not form one fan from edge to edge, such as where two cones touch at their tips."""
+    following = next_corners(mesh)
+    begin = edges.corners
+    # Corners at one vertex belong to one fan where their faces share an edge there. Each half-edge is compared with
+    # the first on its edge.
+    reference = np.repeat(edges.starts, edges.face_counts)
+    low = np.where(edges.forward, begin, following[begin])
+    high = np.where(edges.forward, following[begin], begin)
+    repeated = np.flatnonzero(mesh.face_vertex_indices == mesh.face_vertex_indices[following])
+    fans = component_labels(
+        len(mesh.face_vertex_indices),
+        np.concatenate([low, high, repeated]),
+        np.concatenate([low[reference], high[reference], following[repeated]]),
+    )
+    fan_vertices = mesh.face_vertex_indices[np.unique(fans)]
+    return np.flatnonzero(np.bincount(fan_vertices, minlength=mesh.vertex_count) > 1)
+
+
+def vertex_components(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int64]:
+    """The lowest vertex that each vertex is connected with along edges, shape (vertex_count,)."""
+    return component_labels(mesh.vertex_count, edges.ends[:, 0], edges.ends[:, 1])
+
+
+def component_count(mesh: PolygonMesh, edges: MeshEdges) -> int:
+    """Connected components among the vertices of faces."""
+    return len(np.unique(vertex_components(mesh, edges)[mesh.face_vertex_indices]))
+
+
+def euler_characteristic(mesh: PolygonMesh, edges: MeshEdges) -> int:
+    """Vertices - edges + faces, unused vertices not counted."""
+    return mesh.vertex_count - len(unused_vertices(mesh)) - edges.count + mesh.face_count
+
+
+def is_closed(edges: MeshEdges) -> bool:
+    """Whether there are edges, and no border among them."""
+    return edges.count > 0 and len(border_edges(edges)) == 0
+
+
+def is_manifold(mesh: PolygonMesh, edges: MeshEdges) -> bool:
+    """Whether each edge has at most two faces, and the faces at each vertex form one fan."""
+    return len(non_manifold_edges(edges)) == 0 and len(non_manifold_vertices(mesh, edges)) == 0
+
+
+def is_orientable(mesh: PolygonMesh, edges: MeshEdges) -> bool:
+    """Whether turning some faces over would make the winding consistent; for edges of at most two faces."""
+    # Each face stands for two nodes, as it is and turned over. A surface with one side connects the two.
+    pairs = edges.starts[edges.face_counts == 2]
+    face = corner_faces(mesh)[edges.corners]
+    first, second = face[pairs], face[pairs + 1]
+    turned = (edges.forward[pairs] == edges.forward[pairs + 1]) * mesh.face_count
+    sides = component_labels(
+        2 * mesh.face_count,
+        np.concatenate([first, first + mesh.face_count]),
+        np.concatenate([second + turned, second + mesh.face_count - turned]),
+    )
+    return bool((sides[: mesh.face_count] != sides[mesh.face_count :]).all())
+
+
+def genus(mesh: PolygonMesh, edges: MeshEdges) -> int | None:
+    """Handles, summed over the components; None unless the mesh is closed, manifold and orientable."""
+    if not (is_closed(edges) and is_manifold(mesh, edges) and is_orientable(mesh, edges)):
+        return None
+    return component_count(mesh, edges) - euler_characteristic(mesh, edges) // 2

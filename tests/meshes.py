@@ -1,0 +1,116 @@
+"""Meshes that tests share."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from balloon_warp.mesh import PolygonMesh
+
+
+def mesh_of(points: Sequence | np.ndarray, faces: Sequence[Sequence[int]], **fields) -> PolygonMesh:
+    """A mesh of faces given as lists of vertices."""
+    return PolygonMesh(
+        points=np.array(points, dtype=np.float64).reshape(-1, 3),
+        face_vertex_counts=np.array([len(face) for face in faces], dtype=np.int32),
+        face_vertex_indices=np.array([vertex for face in faces for vertex in face], dtype=np.int32),
+        **fields,
+    )
+
+
+def grid(nx: int, ny: int) -> PolygonMesh:
+    """nx by ny unit quads in the plane z = 0, facing +z; vertices row by row."""
+    points = [(x, y, 0) for y in range(ny + 1) for x in range(nx + 1)]
+    faces = []
+    for y in range(ny):
+        for x in range(nx):
+            corner = y * (nx + 1) + x
+            faces.append([corner, corner + 1, corner + nx + 2, corner + nx + 1])
+    return mesh_of(points, faces)
+
+
+def quad_sphere(n: int, radius: float = 1.0) -> PolygonMesh:
+    """A cube with n by n quads a side, blown up to a sphere: 6 n^2 + 2 vertices, 6 n^2 quads, winding outward."""
+    numbers: dict[tuple[int, ...], int] = {}
+    faces = []
+    for axis in range(3):
+        for side in (0, n):
+            for i in range(n):
+                for j in range(n):
+                    square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+                    face = []
+                    for a, b in square if side else square[::-1]:
+                        place = [0, 0, 0]
+                        place[axis], place[(axis + 1) % 3], place[(axis + 2) % 3] = side, a, b
+                        face.append(numbers.setdefault(tuple(place), len(numbers)))
+                    faces.append(face)
+    # Equal angles between the lines, which keeps the quads even.
+    points = np.tan((2.0 * np.array(list(numbers)) / n - 1.0) * np.pi / 4.0)
+    return mesh_of(radius * points / np.linalg.norm(points, axis=1, keepdims=True), faces)
+
+
+def cube() -> PolygonMesh:
+    """The unit cube, six quads, winding outward."""
+    points = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    return mesh_of(points, [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+
+
+def tetrahedron() -> PolygonMesh:
+    """The corner of the unit cube, four triangles, winding outward."""
+    return mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+
+
+def polygon(n: int) -> PolygonMesh:
+    """One regular n-gon of radius 1, facing +z."""
+    angles = 2.0 * np.pi * np.arange(n) / n
+    return mesh_of(np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1), [list(range(n))])
+
+
+def prism(n: int) -> PolygonMesh:
+    """A regular n-gon of radius 1 from z = 0 to z = 1: two n-gons and n quads, winding outward."""
+    ring = polygon(n).points
+    sides = [[i, (i + 1) % n, n + (i + 1) % n, n + i] for i in range(n)]
+    return mesh_of(
+        np.concatenate([ring, ring + (0, 0, 1)]), [list(range(n))[::-1], list(range(n, 2 * n)), *sides]
+    )
+
+
+def two_quads_at_a_vertex() -> PolygonMesh:
+    """Two unit squares that share vertex 2 only."""
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 1, 0), (2, 2, 0), (1, 2, 0)]
+    return mesh_of(points, [[0, 1, 2, 3], [2, 4, 5, 6]])
+
+
+def moebius(n: int) -> PolygonMesh:
+    """A strip of n quads that closes with half a turn: 2 n vertices."""
+    turn = 2.0 * np.pi * np.arange(n) / n
+    points = []
+    for width in (-0.3, 0.3):
+        reach = 1.0 + width * np.cos(turn / 2.0)
+        points.append(np.stack([reach * np.cos(turn), reach * np.sin(turn), width * np.sin(turn / 2.0)], axis=1))
+    faces = [[i, i + 1, n + i + 1, n + i] for i in range(n - 1)]
+    return mesh_of(np.concatenate(points), [*faces, [n - 1, n, 0, 2 * n - 1]])
+
+
+def torus(n: int, m: int, major: float = 1.0, minor: float = 0.4) -> PolygonMesh:
+    """n quads around the hole, m around the tube, winding outward."""
+    around, across = np.meshgrid(2.0 * np.pi * np.arange(n) / n, 2.0 * np.pi * np.arange(m) / m, indexing="ij")
+    reach = major + minor * np.cos(across)
+    points = np.stack([reach * np.cos(around), reach * np.sin(around), minor * np.sin(across)], axis=-1)
+    faces = []
+    for i in range(n):
+        for j in range(m):
+            right, up = (i + 1) % n, (j + 1) % m
+            faces.append([i * m + j, right * m + j, right * m + up, i * m + up])
+    return mesh_of(points, faces)
+
+
+def joined(*meshes: PolygonMesh) -> PolygonMesh:
+    """All the meshes as one, each a component."""
+    offsets = np.cumsum([0, *(mesh.vertex_count for mesh in meshes)])
+    return PolygonMesh(
+        points=np.concatenate([mesh.points for mesh in meshes]),
+        face_vertex_counts=np.concatenate([mesh.face_vertex_counts for mesh in meshes]),
+        face_vertex_indices=np.concatenate(
+            [mesh.face_vertex_indices + offset for mesh, offset in zip(meshes, offsets[:-1].tolist(), strict=True)]
+        ),
+    )
