@@ -69,9 +69,7 @@ def prism(n: int) -> PolygonMesh:
     """A regular n-gon of radius 1 from z = 0 to z = 1: two n-gons and n quads, winding outward."""
     ring = polygon(n).points
     sides = [[i, (i + 1) % n, n + (i + 1) % n, n + i] for i in range(n)]
-    return mesh_of(
-        np.concatenate([ring, ring + (0, 0, 1)]), [list(range(n))[::-1], list(range(n, 2 * n)), *sides]
-    )
+    return mesh_of(np.concatenate([ring, ring + (0, 0, 1)]), [list(range(n))[::-1], list(range(n, 2 * n)), *sides])
 
 
 def two_quads_at_a_vertex() -> PolygonMesh:
