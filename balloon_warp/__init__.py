@@ -1,7 +1,69 @@
-"""Balloon simulation on NVIDIA Warp: any mesh in, animated USD out."""
+"""Balloon simulation on NVIDIA Warp: any mesh in, animated USD out.
 
+    scene = load_scene("squirrel_tether")
+    for frame in Simulator(scene).run():
+        print(frame.number, frame.points[0].mean(axis=0))
+
+What is named in `__all__` loads when first used: importing the package stays light.
+"""
+
+import importlib
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
+    from balloon_warp.inspection import inspect_mesh
+    from balloon_warp.job import animate
+    from balloon_warp.mesh import PolygonMesh
+    from balloon_warp.mesh.load import load_mesh
+    from balloon_warp.mesh.remesh import remesh
+    from balloon_warp.outputs.render import render_stage
+    from balloon_warp.outputs.usd import StageWriter
+    from balloon_warp.scene import Scene, bundled_scenes, load_scene
+    from balloon_warp.simulator import Frame, Simulator
+    from balloon_warp.springs import build_springs
+
+__all__ = [
+    "BlowUpError",
+    "Frame",
+    "InputError",
+    "MissingExtraError",
+    "PolygonMesh",
+    "Scene",
+    "Simulator",
+    "StageWriter",
+    "animate",
+    "build_springs",
+    "bundled_scenes",
+    "inspect_mesh",
+    "load_mesh",
+    "load_scene",
+    "remesh",
+    "render_stage",
+]
+
+_HOMES = {
+    "errors": ("BlowUpError", "InputError", "MissingExtraError"),
+    "inspection": ("inspect_mesh",),
+    "job": ("animate",),
+    "mesh": ("PolygonMesh",),
+    "mesh.load": ("load_mesh",),
+    "mesh.remesh": ("remesh",),
+    "outputs.render": ("render_stage",),
+    "outputs.usd": ("StageWriter",),
+    "scene": ("Scene", "bundled_scenes", "load_scene"),
+    "simulator": ("Frame", "Simulator"),
+    "springs": ("build_springs",),
+}
 
 # In a source tree kernels/ and scenes/ stand beside this folder; an installed package has them inside.
 if not (Path(__file__).parent / "kernels").is_dir():
     __path__.append(str(Path(__file__).parent.parent))
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

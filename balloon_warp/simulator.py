@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -53,7 +55,6 @@ class Simulator:
         self.schedule = ScatterSchedule(self.model)
         self.frame_number = 0
         self._first_bad_particle = wp.full(world_count, _HEALTHY, dtype=wp.int32, device=self.model.device)
-        self._graph: wp.Graph | None = None
 
     def run(self, world: int = 0) -> Iterator[Frame]:
         """The frames of one world: the start, then as many as the scene asks for.
@@ -72,9 +73,7 @@ class Simulator:
         Raises:
             BlowUpError: the simulation left the finite numbers.
         """
-        if self._graph is None:
-            self._graph = self._capture_frame()
-        wp.capture_launch(self._graph)
+        wp.capture_launch(self._frame_graph)
         self.frame_number += 1
         bad = self._first_bad_particle.numpy()
         if (bad != _HEALTHY).any():
@@ -99,16 +98,18 @@ class Simulator:
             sphere_velocities=self.state.sphere_velocities.numpy()[world],
         )
 
-    def _of_balloons(self, array: wp.array2d[wp.vec3], world: int) -> list[NDArray[np.float32]]:
+    def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
         """One world's rows of a particle array, split by balloon."""
-        return np.split(array[world].numpy(), self.model.particle_offsets[1:-1])
+        rows = np.asarray(array[world].numpy(), dtype=np.float32)
+        return np.split(rows, self.model.particle_offsets[1:-1])
 
     def _net_forces(self, world: int) -> list[NDArray[np.float32]]:
         self.schedule.sum_forces(self.state, self.model.frame_seconds if self.frame_number else 0.0)
         return self._of_balloons(self.schedule.forces, world)
 
-    def _capture_frame(self) -> wp.Graph:
-        """Record a frame once, to be replayed without the cost of its launches."""
+    @cached_property
+    def _frame_graph(self) -> Any:
+        """A frame, recorded once to be replayed without the cost of its launches."""
         with wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
             self.schedule.advance_frame(self.state)
             wp.launch(

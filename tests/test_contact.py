@@ -80,7 +80,7 @@ def test_spheres_bounce_on_the_ground_by_their_restitution(device):
 
 
 def test_a_balloon_rests_on_the_ground_and_friction_stops_it(device):
-    """Sliding at v, Coulomb friction mu stops it after v^2 / (2 mu g). The rows above the feet have none: rigid cube."""
+    """Sliding at v, Coulomb friction mu stops it after v^2 / (2 mu g)."""
     stiff = Stiffness(structural=400.0, shear=400.0, flexion=400.0)
     balloon = still_cube(stiffness=stiff, mass=1.0, damping=0.0)
     scene = Scene(balloon=[balloon], ground=Ground(height=0.0, friction=0.4), frames=60, substeps=64)

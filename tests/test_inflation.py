@@ -30,7 +30,7 @@ def test_a_cube_corner_is_pushed_along_its_diagonal(device):
 
 
 def test_force_is_the_formula_on_an_uneven_open_mesh(device):
-    """Against the definition written out in float64: the incident face whose center is nearest, the mean unit normal."""
+    """Against the definition in float64: the incident face whose center is nearest, the mean unit normal."""
     mesh = grid(4, 3)
     mesh.points[:] += np.random.default_rng(0).uniform(-0.3, 0.3, mesh.points.shape)
     areas, centers, normals = face_areas(mesh), face_centers(mesh), vertex_normals(mesh)

@@ -67,7 +67,7 @@ def test_damping_gives_exponential_approach_at_first_order(device):
 
 
 def breathing_triangle(substeps: int, device: str) -> Simulator:
-    """The triangle, stretched by a tenth, let go. Each corner feels 3 k (1 - r), so r = 1 + 0.1 cos(sqrt(3 k / m) t)."""
+    """Stretched by a tenth, let go: each corner feels 3 k (1 - r), so r = 1 + 0.1 cos(sqrt(3 k / m) t)."""
     scene = Scene(balloon=[triangle_balloon()], gravity=0.0, frames=30, frames_per_second=60, substeps=substeps)
     simulator = Simulator(scene, device)
     stretched = wp.array(1.1 * simulator.state.points.numpy(), dtype=wp.vec3, device=device)

@@ -130,7 +130,7 @@ def _keyframe_table(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float
 
 def _faces_around_particles(
     face_sizes: NDArray[np.int32], face_particles: NDArray[np.int32], particle_count: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
     """The faces of each particle, as offsets and a flat list; a face that passes a particle twice counts once."""
     faces = np.repeat(np.arange(len(face_sizes)), face_sizes)
     pairs = np.unique(np.stack([face_particles, faces], axis=1), axis=0)

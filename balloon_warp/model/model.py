@@ -28,74 +28,74 @@ class Model:
     up: wp.vec3
 
     # particles
-    initial_points: wp.array2d[wp.vec3]
-    """[m], shape (1, particle_count)"""
-    particle_balloon: wp.array[wp.int32]
-    """the balloon of each particle, shape (particle_count,)"""
-    particle_mass_share: wp.array[float]
-    """part of the balloon's mass, 0 where fixed, shape (particle_count,)"""
-    particle_face_offsets: wp.array[wp.int32]
-    """where each particle's faces begin in `particle_faces`, shape (particle_count + 1,)"""
-    particle_faces: wp.array[wp.int32]
-    """faces around each particle, shape (corner_count,)"""
+    initial_points: wp.array
+    """[m], shape (1, particle_count), vec3"""
+    particle_balloon: wp.array
+    """the balloon of each particle, shape (particle_count,), int32"""
+    particle_mass_share: wp.array
+    """part of the balloon's mass, 0 where fixed, shape (particle_count,), float32"""
+    particle_face_offsets: wp.array
+    """where each particle's faces begin in `particle_faces`, shape (particle_count + 1,), int32"""
+    particle_faces: wp.array
+    """faces around each particle, shape (corner_count,), int32"""
 
     # faces
-    face_offsets: wp.array[wp.int32]
-    """where each face's corners begin in `face_particles`, shape (face_count + 1,)"""
-    face_particles: wp.array[wp.int32]
-    """corners of the faces, shape (corner_count,)"""
-    face_balloon: wp.array[wp.int32]
-    """the balloon of each face, shape (face_count,)"""
+    face_offsets: wp.array
+    """where each face's corners begin in `face_particles`, shape (face_count + 1,), int32"""
+    face_particles: wp.array
+    """corners of the faces, shape (corner_count,), int32"""
+    face_balloon: wp.array
+    """the balloon of each face, shape (face_count,), int32"""
 
     # springs
-    spring_particles: wp.array[wp.vec2i]
-    """ends, shape (spring_count,)"""
-    spring_kind: wp.array[wp.int32]
-    """structural 0, shear 1, flexion 2, shape (spring_count,)"""
-    spring_rest_length: wp.array[float]
-    """[m], shape (spring_count,)"""
-    spring_stiffness_scale: wp.array[float]
-    """a spring's constant over that of its kind, shape (spring_count,)"""
+    spring_particles: wp.array
+    """ends, shape (spring_count,), vec2i"""
+    spring_kind: wp.array
+    """structural 0, shear 1, flexion 2, shape (spring_count,), int32"""
+    spring_rest_length: wp.array
+    """[m], shape (spring_count,), float32"""
+    spring_stiffness_scale: wp.array
+    """a spring's constant over that of its kind, shape (spring_count,), float32"""
 
     # balloons
-    stiffness: wp.array3d[float]
-    """spring constants by kind [N/m], shape (W, balloon_count, 3)"""
-    mass: wp.array2d[float]
-    """[kg], shape (W, balloon_count)"""
-    helium: wp.array2d[float]
-    """lift by mass [N/kg], shape (W, balloon_count)"""
-    damping: wp.array2d[float]
-    """[N s/m], shape (W, balloon_count)"""
-    keyframe_times: wp.array2d[float]
-    """[s], shape (balloon_count, keyframe_count); a shorter list repeats its last"""
-    keyframe_values: wp.array3d[float]
-    """k_normal, shape (W, balloon_count, keyframe_count)"""
+    stiffness: wp.array
+    """spring constants by kind [N/m], shape (W, balloon_count, 3), float32"""
+    mass: wp.array
+    """[kg], shape (W, balloon_count), float32"""
+    helium: wp.array
+    """lift by mass [N/kg], shape (W, balloon_count), float32"""
+    damping: wp.array
+    """[N s/m], shape (W, balloon_count), float32"""
+    keyframe_times: wp.array
+    """[s], shape (balloon_count, keyframe_count); a shorter list repeats its last, float32"""
+    keyframe_values: wp.array
+    """k_normal, shape (W, balloon_count, keyframe_count), float32"""
 
     # spheres
-    initial_sphere_positions: wp.array2d[wp.vec3]
-    """[m], shape (W, sphere_count)"""
-    initial_sphere_velocities: wp.array2d[wp.vec3]
-    """[m/s], shape (W, sphere_count)"""
-    sphere_mass: wp.array2d[float]
-    """[kg], shape (W, sphere_count)"""
-    sphere_radius: wp.array2d[float]
-    """[m], shape (W, sphere_count)"""
-    sphere_penalty: wp.array2d[float]
-    """shape (W, sphere_count)"""
+    initial_sphere_positions: wp.array
+    """[m], shape (W, sphere_count), vec3"""
+    initial_sphere_velocities: wp.array
+    """[m/s], shape (W, sphere_count), vec3"""
+    sphere_mass: wp.array
+    """[kg], shape (W, sphere_count), float32"""
+    sphere_radius: wp.array
+    """[m], shape (W, sphere_count), float32"""
+    sphere_penalty: wp.array
+    """shape (W, sphere_count), float32"""
 
     # strings
-    string_particle: wp.array[wp.int32]
-    """the particle each holds, shape (string_count,)"""
-    string_anchor: wp.array[wp.vec3]
-    """[m], shape (string_count,)"""
-    string_length: wp.array2d[float]
-    """[m], shape (W, string_count)"""
-    string_stiffness: wp.array2d[float]
-    """[N/m], shape (W, string_count)"""
+    string_particle: wp.array
+    """the particle each holds, shape (string_count,), int32"""
+    string_anchor: wp.array
+    """[m], shape (string_count,), vec3"""
+    string_length: wp.array
+    """[m], shape (W, string_count), float32"""
+    string_stiffness: wp.array
+    """[N/m], shape (W, string_count), float32"""
 
     # surroundings
-    gravity: wp.array[float]
-    """[m/s^2], shape (W,)"""
+    gravity: wp.array
+    """[m/s^2], shape (W,), float32"""
     ground_height: float
     """[m]; minus infinity where there is no ground"""
     ground_friction: float

@@ -12,30 +12,30 @@ from balloon_warp.model.model import Model
 class State:
     """Device arrays of all worlds at one time."""
 
-    frame: wp.array[wp.int32]
-    """how many frames have passed, shape (1,)"""
-    points: wp.array2d[wp.vec3]
-    """[m], shape (world_count, particle_count)"""
-    velocities: wp.array2d[wp.vec3]
-    """[m/s], shape (world_count, particle_count)"""
-    sphere_positions: wp.array2d[wp.vec3]
-    """[m], shape (world_count, sphere_count)"""
-    sphere_velocities: wp.array2d[wp.vec3]
-    """[m/s], shape (world_count, sphere_count)"""
-    sphere_forces: wp.array2d[wp.vec3]
-    """penalties since the spheres last moved [N], shape (world_count, sphere_count)"""
-    inflation_ramp: wp.array2d[wp.vec2]
-    """k_normal at the start of the frame and its slope [1/s], shape (world_count, balloon_count)"""
-    inflation_aims: wp.array2d[wp.vec3]
-    """(A_p / A_total) n of each particle, shape (world_count, particle_count)"""
+    frame: wp.array
+    """how many frames have passed, shape (1,), int32"""
+    points: wp.array
+    """[m], shape (world_count, particle_count), vec3"""
+    velocities: wp.array
+    """[m/s], shape (world_count, particle_count), vec3"""
+    sphere_positions: wp.array
+    """[m], shape (world_count, sphere_count), vec3"""
+    sphere_velocities: wp.array
+    """[m/s], shape (world_count, sphere_count), vec3"""
+    sphere_forces: wp.array
+    """penalties since the spheres last moved [N], shape (world_count, sphere_count), vec3"""
+    inflation_ramp: wp.array
+    """k_normal at the start of the frame and its slope [1/s], shape (world_count, balloon_count), vec2"""
+    inflation_aims: wp.array
+    """(A_p / A_total) n of each particle, shape (world_count, particle_count), vec3"""
 
 
 def initial_state(model: Model) -> State:
     """Every world at the start: at rest, in the shape of the meshes."""
     worlds, device = model.world_count, model.device
 
-    def in_every_world(rows: wp.array2d[wp.vec3]) -> wp.array2d[wp.vec3]:
-        every = wp.empty((worlds, rows.shape[1]), dtype=wp.vec3, device=device)
+    def in_every_world(rows: wp.array) -> wp.array:
+        every = wp.zeros((worlds, rows.shape[1]), dtype=wp.vec3, device=device)
         wp.launch(spread_over_worlds, every.shape, inputs=[rows], outputs=[every], device=device)
         return every
 

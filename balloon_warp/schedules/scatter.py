@@ -146,5 +146,5 @@ class ScatterSchedule:
                 *(state.points, state.velocities, state.sphere_forces),
             )
 
-    def _launch(self, kernel: wp.Kernel, dim: int | tuple[int, ...], *arguments: Any) -> None:
+    def _launch(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
         wp.launch(kernel, dim, inputs=list(arguments), device=self.model.device)

@@ -31,5 +31,5 @@ class NetForcesPrim:
 
     def write(self, frame: Frame) -> None:
         begin = frame.points[self.number]
-        end = begin + np.float32(self.meters_per_newton) * frame.net_forces[self.number]
-        write_lines(self.prim, np.stack([begin, end], axis=1).reshape(-1, 3), frame.number)
+        end = begin + self.meters_per_newton * frame.net_forces[self.number]
+        write_lines(self.prim, np.stack([begin, end], axis=1).reshape(-1, 3).astype(np.float32), frame.number)
