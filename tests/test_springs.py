@@ -1,0 +1,135 @@
+"""Springs against hand counts, closed forms and the paper's listings."""
+
+import time
+
+import numpy as np
+import pytest
+from meshes import cube, grid, joined, mesh_of, moebius, polygon, prism, quad_sphere, tetrahedron, torus
+from meshes import two_quads_at_a_vertex as two_quads
+from spring_oracle import paper_springs
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.springs import SpringKind, Springs, build_springs
+
+
+def counts(mesh: PolygonMesh) -> tuple[int, int, int]:
+    springs = build_springs(mesh)
+    return springs.structural_count, springs.shear_count, springs.flexion_count
+
+
+def pairs_of(springs: Springs, kind: SpringKind) -> set[tuple[int, int]]:
+    return {(int(first), int(second)) for first, second in springs.pairs[springs.kind == kind]}
+
+
+# Counted on paper: edges of faces; diagonals of faces; pairs two edges apart that share no face.
+HAND_COUNTS = {
+    "one quad": (grid(1, 1), (4, 2, 0)),
+    "2x2 grid: three rows and three columns of three particles each": (grid(2, 2), (12, 8, 6)),
+    "3x3 grid: four rows and four columns of four particles each": (grid(3, 3), (24, 18, 16)),
+    "cube: opposite corners are three edges apart": (cube(), (12, 12, 0)),
+    "tetrahedron": (tetrahedron(), (6, 0, 0)),
+    "pentagonal prism: 2 x 5 diagonals of pentagons, 5 x 2 of quads": (prism(5), (15, 20, 0)),
+    "two quads at one vertex: two neighbors on either side of it": (two_quads(), (8, 4, 4)),
+    "Moebius strip of 7: 7 rungs and a border of 14 edges, flexion along the border": (moebius(7), (21, 14, 14)),
+    "octagon: 8 x 5 / 2 diagonals": (polygon(8), (8, 20, 0)),
+    "three triangles on one edge, a non-manifold edge": (
+        mesh_of(np.eye(5, 3), [[0, 1, 2], [0, 1, 3], [0, 1, 4]]),
+        (7, 0, 3),
+    ),
+    "a vertex of valence 6 amid triangles: three opposite pairs and six of every second": (
+        mesh_of([[0, 0, 0], *polygon(6).points], [[0, i, i % 6 + 1] for i in range(1, 7)]),
+        (12, 0, 9),
+    ),
+    "torus of 4 around: opposite particles have two between them, and one spring": (torus(4, 5), (40, 40, 2 * 5 + 20)),
+    "a quad of two triangles keeps a diagonal that is an edge": (
+        mesh_of(np.eye(4, 3), [[0, 1, 2, 3], [0, 1, 2]]),
+        (5, 1, 0),
+    ),
+    "a triangle written as a quad with a repeated corner": (mesh_of(np.eye(3), [[0, 1, 1, 2]]), (3, 0, 0)),
+    "two cubes": (joined(cube(), cube()), (24, 24, 0)),
+}
+
+
+@pytest.mark.parametrize("case", HAND_COUNTS)
+def test_hand_counts(case: str) -> None:
+    mesh, expected = HAND_COUNTS[case]
+    assert counts(mesh) == expected
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 9, 16])
+def test_quad_sphere_has_the_counts_of_its_closed_form(n: int) -> None:
+    # 6 n^2 quads have 12 n^2 edges and 12 n^2 diagonals. Two neighbors of a particle of valence 4 that share no quad
+    # are opposite to each other: two pairs around each of the 6 n^2 + 2 particles but the 8 corners, of valence 3.
+    assert counts(quad_sphere(n)) == (12 * n**2, 12 * n**2, 2 * (6 * n**2 + 2 - 8))
+
+
+def test_reference_balloon_has_2904_springs() -> None:
+    mesh = quad_sphere(9)
+    assert (mesh.vertex_count, build_springs(mesh).count) == (488, 2904)
+
+
+def test_grid_has_the_counts_of_its_closed_form() -> None:
+    nx, ny = 7, 4
+    straight = (nx - 1) * (ny + 1) + (nx + 1) * (ny - 1)
+    assert counts(grid(nx, ny)) == (nx * (ny + 1) + ny * (nx + 1), 2 * nx * ny, straight)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_polygon_soups_match_the_listings_of_the_paper(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    vertex_count = int(random.integers(4, 14))
+    sizes = random.integers(3, 7, size=random.integers(1, 10))
+    # With replacement: faces that repeat corners, overlap, and share edges in any number come up.
+    faces = [random.integers(0, vertex_count, size=size).tolist() for size in sizes]
+    mesh = mesh_of(random.normal(size=(vertex_count, 3)), faces)
+    springs = build_springs(mesh)
+    assert tuple(pairs_of(springs, kind) for kind in SpringKind) == paper_springs(mesh)
+    assert len({tuple(pair) for pair in springs.pairs.tolist()}) == springs.count  # each pair once
+
+
+def test_closed_and_one_sided_meshes_match_the_listings_of_the_paper() -> None:
+    mesh = joined(prism(6), quad_sphere(3), moebius(5))
+    springs = build_springs(mesh)
+    assert tuple(pairs_of(springs, kind) for kind in SpringKind) == paper_springs(mesh)
+
+
+def test_order_types_and_rest_lengths() -> None:
+    springs = build_springs(cube())
+    assert (springs.pairs.dtype, springs.kind.dtype, springs.rest_lengths.dtype) == (np.int32, np.int32, np.float64)
+    assert (springs.pairs[:, 0] < springs.pairs[:, 1]).all()
+    rows = np.column_stack([springs.kind, springs.pairs]).tolist()
+    assert rows == sorted(rows)
+    # A unit cube has no other lengths; its coordinates and 2 are exact, so the square root is correctly rounded.
+    assert set(springs.rest_lengths[springs.kind == SpringKind.STRUCTURAL]) == {1.0}
+    assert set(springs.rest_lengths[springs.kind == SpringKind.SHEAR]) == {np.sqrt(2.0)}
+
+
+def test_flexion_rest_length_is_the_straight_distance() -> None:
+    springs = build_springs(grid(2, 2))
+    assert set(springs.rest_lengths[springs.kind == SpringKind.FLEXION]) == {2.0}
+
+
+@pytest.mark.parametrize(
+    ("mesh", "sentence"),
+    [
+        (polygon(5000), "face 1 (counted from 1) has 5,000 corners; springs can be made for at most 4,096"),
+        (
+            mesh_of(np.zeros((5001, 3)), [[0, i, i + 1] for i in range(1, 5000)]),
+            "particle 1 (counted from 1) has 5,000 neighbors; springs can be made for at most 4,096",
+        ),
+    ],
+)
+def test_springs_without_end_are_refused(mesh: PolygonMesh, sentence: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        build_springs(mesh)
+    assert str(refusal.value) == sentence
+
+
+def test_a_hundred_thousand_particles_take_a_few_seconds() -> None:
+    mesh = grid(316, 316)
+    start = time.perf_counter()
+    springs = build_springs(mesh)
+    # 0.7 s on an idle core; the bound leaves room for a busy machine, and none for a loop over particles.
+    assert time.perf_counter() - start < 5.0
+    assert springs.count == 2 * 316 * 317 + 2 * 316**2 + 2 * 315 * 317
