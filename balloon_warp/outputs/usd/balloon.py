@@ -24,6 +24,7 @@ class BalloonPrim:
         self.prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(self.mesh.face_vertex_counts))
         self.prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(self.mesh.face_vertex_indices))
         self.prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        self.prim.CreateDoubleSidedAttr(True)
         color = model.scene.balloon[number].color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
         paint(self.prim, color, roughness=0.2, opacity=0.92, clearcoat=1.0)
         self._measures = {
