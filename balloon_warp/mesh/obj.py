@@ -105,6 +105,7 @@ def _lines(path: Path) -> list[bytes]:
     if b"#" in text:
         lines = [line.split(b"#", 1)[0] for line in lines]
     if b"\\" in text:
+        lines.append(b"")  # for a last line that is continued
         _join_continued(lines)
     return lines
 
