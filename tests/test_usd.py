@@ -7,7 +7,7 @@ import pytest
 from meshes import cube, grid, quad_sphere
 from pxr import Gf, Tf, Usd, UsdGeom, UsdShade, UsdValidation
 
-from balloon_warp import InputError, Scene, Simulator, StageWriter, animate
+from balloon_warp import InputError, Scene, Simulator, animate
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String

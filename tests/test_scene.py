@@ -1,0 +1,196 @@
+"""Scene files, overrides, and the sentences that a bad one gets."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import cube, quad_sphere
+
+from balloon_warp import InputError, Simulator, bundled_scenes, load_scene
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model import build_model
+from balloon_warp.scene import Balloon, Scene, String
+from balloon_warp.scene.load import scene_name
+from balloon_warp.scene.overrides import parse_override
+
+SCENE = """
+description = "a box and two balls"
+frames = 10
+[[balloon]]
+mesh = "box.obj"
+[[balloon]]
+mesh = "box.obj"
+position = [3, 0, 0]
+[[sphere]]
+position = [0, 2, 0]
+[[sphere]]
+position = [1, 2, 0]
+mass = 7
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    write_obj(tmp_path / "box.obj", cube())
+    path = tmp_path / "boxes.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def load_with(path: Path, *overrides: str) -> Scene:
+    return load_scene(path, [parse_override(text) for text in overrides])
+
+
+def test_a_scene_file_is_read_with_its_meshes_beside_it(scene_file: Path):
+    scene = load_scene(scene_file)
+    assert (scene.frames, len(scene.balloon), scene.sphere[1].mass) == (10, 2, 7.0)
+    assert scene.balloon[0].mesh == scene_file.parent / "box.obj"
+    assert build_model(scene, "cpu").particle_count == 16
+
+
+def test_an_override_reaches_all_or_one(scene_file: Path):
+    every = load_with(scene_file, "balloon.inflation.k_normal=3", "sphere.mass=100")
+    assert [balloon.inflation.k_normal for balloon in every.balloon] == [3.0, 3.0]
+    assert [sphere.mass for sphere in every.sphere] == [100.0, 100.0]
+    one = load_with(scene_file, "balloon.1.inflation.k_normal=[[0, 1], [2, 0.5]]", "sphere.0.mass=100")
+    assert one.balloon[1].inflation.keyframes == [(0.0, 1.0), (2.0, 0.5)]
+    assert one.balloon[0].inflation == Balloon(mesh="x").inflation
+    assert [sphere.mass for sphere in one.sphere] == [100.0, 7.0]
+
+
+def test_an_override_makes_tables_that_are_not_there(scene_file: Path):
+    scene = load_with(scene_file, "ground.height=-1", "up_axis=Z")
+    assert scene.ground is not None
+    assert (scene.ground.height, scene.up_axis) == (-1.0, "Z")
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("sphere.0.mass=-1", r"sphere\.0\.mass: must be greater than 0 \(got -1\)"),
+        ("balloon.inflation.k_norml=3", r"balloon\.0\.inflation\.k_norml: unknown field; did you mean k_normal\?"),
+        ("colour=1", r"colour: unknown field; known here are description, up_axis, gravity, .*"),
+        ("balloon.inflation.k_normal=much", r"k_normal: must be a valid number or a valid list \(got 'much'\)"),
+        (
+            "balloon.inflation.k_normal=[[0, 1], [0, 2]]",
+            r"k_normal: keyframe times must increase \(got \[0\.0, 0\.0\]\)",
+        ),
+        ("balloon.position=[1, 2]", r"balloon\.0\.position\.2: is missing"),
+        ("balloon.stiffness=3", r"balloon\.0\.stiffness: must be a table \(got 3\)"),
+        ("balloon.mesh=3", r"balloon\.0\.mesh: must be a path or a PolygonMesh \(got 3\)"),
+        ("balloon=[]", r"balloon: must be a list of at least one item \(got \[\]\)"),
+        ("up_axis=X", r"up_axis: must be 'Y' or 'Z' \(got 'X'\)"),
+        ("gravity=nan", r"gravity: must be a finite number \(got nan\)"),
+        ("frames=2.5", r"frames: must be a valid integer.* \(got 2\.5\)"),
+        ("frames=0", r"frames: must be greater than or equal to 1 \(got 0\)"),
+        ("substeps=fast", r"substeps: must be a valid integer or 'auto' \(got 'fast'\)"),
+        ("picture_frame=11", r"picture_frame: must be at most frames, 10 \(got 11\)"),
+        ("string=[{}]", r"string\.0\.anchor: is missing"),
+        ("string=[{anchor=[0, 0, 0], balloon=2}]", r"string\.0\.balloon: must be below .* balloons, 2 \(got 2\)"),
+        ("sphere.2.mass=1", r"^sphere\.2\.mass: there is no sphere 2, the scene has 2, counted from 0$"),
+        ("string.stiffness=1", r"^string\.stiffness: cannot be set, the scene has no string$"),
+        ("frames.x=1", r"^frames\.x: cannot be set, 'x' is asked of a plain value$"),
+        ("frames", r"^--set frames: expected PATH=VALUE"),
+        ("a..b=1", r"^--set a\.\.b=1: expected PATH=VALUE"),
+    ],
+)
+def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, sentence: str):
+    with pytest.raises(InputError, match=sentence) as caught:
+        load_with(scene_file, override)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"frames = ", r"is not valid TOML"),
+        (b"\xff\xfe", r"cannot be read as a scene file"),
+        (b"", r"balloon: is missing"),
+        (b"balloon = 3", r"balloon: must be a valid list \(got 3\)"),
+        (b"[[balloon]]", r"balloon\.0\.mesh: is missing"),
+    ],
+)
+def test_a_broken_scene_file_gets_one_sentence(tmp_path: Path, content: bytes, sentence: str):
+    path = tmp_path / "broken.toml"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=rf"broken\.toml: .*{sentence}") as caught:
+        load_scene(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_scene_lists_the_bundled_ones():
+    with pytest.raises(InputError, match=r"^squirel: no such scene or file; bundled scenes are .*squirrel_tether"):
+        load_scene("squirel")
+    with pytest.raises(InputError, match=r"nowhere\.toml: no such file$"):
+        load_scene("nowhere.toml")
+
+
+def test_every_bundled_scene_loads_and_describes_itself_in_a_line():
+    assert len(bundled_scenes()) >= 10
+    for name in bundled_scenes():
+        scene = load_scene(name)
+        assert 10 < len(scene.description) < 100
+        assert scene_name(name) == name
+
+
+def test_bundled_scene_files_name_no_default_that_they_do_not_change():
+    """What stands in a scene file matters: each value differs from the schema's default."""
+    for name, path in bundled_scenes().items():
+        table = tomllib.loads(path.read_text())
+        scene = load_scene(name)
+        said = {key: getattr(scene, key) for key in table if key not in ("balloon", "sphere", "string", "ground")}
+        defaults = {key: Scene.model_fields[key].default for key in said}
+        assert {key for key in said if said[key] == defaults[key]} == set(), name
+
+
+@pytest.mark.parametrize("scale", [0.01, 200.0])
+def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float):
+    """Its motion is the same at any size, up to rounding."""
+
+    def motion(factor: float) -> np.ndarray:
+        mesh = quad_sphere(3)
+        mesh.points[:] *= factor
+        write_obj(tmp_path / "ball.obj", mesh)
+        scene = load_scene(tmp_path / "ball.obj")
+        simulator = Simulator(scene, "cpu")
+        for _ in range(40):
+            simulator.step()
+        points = simulator.read_frame().points[0]
+        assert scene.ground is not None
+        assert points[:, 1].min() == pytest.approx(scene.ground.height)  # it has fallen to the floor below it
+        return points / factor
+
+    np.testing.assert_allclose(motion(scale), motion(1.0), atol=1e-3)
+
+
+def test_strings_find_the_highest_and_lowest_particle():
+    mesh = quad_sphere(3)
+    strings = [String(anchor=(0, 0, 0), particle="highest"), String(anchor=(0, 0, 0), particle="lowest")]
+    model = build_model(Scene(balloon=[Balloon(mesh=mesh)], string=strings), "cpu")
+    heights = mesh.points[model.string_particle.numpy(), 1]
+    np.testing.assert_array_equal(heights, [mesh.points[:, 1].max(), mesh.points[:, 1].min()])
+    np.testing.assert_allclose(model.string_length.numpy(), [[1.0, 1.0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("field", ["string", "fixed"])
+def test_a_particle_past_the_end_is_refused(field: str):
+    balloon = Balloon(mesh=cube(), name="box", fixed=[8] if field == "fixed" else [])
+    string = [String(anchor=(0, 0, 0), particle=8)] if field == "string" else []
+    with pytest.raises(InputError, match=r"box has particles 0 to 7 \(got 8\)"):
+        build_model(Scene(balloon=[balloon], string=string), "cpu")
+
+
+def test_a_mesh_is_placed_by_scale_rotation_and_position():
+    """Twice as large, turned by 90 degrees about y (z goes to x), then moved; a Z-up mesh is turned upright first."""
+    mesh = cube()
+    turned = Balloon(mesh=mesh, scale=2.0, rotation=(0, 90, 0), position=(10, 0, 0))
+    points = build_model(Scene(balloon=[turned]), "cpu").initial_points.numpy()[0]
+    expected = np.stack([10 + 2 * mesh.points[:, 2], 2 * mesh.points[:, 1], -2 * mesh.points[:, 0]], axis=1)
+    np.testing.assert_allclose(points, expected, atol=1e-5)
+
+    z_up = replace(mesh, up_axis="Z", meters_per_unit=0.01)
+    points = build_model(Scene(balloon=[Balloon(mesh=z_up)]), "cpu").initial_points.numpy()[0]
+    np.testing.assert_allclose(points[:, 1], 0.01 * mesh.points[:, 2], atol=1e-6)
+    np.testing.assert_allclose(points[:, 2], -0.01 * mesh.points[:, 1], atol=1e-6)
