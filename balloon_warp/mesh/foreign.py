@@ -28,7 +28,8 @@ def read_foreign(path: Path | str) -> PolygonMesh:
         # process=False: trimesh would merge and reorder vertices.
         read = trimesh.load_mesh(path, process=False)
     except Exception as error:  # its readers let any exception of the parsing through
-        raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({reason})") from error
     points, triangles = np.array(read.vertices, dtype=np.float64), np.array(read.faces, dtype=np.int64)
     if path.suffix.lower() in SPLIT_VERTEX_SUFFIXES:
         kept, merged = np.unique(first_coincident(points), return_inverse=True)
