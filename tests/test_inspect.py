@@ -1,0 +1,220 @@
+"""What `balloon-warp inspect` reports."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import cube, grid, joined, mesh_of, moebius, prism, quad_sphere, torus, two_quads_at_a_vertex
+
+from balloon_warp.inspection import inspect_mesh
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.obj import write_obj
+
+
+def with_faces(mesh: PolygonMesh, *faces: list[int]) -> PolygonMesh:
+    """The mesh and more faces."""
+    added = mesh_of([], faces)
+    return replace(
+        mesh,
+        face_vertex_counts=np.concatenate([mesh.face_vertex_counts, added.face_vertex_counts]),
+        face_vertex_indices=np.concatenate([mesh.face_vertex_indices, added.face_vertex_indices]),
+    )
+
+
+def with_points(mesh: PolygonMesh, *points: tuple[float, float, float]) -> PolygonMesh:
+    """The mesh and more vertices."""
+    return replace(mesh, points=np.concatenate([mesh.points, np.array(points, dtype=np.float64)]))
+
+
+def inside_out(mesh: PolygonMesh) -> PolygonMesh:
+    return replace(mesh, face_vertex_indices=mesh.face_vertex_indices[::-1].copy())
+
+
+def test_report_of_a_cube() -> None:
+    assert asdict(inspect_mesh(cube())) == {
+        "vertices": 8,
+        "faces": 6,
+        "triangles": 0,
+        "quads": 6,
+        "ngons": 0,
+        "springs": {"structural": 12, "shear": 12, "flexion": 0},
+        "closed": True,
+        "border_edges": 0,
+        "manifold": True,
+        "components": 1,
+        "genus": 0,
+        "volume": pytest.approx(1.0, abs=1e-13),  # round-off of a sum of six terms
+        "area": pytest.approx(6.0, abs=1e-13),
+        "unused_vertices": 0,
+        "warnings": [],
+    }
+
+
+def test_report_of_polygons_of_all_sizes() -> None:
+    report = inspect_mesh(mesh_of(np.eye(7, 3), [[0, 1, 2], [2, 3, 4, 5], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5]]))
+    assert (report.faces, report.triangles, report.quads, report.ngons, report.unused_vertices) == (4, 1, 1, 2, 1)
+
+
+def test_volume_and_genus_are_none_where_there_is_none() -> None:
+    strip = inspect_mesh(moebius(9))
+    assert (strip.closed, strip.border_edges, strip.manifold, strip.genus, strip.volume) == (
+        False,
+        18,
+        True,
+        None,
+        None,
+    )
+    pair = inspect_mesh(joined(cube(), torus(5, 5)))
+    assert (pair.components, pair.genus, pair.closed) == (2, 1, True)
+
+
+ONE_FACE_TURNED = cube()
+ONE_FACE_TURNED.face_vertex_indices[:4] = ONE_FACE_TURNED.face_vertex_indices[:4][::-1]
+
+WARNINGS = {
+    "repeated corner": (
+        with_faces(cube(), [0, 1, 0, 3], [2, 2, 2]),
+        "2 faces repeat a corner; the first is face 7, counting from 1.",
+    ),
+    "no area": (
+        mesh_of([(0, 0, 0), (1, 0, 0), (3, 0, 0), (0, 2, 0)], [[0, 1, 3], [0, 1, 2]]),
+        "1 face has no area; it is face 2, counting from 1.",
+    ),
+    "duplicate faces": (
+        with_faces(prism(5), [1, 6, 5, 0], [0, 1, 2, 3, 4]),
+        "2 faces have the corners of earlier faces; the first is face 8, counting from 1.",
+    ),
+    "coincident vertices": (
+        joined(cube(), cube()),
+        "8 vertices lie exactly on others; the first is vertex 9, at the place of vertex 1, counting from 1.",
+    ),
+    "unused vertices": (
+        with_points(cube(), (5, 5, 5), (6, 6, 6)),
+        "2 vertices belong to no face; the first is vertex 9, counting from 1.",
+    ),
+    "non-manifold vertex": (
+        two_quads_at_a_vertex(),
+        "1 vertex joins parts of the surface that share no edge there; it is vertex 3, counting from 1.",
+    ),
+    "open border": (
+        grid(1, 1),
+        "4 edges are on open borders; the first goes from vertex 1 to 2, counting from 1.",
+    ),
+    "non-manifold edge": (
+        mesh_of(np.eye(5, 3), [[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
+        "1 edge has more than two faces; it goes from vertex 1 to 2, counting from 1.",
+    ),
+    "inconsistent winding": (
+        ONE_FACE_TURNED,
+        "4 edges join faces of opposite winding; the first goes from vertex 1 to 2, counting from 1.",
+    ),
+    "inward winding": (
+        inside_out(quad_sphere(3)),
+        "1 closed component winds inward, so that inflation shrinks it; it has face 1, counting from 1.",
+    ),
+    "one of three components inward, one open": (
+        joined(quad_sphere(1), grid(1, 1), inside_out(torus(5, 5))),
+        "1 closed component winds inward, so that inflation shrinks it; it has face 8, counting from 1.",
+    ),
+    "the reader's": (replace(cube(), warnings=("The stage has 2 meshes.",)), "The stage has 2 meshes."),
+}
+
+
+@pytest.mark.parametrize("case", WARNINGS)
+def test_warnings(case: str) -> None:
+    mesh, sentence = WARNINGS[case]
+    assert sentence in inspect_mesh(mesh).warnings
+
+
+@pytest.mark.parametrize("mesh", [cube(), prism(7), torus(6, 5), quad_sphere(6)])
+def test_a_sound_mesh_has_no_warnings(mesh: PolygonMesh) -> None:
+    assert inspect_mesh(mesh).warnings == []
+
+
+def test_numbers_in_sentences_have_thousands_separators() -> None:
+    assert "1,002 edges are on open borders" in inspect_mesh(grid(500, 1)).warnings[0]
+
+
+def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "balloon_warp", "inspect", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "COLUMNS": "100"},
+    )
+
+
+def test_command_prints_json_alone(tmp_path: Path) -> None:
+    write_obj(tmp_path / "sphere.obj", quad_sphere(9))
+    result = command(tmp_path / "sphere.obj", "--json")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert json.loads(result.stdout) == asdict(inspect_mesh(load_mesh(tmp_path / "sphere.obj")))
+
+
+def test_command_prints_a_table_and_warnings(tmp_path: Path) -> None:
+    write_obj(tmp_path / "grid[1].obj", grid(40, 40))
+    result = command(tmp_path / "grid[1].obj")
+    assert result.returncode == 0
+    rows = {line.split()[0]: " ".join(line.split()[1:]) for line in result.stdout.splitlines()}
+    assert "grid[1].obj" in rows
+    assert rows["vertices"] == "1,681"
+    assert rows["faces"] == "1,600 (0 triangles, 1,600 quads, 0 n-gons)"
+    assert rows["springs"] == "9,678 (3,280 structural, 3,200 shear, 3,198 flexion)"
+    assert rows["closed"] == "no, 160 border edges"
+    assert (rows["manifold"], rows["components"], rows["genus"], rows["volume"]) == ("yes", "1", "-", "-")
+    assert rows["area"] == "1,600 square units"
+    assert rows["warning:"].startswith("160 edges are on open borders")
+
+
+def test_command_refuses_a_bad_mesh_with_status_2(tmp_path: Path) -> None:
+    (tmp_path / "bad.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")
+    result = command(tmp_path / "bad.obj")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == f"error: {tmp_path / 'bad.obj'}, line 4: there is no vertex 4, the file has 3\n"
+
+
+def test_inspecting_an_obj_loads_neither_warp_nor_usd_nor_trimesh(tmp_path: Path) -> None:
+    write_obj(tmp_path / "cube.obj", cube())
+    program = (
+        "import sys; from pathlib import Path; from balloon_warp.cli.inspect import inspect;"
+        f"inspect(Path({str(tmp_path / 'cube.obj')!r}));"
+        "print(*sorted({'warp', 'pxr', 'trimesh'} & set(sys.modules)), file=sys.stderr)"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (result.returncode, result.stderr) == (0, "\n")
+
+
+def test_a_mesh_of_spots_size_takes_less_than_a_second(tmp_path: Path) -> None:
+    write_obj(tmp_path / "sphere.obj", quad_sphere(22))  # 2,906 vertices
+    start = time.perf_counter()
+    inspect_mesh(load_mesh(tmp_path / "sphere.obj"))
+    assert time.perf_counter() - start < 1.0  # 0.06 s on an idle core
+
+
+# Counted by other programs when the meshes were chosen: see the licences beside them.
+REAL: dict[str, Callable[[dict], bool]] = {
+    "spot_quadrangulated.obj": lambda r: (
+        (r["vertices"], r["quads"], r["genus"], r["border_edges"]) == (2930, 2928, 0, 0)
+    ),
+    "mh_tongue.obj": lambda r: (r["vertices"], r["quads"], r["genus"], r["border_edges"]) == (226, 224, 0, 0),
+    "mh_fedora.obj": lambda r: (r["vertices"], r["quads"], r["closed"], r["manifold"]) == (634, 622, False, True),
+    "mh_casualsuit01.obj": lambda r: (
+        (r["vertices"], r["quads"], r["closed"], r["manifold"]) == (8426, 8336, False, True)
+    ),
+}
+
+
+@pytest.mark.skipif("BALLOON_WARP_TEST_MESHES" not in os.environ, reason="needs BALLOON_WARP_TEST_MESHES")
+@pytest.mark.parametrize("name", REAL)
+def test_real_meshes(name: str) -> None:
+    report = asdict(inspect_mesh(load_mesh(Path(os.environ["BALLOON_WARP_TEST_MESHES"]) / name)))
+    assert REAL[name](report), report
