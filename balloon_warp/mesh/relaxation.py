@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 from balloon_warp.mesh.geometry import vertex_normals
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
+Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Signed distance, negative inside: points of shape (n, 3) to distances of shape (n,), in the unit of the points."""
+
 SLIDES = 60
 PROJECTIONS = 4
 
 
-def relax(
-    mesh: PolygonMesh, distance: Callable[[NDArray[np.float64]], NDArray[np.float64]], cell: float
-) -> PolygonMesh:
+def relax(mesh: PolygonMesh, distance: Distance, cell: float) -> PolygonMesh:
     """Slide each vertex towards the middle of its neighbors, along the zero level of `distance`, and end on it.
 
     Args:
         mesh: closed quad mesh within a cell of the zero level.
-        distance: signed distance of points of shape (n, 3), negative inside, shape (n,).
+        distance: signed distance, whose zero level is the surface.
         cell: about the length of an edge.
     """
     quads = mesh.face_vertex_indices.reshape(-1, 4)
@@ -29,8 +30,7 @@ def relax(
         normals = vertex_normals(replace(mesh, points=points))
         slide = _middles(points, quads) - points
         slide -= _dot(slide, normals)[:, None] * normals
-        points = points + 0.5 * slide
-        points = points - _limited(distance(points), cell)[:, None] * normals
+        points = _closer(points + 0.5 * slide, normals, distance, cell)
     for _ in range(PROJECTIONS):
         points = _project(points, distance, cell)
     return replace(mesh, points=points)
@@ -50,20 +50,24 @@ def _middles(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[n
     return sums / (2.0 * np.bincount(vertex, weights, len(points)))[:, None]
 
 
-def _project(
-    points: NDArray[np.float64], distance: Callable[[NDArray[np.float64]], NDArray[np.float64]], cell: float
-) -> NDArray[np.float64]:
+def _project(points: NDArray[np.float64], distance: Distance, cell: float) -> NDArray[np.float64]:
     """A Newton step along the gradient of the distance, taken by central differences."""
     step = 0.02 * cell
     offsets = step * np.concatenate([np.eye(3), -np.eye(3)])
     around = distance((points[:, None] + offsets).reshape(-1, 3)).reshape(-1, 6)
     gradient = (around[:, :3] - around[:, 3:]) / (2.0 * step)
-    scale = np.maximum(_dot(gradient, gradient), 1e-2)
-    return points - _limited(distance(points) / scale, cell)[:, None] * gradient
+    # In a crease narrower than a cell the gradient may vanish.
+    return _closer(points, gradient / np.maximum(_dot(gradient, gradient), 0.1)[:, None], distance, cell)
 
 
-def _limited(step: NDArray[np.float64], cell: float) -> NDArray[np.float64]:
-    return np.clip(step, -0.5 * cell, 0.5 * cell)
+def _closer(
+    points: NDArray[np.float64], direction: NDArray[np.float64], distance: Distance, cell: float
+) -> NDArray[np.float64]:
+    """Points moved by their distance times -`direction`, half a cell at most, where that brings them nearer to zero."""
+    before = distance(points)
+    moved = points - np.clip(before, -0.5 * cell, 0.5 * cell)[:, None] * direction
+    nearer = np.abs(distance(moved)) < np.abs(before)
+    return np.where(nearer[:, None], moved, points)
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

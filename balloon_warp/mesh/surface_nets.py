@@ -1,17 +1,12 @@
 """Signed distance to a closed mesh of even quads: surface nets, then relaxation on the surface."""
 
-from collections.abc import Callable
-
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 from warp.geometry import IsoSurfaceNets
 
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.relaxation import relax
-
-Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Signed distance, negative inside: points of shape (n, 3) to distances of shape (n,), in the unit of the points."""
+from balloon_warp.mesh.relaxation import Distance, relax
 
 
 def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: float) -> PolygonMesh:
@@ -51,7 +46,7 @@ def extract(values: NDArray[np.float64], lower: NDArray[np.float64], cell: float
         lower: place of the first node, shape (3,).
         cell: width of a grid cell.
     """
-    vertices, indices = IsoSurfaceNets.extract(wp.array(values, dtype=wp.float32, ndim=3), 0.0, topology="quad")
+    vertices, indices = IsoSurfaceNets.extract(wp.array3d(values, dtype=wp.float32), 0.0, topology="quad")
     corners = indices.numpy().astype(np.int32)
     return PolygonMesh(
         # Warp gives points in grid units: placed here in float64.

@@ -1,0 +1,36 @@
+"""Makes the bundled models again: python -m balloon_warp.scenes.models"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.scenes.model_bowl import bowl
+from balloon_warp.scenes.model_pillow import pillow
+from balloon_warp.scenes.model_squirrel import squirrel
+from balloon_warp.scenes.model_turtle import turtle
+
+MODELS = {"squirrel": squirrel, "turtle": turtle, "pillow": pillow, "bowl": bowl}
+
+
+def make_model(name: str) -> PolygonMesh:
+    """The model of that name, in meters, y up, standing on y = 0, its points rounded to 1e-5 m."""
+    mesh = MODELS[name]()
+    points = mesh.points - [0.0, mesh.points[:, 1].min(), 0.0]
+    # + 0.0 turns -0.0 into 0.0
+    return replace(mesh, points=np.round(points, 5) + 0.0, name=name)
+
+
+def main() -> None:
+    """Write every model beside this file."""
+    for name in MODELS:
+        path = Path(__file__).parent / f"{name}.obj"
+        mesh = make_model(name)
+        write_obj(path, mesh)
+        print(f"{path}: {mesh.vertex_count} vertices, {mesh.face_count} quads")
+
+
+if __name__ == "__main__":
+    main()
