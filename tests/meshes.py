@@ -54,6 +54,11 @@ def cube() -> PolygonMesh:
     return mesh_of(points, [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
 
 
+def open_cube() -> PolygonMesh:
+    """The unit cube without its side at x = 1: five quads, winding outward."""
+    return mesh_of(cube().points, cube().face_vertex_indices.reshape(-1, 4)[:5].tolist())
+
+
 def tetrahedron() -> PolygonMesh:
     """The corner of the unit cube, four triangles, winding outward."""
     return mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import cube, grid, joined, mesh_of, moebius, prism, quad_sphere, torus, two_quads_at_a_vertex
+from meshes import cube, grid, joined, mesh_of, moebius, open_cube, prism, quad_sphere, torus, two_quads_at_a_vertex
 
 from balloon_warp.inspection import inspect_mesh
 from balloon_warp.mesh import PolygonMesh
@@ -84,6 +84,10 @@ WARNINGS = {
         with_faces(cube(), [0, 1, 0, 3], [2, 2, 2]),
         "2 faces repeat a corner; the first is face 7, counting from 1.",
     ),
+    "repeated corner, and two faces that only follow each other": (
+        mesh_of(np.eye(5, 3), [[0, 1, 2], [2, 3, 4], [4, 0, 4]]),
+        "1 face repeats a corner; it is face 3, counting from 1.",
+    ),
     "no area": (
         mesh_of([(0, 0, 0), (1, 0, 0), (3, 0, 0), (0, 2, 0)], [[0, 1, 3], [0, 1, 2]]),
         "1 face has no area; it is face 2, counting from 1.",
@@ -121,8 +125,8 @@ WARNINGS = {
         "1 closed component winds inward, so that inflation shrinks it; it has face 1, counting from 1.",
     ),
     "one of three components inward, one open": (
-        joined(quad_sphere(1), grid(1, 1), inside_out(torus(5, 5))),
-        "1 closed component winds inward, so that inflation shrinks it; it has face 8, counting from 1.",
+        joined(quad_sphere(1), inside_out(open_cube()), inside_out(torus(5, 5))),
+        "1 closed component winds inward, so that inflation shrinks it; it has face 12, counting from 1.",
     ),
     "the reader's": (replace(cube(), warnings=("The stage has 2 meshes.",)), "The stage has 2 meshes."),
 }

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from meshes import cube, grid, mesh_of, moebius, polygon, prism, quad_sphere, tetrahedron, torus
+from meshes import cube, grid, mesh_of, moebius, open_cube, polygon, prism, quad_sphere, tetrahedron, torus
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import (
@@ -58,7 +58,7 @@ def test_sphere_converges_to_the_analytic_one() -> None:
     assert errors[-1] < 2e-3
 
 
-@pytest.mark.parametrize("mesh", [quad_sphere(6), torus(9, 7), prism(7), tetrahedron()])
+@pytest.mark.parametrize("mesh", [quad_sphere(6), torus(9, 7), prism(7), tetrahedron(), open_cube()])
 def test_volume_does_not_depend_on_place_and_first_corner(mesh: PolygonMesh) -> None:
     volume = signed_volume(mesh)
     # Coordinates of 1e6 are rounded at 1e-10, which moves the surface by as much.

@@ -66,6 +66,14 @@ def test_vertex_order_is_kept(tmp_path: Path) -> None:
     assert load_mesh(tmp_path / "box.ply").points.tolist() == points.tolist()
 
 
+def test_coincident_and_unused_vertices_of_a_ply_stay(tmp_path: Path) -> None:
+    points = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 0), (5, 5, 5), (0, 0, 1)])
+    trimesh.Trimesh(points, [[0, 1, 2], [3, 5, 1]], process=False).export(tmp_path / "pair.ply")
+    mesh = load_mesh(tmp_path / "pair.ply")
+    assert mesh.points.tolist() == points.tolist()
+    assert mesh.face_vertex_indices.tolist() == [0, 1, 2, 3, 5, 1]
+
+
 def test_quads_of_a_ply_become_triangles(tmp_path: Path) -> None:
     header = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
     header += "element face 6\nproperty list uchar int vertex_indices\nend_header\n"

@@ -106,6 +106,10 @@ BAD = {
     "a word for a weight": (b"v 0 0 0 heavy\n", ", line 1: coordinates must be decimal numbers"),
     "index 0": (TRIANGLE + b"f 0 1 2\n", ", line 4: vertex numbers begin at 1, not 0 (got 'f 0 1 2')"),
     "past the end": (TRIANGLE + b"f 1 2 3\nf 1 2 4\n", ", line 5: there is no vertex 4, the file has 3"),
+    "past the end, at a first corner": (
+        TRIANGLE + b"f 1 2 3\nf 4 1 2\n",
+        ", line 5: there is no vertex 4, the file has 3",
+    ),
     "before the start": (TRIANGLE + b"f -1 -2 -4\n", ", line 4: there is no vertex -4, only 3 stand above this line"),
     "negative before its vertices": (b"f -1 -2 -3\n" + TRIANGLE, ", line 1: there is no vertex -1, only 0 stand above"),
     "fraction": (TRIANGLE + b"f 1 2 3.0\n", ", line 4: vertex numbers must be integers (got 'f 1 2 3.0')"),

@@ -110,6 +110,15 @@ def test_flexion_rest_length_is_the_straight_distance() -> None:
     assert set(springs.rest_lengths[springs.kind == SpringKind.FLEXION]) == {2.0}
 
 
+@pytest.mark.parametrize("chunk", [1, 7, 100])
+def test_springs_do_not_depend_on_how_many_pairs_are_worked_on_at_once(
+    monkeypatch: pytest.MonkeyPatch, chunk: int
+) -> None:
+    whole = build_springs(prism(7))
+    monkeypatch.setattr("balloon_warp.springs.build.CHUNK_PAIRS", chunk)
+    np.testing.assert_array_equal(build_springs(prism(7)).pairs, whole.pairs)
+
+
 @pytest.mark.parametrize(
     ("mesh", "sentence"),
     [
