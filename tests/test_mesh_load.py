@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 from meshes import cube
+from trimesh.exchange.gltf import export_gltf
+from trimesh.exchange.stl import export_stl_ascii
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.geometry import signed_volume, total_area
@@ -33,13 +35,13 @@ def test_a_box_in_each_format(tmp_path: Path, suffix: str) -> None:
 
 
 def test_gltf_in_several_files(tmp_path: Path) -> None:
-    for name, content in trimesh.Scene(BOX).export(file_type="gltf").items():
+    for name, content in export_gltf(trimesh.Scene(BOX)).items():
         (tmp_path / name).write_bytes(content)
     assert_is_the_box(tmp_path / "model.gltf")
 
 
 def test_a_text_stl(tmp_path: Path) -> None:
-    (tmp_path / "box.stl").write_text(trimesh.exchange.stl.export_stl_ascii(BOX))
+    (tmp_path / "box.stl").write_text(export_stl_ascii(BOX))
     assert_is_the_box(tmp_path / "box.stl")
 
 

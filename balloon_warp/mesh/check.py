@@ -15,9 +15,7 @@ def check_mesh(mesh: PolygonMesh, source: str) -> None:
         InputError: names `source` and the first face or vertex, from 1, that is wrong.
     """
     if mesh.vertex_count == 0 or mesh.face_count == 0:
-        raise InputError(
-            f"{source}: has {mesh.vertex_count} vertices and {mesh.face_count} faces; it needs both"
-        )
+        raise InputError(f"{source}: has {mesh.vertex_count} vertices and {mesh.face_count} faces; it needs both")
     outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
     if outside.any():
         vertex = int(outside.argmax())

@@ -24,20 +24,18 @@ def read_usd(path: Path | str, prim_path: str | None = None) -> PolygonMesh:
     Raises:
         InputError: the file is no stage, there is no such mesh, or its arrays do not fit together.
     """
-    diagnostics = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
+    _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
         raise InputError(f"{path}: is not a USD stage that can be read") from error
     prim, warnings = _choose_prim(stage, path, prim_path)
-    mesh = _read_prim(stage, prim, f"{path}: {prim.GetPath()}", warnings)
-    del diagnostics
-    return mesh
+    return _read_prim(stage, prim, f"{path}: {prim.GetPath()}", warnings)
 
 
 def _choose_prim(stage: Usd.Stage, path: Path | str, prim_path: str | None) -> tuple[Usd.Prim, tuple[str, ...]]:
     everything = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
-    prims = [prim for prim in everything if prim.IsA(UsdGeom.Mesh)]
+    prims = [prim for prim in everything if UsdGeom.Mesh(prim)]
     if not prims:
         raise InputError(f"{path}: has no mesh (a prim of type Mesh)")
     if prim_path is not None:
