@@ -94,14 +94,13 @@ class Simulator:
             velocities=self._of_balloons(self.state.velocities, world),
             net_forces=self._net_forces(world) if self.model.scene.net_forces else [],
             inflation_forces=[100.0 * k * aim for k, aim in zip(k_normal, aims, strict=True)],
-            sphere_positions=self.state.sphere_positions.numpy()[world],
-            sphere_velocities=self.state.sphere_velocities.numpy()[world],
+            sphere_positions=_copy(self.state.sphere_positions, world),
+            sphere_velocities=_copy(self.state.sphere_velocities, world),
         )
 
     def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
         """One world's rows of a particle array, split by balloon."""
-        rows = np.asarray(array[world].numpy(), dtype=np.float32)
-        return np.split(rows, self.model.particle_offsets[1:-1])
+        return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
 
     def _net_forces(self, world: int) -> list[NDArray[np.float32]]:
         self.schedule.sum_forces(self.state, self.model.frame_seconds if self.frame_number else 0.0)
@@ -119,6 +118,11 @@ class Simulator:
                 outputs=[self._first_bad_particle],
             )
         return capture.graph
+
+
+def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
+    """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
+    return np.array(array[world].numpy(), dtype=np.float32)
 
 
 def _device(name: str | None) -> wp.Device:

@@ -6,7 +6,7 @@ import warp as wp
 from meshes import cube, mesh_of, quad_sphere
 
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
+from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)
@@ -171,6 +171,14 @@ def test_worlds_of_a_batch_are_alike_and_the_same_as_one_alone():
         batch.step()
     for world in range(3):
         np.testing.assert_array_equal(batch.read_frame(world).points[0], alone)
+
+
+def test_frames_stay_as_they_were_read(device):
+    scene = Scene(balloon=[Balloon(mesh=cube())], sphere=[Sphere(position=(5, 5, 5))], frames=3)
+    frames = list(Simulator(scene, device).run())
+    heights = [float(frame.points[0][0, 1]) for frame in frames]
+    assert heights == sorted(heights, reverse=True)
+    assert len(set(heights)) == len({float(frame.sphere_positions[0, 1]) for frame in frames}) == 4
 
 
 def test_balloons_of_a_scene_do_not_feel_each_other(device):
