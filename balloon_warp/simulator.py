@@ -122,7 +122,8 @@ class Simulator:
 
 def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
     """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
-    return np.array(array[world].numpy(), dtype=np.float32)
+    row = array[world].numpy() if array.shape[1] else np.zeros((0, 3))  # Warp does not slice an empty array
+    return np.array(row, dtype=np.float32)
 
 
 def _device(name: str | None) -> wp.Device:
