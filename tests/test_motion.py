@@ -174,7 +174,8 @@ def test_worlds_of_a_batch_are_alike_and_the_same_as_one_alone():
 
 
 def test_frames_stay_as_they_were_read(device):
-    scene = Scene(balloon=[Balloon(mesh=cube())], sphere=[Sphere(position=(5, 5, 5))], frames=3)
+    balloon = Balloon(mesh=cube(), inflation=NO_INFLATION)
+    scene = Scene(balloon=[balloon], sphere=[Sphere(position=(5, 5, 5))], frames=3)
     frames = list(Simulator(scene, device).run())
     heights = [float(frame.points[0][0, 1]) for frame in frames]
     assert heights == sorted(heights, reverse=True)
