@@ -1,0 +1,52 @@
+"""`balloon-warp render`"""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.errors import InputError
+
+
+def render(
+    stage: Annotated[Path, typer.Argument(help="A USD stage: one of ours, or any with meshes in it.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Picture to write: .png, .gif or .mp4. [default: STAGE.png]")
+    ] = None,
+    frame: Annotated[
+        int | None, typer.Option(help="Frame for a .png. [default: the one that the stage names, else the last]")
+    ] = None,
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size in pixels.")] = "960x540",
+    samples: Annotated[int, typer.Option(help="Rays a pixel.")] = 4,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ... [default: the GPU if there is one]")] = None,
+) -> None:
+    """Make a picture or an animation of a stage."""
+    pixels = _parse_size(size)
+    quiet_warp()
+    from balloon_warp.outputs.render import render_stage  # loads USD: only once the arguments are known to be good
+
+    picture = output or Path(stage.with_suffix(".png").name)
+    terminal = Console(stderr=True)
+    with Progress(console=terminal, disable=not terminal.is_terminal, transient=True) as progress:
+        task = progress.add_task(picture.name, total=None)
+        render_stage(
+            stage,
+            picture,
+            frame=frame,
+            size=pixels,
+            samples=samples,
+            device=device,
+            on_frame=lambda done, count: progress.update(task, completed=done, total=count),
+        )
+    Console(highlight=False, soft_wrap=True).print(f"wrote {picture}", markup=False)
+
+
+def _parse_size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
+    if not match:
+        raise InputError(f"size: {text!r}; expected WIDTHxHEIGHT in pixels, such as 960x540")
+    return int(match[1]), int(match[2])

@@ -1,0 +1,68 @@
+"""Colors and materials of prims: the bound UsdPreviewSurface first, then the display color."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom, UsdShade
+
+PLAIN_COLOR = (0.55, 0.53, 0.50)
+"""linear RGB of what has no color of its own"""
+
+
+@dataclass(frozen=True)
+class Finish:
+    """How a surface takes light, in UsdPreviewSurface's terms and with its fallback values."""
+
+    roughness: float = 0.5
+    opacity: float = 1.0
+    clearcoat: float = 0.0
+
+    def as_row(self) -> tuple[float, float, float]:
+        return self.roughness, self.opacity, self.clearcoat
+
+
+def read_finish(prim: Usd.Prim) -> Finish:
+    """The finish of a prim's bound UsdPreviewSurface, or the fallback where it has none."""
+    surface = _surface(prim)
+    if surface is None:
+        return Finish()
+    values = {name: _constant(surface, name) for name in ("roughness", "opacity", "clearcoat")}
+    return Finish(**{name: float(value) for name, value in values.items() if value is not None})
+
+
+def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Linear RGB of each element, shape (len(element_counts), 3).
+
+    Args:
+        gprim: a mesh, sphere or curves.
+        element_counts: points of each curve, over which colors of points are averaged; ones for meshes and spheres.
+    """
+    count = len(element_counts)
+    surface = _surface(gprim.GetPrim())
+    diffuse = _constant(surface, "diffuseColor") if surface is not None else None
+    if diffuse is not None:
+        return np.tile(np.asarray(diffuse, np.float32), (count, 1))
+    display = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance("displayColor")
+    colors = np.asarray(display.ComputeFlattened() if display else [], np.float32).reshape(-1, 3)
+    if len(colors) == count:
+        return colors
+    if len(colors) == element_counts.sum() and count:
+        return np.add.reduceat(colors, np.cumsum(element_counts) - element_counts) / element_counts[:, None]
+    plain = colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)
+    return np.tile(plain.astype(np.float32), (count, 1))
+
+
+def _surface(prim: Usd.Prim) -> UsdShade.Shader | None:
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+    shader = material.ComputeSurfaceSource()[0] if material else None
+    return shader if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface" else None
+
+
+def _constant(surface: UsdShade.Shader, name: str):
+    """The value of an input, through connections to the material's own inputs; None where a texture feeds it."""
+    shader_input = surface.GetInput(name)
+    for attribute in shader_input.GetValueProducingAttributes() if shader_input else []:
+        if UsdShade.Utils.GetType(attribute.GetName()) != UsdShade.AttributeType.Output:
+            return attribute.Get()
+    return None

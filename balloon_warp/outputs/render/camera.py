@@ -1,0 +1,69 @@
+"""The camera: a pinhole, the stage's own or one that frames the action."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+VERTICAL_VIEW = np.radians(26.0)
+"""angle from the picture's bottom to its top, as a portrait lens sees"""
+AZIMUTH = np.radians(32.0)
+"""three-quarter view: from the front (+Z) toward +X"""
+ELEVATION = np.radians(13.0)
+MARGIN = 0.80
+"""share of the picture's half size within which the action stays"""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where one looks from, Y up, in the stage's unit."""
+
+    eye: NDArray[np.float64]
+    """position, shape (3,)"""
+    axes: NDArray[np.float64]
+    """unit vectors to the right, up and backward, a row each, shape (3, 3)"""
+    half_width: float
+    """half the picture's width at distance one"""
+    half_height: float
+    """half the picture's height at distance one"""
+
+
+class CameraFit:
+    """Finds the camera nearest to the action that still has it all in the picture, for a fixed direction of view.
+
+    A sphere of radius r about c is inside the pyramid of view when n.(c - eye) >= r for each of the pyramid's four
+    inward unit normals n. Only the least n.c - r over all spheres matters, so the action is taken in piece by piece.
+
+    Args:
+        aspect: the picture's width over its height.
+    """
+
+    def __init__(self, aspect: float):
+        self.half_height = float(np.tan(VERTICAL_VIEW / 2.0))
+        self.half_width = self.half_height * aspect
+        backward = np.array(
+            [np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION), np.cos(AZIMUTH) * np.cos(ELEVATION)]
+        )
+        right = np.array([np.cos(AZIMUTH), 0.0, -np.sin(AZIMUTH)])
+        self.axes = np.stack([right, np.cross(backward, right), backward])
+        half = MARGIN * np.array([self.half_width, self.half_height])
+        self._cosines = 1.0 / np.hypot(1.0, half)
+        self._sines = half * self._cosines
+        self._support = np.full((2, 2), np.inf)
+
+    def include(self, centers: NDArray[np.float64], radii: NDArray[np.float64] | float = 0.0) -> None:
+        """Take in spheres: centers of shape (n, 3), radii of shape (n,) or one for all."""
+        seen = centers @ self.axes.T
+        for axis in range(2):
+            inward = -self._sines[axis] * seen[:, 2] - radii
+            across = self._cosines[axis] * seen[:, axis]
+            for side, sign in enumerate((1.0, -1.0)):
+                least = float(np.min(sign * across + inward, initial=np.inf))
+                self._support[axis, side] = min(self._support[axis, side], least)
+
+    def camera(self) -> Camera:
+        """The camera for all that was taken in."""
+        middle = (self._support[:, 0] - self._support[:, 1]) / (2.0 * self._cosines)
+        back = -self._support.sum(axis=1) / (2.0 * self._sines)
+        eye = np.array([*middle, back.max()]) @ self.axes
+        return Camera(eye, self.axes, self.half_width, self.half_height)

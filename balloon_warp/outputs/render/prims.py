@@ -1,0 +1,114 @@
+"""The prims that are drawn: what stays the same, read once, and where they are at a moment."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.outputs.render.appearance import read_colors, read_finish
+from balloon_warp.outputs.render.moment import Moment
+from balloon_warp.outputs.render.surface import SmoothSurface
+
+
+class Capsules(NamedTuple):
+    """Round lines and, where begin and end are one, spheres. In the world, Y up."""
+
+    begins: NDArray[np.float64]
+    """shape (n, 3)"""
+    ends: NDArray[np.float64]
+    """shape (n, 3)"""
+    radii: NDArray[np.float64]
+    """shape (n,)"""
+
+
+class MeshPrim:
+    """A UsdGeom.Mesh of fixed topology."""
+
+    def __init__(self, prim: Usd.Prim, moment: Moment):
+        self._mesh = UsdGeom.Mesh(prim)
+        points = _points(self._mesh, moment)
+        counts, indices = (
+            np.asarray(attribute.Get(moment.time) or [], np.int32)
+            for attribute in (self._mesh.GetFaceVertexCountsAttr(), self._mesh.GetFaceVertexIndicesAttr())
+        )
+        if counts.sum() != len(indices) or np.any((indices < 0) | (indices >= len(points))):
+            raise InputError(f"{prim.GetPath()}: its faces do not fit its {len(points)} points")
+        whole = np.repeat(counts, counts) >= 3
+        self.point_count = len(points)
+        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]))
+        self.colors = self.surface.refined(read_colors(self._mesh, np.ones(len(points), np.int32)))
+        self.finish = read_finish(prim)
+
+    def points(self, moment: Moment) -> NDArray[np.float64]:
+        """The mesh's own points, shape (point_count, 3)."""
+        points = _points(self._mesh, moment)
+        _require_count(self._mesh, points, self.point_count, moment)
+        return points
+
+
+class SpherePrim:
+    """A UsdGeom.Sphere."""
+
+    segment_count = 1
+
+    def __init__(self, prim: Usd.Prim, moment: Moment):
+        self._sphere = UsdGeom.Sphere(prim)
+        self.colors = read_colors(self._sphere, np.ones(1, np.int32))
+        self.finish = read_finish(prim)
+
+    def capsules(self, moment: Moment) -> Capsules:
+        prim = self._sphere.GetPrim()
+        center = moment.place(prim, np.zeros((1, 3)))
+        radius = self._sphere.GetRadiusAttr().Get(moment.time) * moment.scale(prim)
+        return Capsules(center, center, np.array([radius]))
+
+
+class CurvesPrim:
+    """A UsdGeom.BasisCurves of type linear: a capsule a segment."""
+
+    def __init__(self, prim: Usd.Prim, moment: Moment):
+        self._curves = UsdGeom.BasisCurves(prim)
+        self._counts = np.asarray(self._curves.GetCurveVertexCountsAttr().Get(moment.time) or [], np.int32)
+        last_of_curve = np.zeros(self._counts.sum(), bool)
+        last_of_curve[np.cumsum(self._counts) - 1] = True
+        self._begin = np.flatnonzero(~last_of_curve)
+        self.segment_count = len(self._begin)
+        segments = np.maximum(self._counts - 1, 0)
+        self.colors = np.repeat(read_colors(self._curves, self._counts), segments, axis=0)
+        self.finish = read_finish(prim)
+
+    def capsules(self, moment: Moment) -> Capsules:
+        points = _points(self._curves, moment)
+        _require_count(self._curves, points, int(self._counts.sum()), moment)
+        radii = 0.5 * self._widths(moment) * moment.scale(self._curves.GetPrim())
+        return Capsules(
+            points[self._begin], points[self._begin + 1], 0.5 * (radii[self._begin] + radii[self._begin + 1])
+        )
+
+    def _widths(self, moment: Moment) -> NDArray[np.float64]:
+        """Width at each point, in the prim's unit; without widths the thinnest line that can be seen."""
+        widths = np.asarray(self._curves.GetWidthsAttr().Get(moment.time) or [0.0], np.float64)
+        if len(widths) == self._counts.sum():
+            return widths
+        if len(widths) == len(self._counts):
+            return np.repeat(widths, self._counts)
+        return np.full(self._counts.sum(), widths.mean())
+
+
+def _points(prim: UsdGeom.PointBased, moment: Moment) -> NDArray[np.float64]:
+    own = np.asarray(prim.GetPointsAttr().Get(moment.time) or [], np.float64).reshape(-1, 3)
+    placed = moment.place(prim.GetPrim(), own)
+    if not np.isfinite(placed).all():
+        raise InputError(f"{prim.GetPath()}: a point at frame {moment.time.GetValue():g} is not finite")
+    return placed
+
+
+def _require_count(prim: UsdGeom.PointBased, points: NDArray[np.float64], expected: int, moment: Moment) -> None:
+    if len(points) != expected:
+        raise InputError(
+            f"{prim.GetPath()}: has {len(points)} points at frame {moment.time.GetValue():g}; "
+            f"expected {expected} at every frame"
+        )

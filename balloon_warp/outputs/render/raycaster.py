@@ -1,0 +1,164 @@
+"""Runs the ray casting kernels: uploads what is drawn, moves it from frame to frame, and takes pictures of it."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels import raycast
+from balloon_warp.kernels.raycast_shapes import Shapes
+from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.render.prims import Capsules
+from balloon_warp.outputs.render.sampling import disc_points, spread_points
+from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.outputs.render.studio import light_studio
+
+WIDEST_BLUR = 9
+"""pixels over which the shares of light of four samples or less are smoothed to each side"""
+
+
+class RayCaster:
+    """Pictures of one stage.
+
+    The kernels see the action about the origin and about one unit large, whatever the stage's unit.
+
+    Args:
+        stage: its prims have been read.
+        center: the middle of the action in the world, shape (3,).
+        size: how large the action is, in the stage's unit.
+        picture_size: width and height in pixels.
+        samples: rays a pixel.
+        device: a Warp device; the GPU where there is one, when missing.
+        threads: CPU threads; all cores when missing. The picture does not depend on it.
+    """
+
+    def __init__(
+        self,
+        stage: RenderStage,
+        center: NDArray[np.float64],
+        size: float,
+        picture_size: tuple[int, int],
+        samples: int,
+        device: str | None = None,
+        threads: int | None = None,
+    ):
+        self._stage, self._center, self._size, self._samples = stage, center, size, samples
+        self._width, self._height = picture_size
+        self.device = wp.get_device(device)
+        self._bands = 1 if self.device.is_cuda else min(threads or os.cpu_count() or 1, self._height)
+        self._mesh: wp.Mesh | None = None
+        self._bvh: wp.Bvh | None = None
+        self._shapes = Shapes()
+        self._upload_fixed()
+        self._allocate()
+
+    def place(self, frame: int, least_radius: float) -> None:
+        """Move everything to where it is at a frame. Lines are at least `least_radius` thick, in the stage's unit."""
+        if self._stage.meshes:
+            self._place_meshes(self._stage.points(frame))
+        if self._stage.rounds:
+            self._place_capsules(self._stage.capsules(frame), least_radius)
+
+    def picture(self, camera: Camera) -> NDArray[np.uint8]:
+        """sRGB bytes of what the camera sees, shape (height, width, 3)."""
+        lens = raycast.Camera()
+        lens.eye = wp.vec3(*self._local(camera.eye))
+        right, up, backward = camera.axes
+        lens.forward = wp.vec3(*-backward)
+        lens.right = wp.vec3(*(camera.half_width * right))
+        lens.up = wp.vec3(*(camera.half_height * up))
+        studio = light_studio(camera)
+        noisy, smooth, surface = self._shares[:2], self._shares[2:], [self._places, self._normals]
+        light = [self._plain, self._key, self._sky]
+        radius = max(2, round(WIDEST_BLUR * min(1.0, (4.0 / self._samples) ** 0.5)))
+        inputs = [self._shapes, studio, lens, self._pixel_samples, self._disc_samples]
+        self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface])
+        self._launch(raycast.smooth_light, [*noisy, *surface, radius, 0, 1], smooth)
+        self._launch(raycast.smooth_light, [*smooth, *surface, radius, 1, 0], noisy)
+        self._launch(raycast.develop, [*light, *noisy], [self._picture])
+        return self._picture.numpy()
+
+    def _launch(self, kernel: wp.Kernel, inputs: list, outputs: list) -> None:
+        """Each band on a thread of its own, since a launch on the CPU uses one core and frees the GIL."""
+
+        def launch(band: int) -> None:
+            rows = len(range(band, self._height, self._bands))
+            wp.launch(
+                kernel,
+                dim=(rows, self._width),
+                inputs=[*inputs, band, self._bands],
+                outputs=outputs,
+                device=self.device,
+            )
+
+        if self._bands == 1:
+            launch(0)
+        else:
+            list(self._pool.map(launch, range(self._bands)))
+
+    def _upload_fixed(self) -> None:
+        meshes, shapes = self._stage.meshes, self._stage.rounds
+        starts = np.cumsum([0, *(len(mesh.colors) for mesh in meshes)])
+        if meshes:
+            corners = [mesh.surface.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
+            self._shapes.corners = self._array(np.concatenate(corners).ravel(), wp.int32)
+            self._shapes.colors = self._array(np.concatenate([mesh.colors for mesh in meshes]))
+            finishes = [np.tile(mesh.finish.as_row(), (len(mesh.surface.triangles), 1)) for mesh in meshes]
+            self._shapes.finishes = self._array(np.concatenate(finishes))
+        if shapes:
+            self._shapes.capsule_colors = self._array(np.concatenate([shape.colors for shape in shapes]))
+            finishes = [np.tile(shape.finish.as_row(), (shape.segment_count, 1)) for shape in shapes]
+            self._shapes.capsule_finishes = self._array(np.concatenate(finishes))
+        ground = self._stage.ground
+        self._shapes.has_ground = int(ground is not None)
+        self._shapes.ground_color = wp.vec3(0.5)
+        if ground is not None:
+            self._shapes.ground_height = (ground.height - self._center[1]) / self._size
+            self._shapes.ground_color = wp.vec3(*ground.color.tolist())
+
+    def _allocate(self) -> None:
+        shape = (self._height, self._width)
+        with wp.ScopedDevice(self.device):
+            vectors = [wp.empty(shape, dtype=wp.vec3) for _ in range(5)]
+            self._plain, self._key, self._sky, self._places, self._normals = vectors
+            self._shares = [wp.empty(shape, dtype=wp.vec4) for _ in range(4)]
+            self._picture = wp.empty((*shape, 3), dtype=wp.uint8)
+            self._pixel_samples = wp.array(spread_points(self._samples), dtype=wp.vec2)
+            self._disc_samples = wp.array(disc_points(self._samples), dtype=wp.vec2)
+            wp.load_module(raycast, device=self.device)
+        self._pool = ThreadPoolExecutor(self._bands)
+
+    def _place_meshes(self, points: list[NDArray[np.float64]]) -> None:
+        placed = [mesh.surface.place(each) for mesh, each in zip(self._stage.meshes, points, strict=True)]
+        vertices = self._array(self._local(np.concatenate([vertices for vertices, _ in placed])))
+        self._shapes.normals = self._array(np.concatenate([normals for _, normals in placed]))
+        if self._mesh is None:
+            self._mesh = wp.Mesh(vertices, self._shapes.corners)
+            self._shapes.mesh = self._mesh.id
+        else:
+            wp.copy(self._mesh.points, vertices)
+            self._mesh.refit()
+
+    def _place_capsules(self, capsules: Capsules, least_radius: float) -> None:
+        begins, ends = self._local(capsules.begins), self._local(capsules.ends)
+        radii = np.maximum(capsules.radii, least_radius) / self._size
+        lowers = self._array(np.minimum(begins, ends) - radii[:, None])
+        uppers = self._array(np.maximum(begins, ends) + radii[:, None])
+        self._shapes.begins, self._shapes.ends = self._array(begins), self._array(ends)
+        self._shapes.radii = self._array(radii, wp.float32)
+        if self._bvh is None:
+            self._bvh = wp.Bvh(lowers, uppers)
+            self._shapes.capsules = self._bvh.id
+        else:
+            wp.copy(self._bvh.lowers, lowers)
+            wp.copy(self._bvh.uppers, uppers)
+            self._bvh.refit()
+
+    def _local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (points - self._center) / self._size
+
+    def _array(self, values: NDArray, dtype: Callable = wp.vec3) -> wp.array:
+        return wp.array(values, dtype=dtype, device=self.device)

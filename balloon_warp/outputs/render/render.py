@@ -1,0 +1,119 @@
+"""From a stage to a picture file."""
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.files import check_writable, whole_file
+from balloon_warp.outputs.render.files import (
+    PICTURE_SUFFIXES,
+    Picture,
+    require_ffmpeg,
+    write_gif,
+    write_mp4,
+    write_png,
+)
+from balloon_warp.outputs.render.framing import frame_action
+from balloon_warp.outputs.render.stage_reader import RenderStage
+
+GIF_FRAMES_PER_SECOND = 20.0
+GIF_MOST_FRAMES = 120
+LEAST_LINE_PIXELS = 1.3
+"""lines are drawn no thinner than this in the middle of the action, or they would break up"""
+
+
+def render_stage(
+    path: str | Path,
+    output: str | Path,
+    frame: int | None = None,
+    size: tuple[int, int] = (960, 540),
+    samples: int = 4,
+    device: str | None = None,
+    on_frame: Callable[[int, int], None] = lambda done, count: None,
+) -> list[int]:
+    """Make a picture (.png) or an animation (.gif, .mp4) of a stage. The file appears whole or not at all.
+
+    Args:
+        path: any USD stage with meshes, spheres or linear curves.
+        output: the picture to write.
+        frame: the frame for a .png; when missing, the one that the stage names as its picture, else the last.
+        size: width and height in pixels.
+        samples: rays a pixel.
+        device: a Warp device; the GPU where there is one, when missing.
+        on_frame: told how many frames are done, and of how many, after each.
+
+    Returns:
+        The frames that were drawn.
+
+    Raises:
+        InputError: there is no such stage or frame, nothing to draw, or the output cannot be written.
+        MissingExtraError: an .mp4 is wanted and imageio-ffmpeg is not installed.
+    """
+    path, output = Path(path), Path(output)
+    suffix = output.suffix.lower()
+    check_writable(output, PICTURE_SUFFIXES)
+    _check_request(suffix, frame, size, samples)
+    stage = RenderStage(path)
+    frames, frame_seconds = _choose_frames(stage, suffix, frame)
+    pictures = _pictures(stage, frames, size, samples, device, on_frame)
+    with whole_file(output) as temporary:
+        if suffix == ".png":
+            write_png(temporary, next(pictures))
+        elif suffix == ".gif":
+            write_gif(temporary, pictures, frame_seconds)
+        else:
+            write_mp4(temporary, pictures, 1.0 / frame_seconds)
+    return frames
+
+
+def _check_request(suffix: str, frame: int | None, size: tuple[int, int], samples: int) -> None:
+    if min(size) < 1:
+        raise InputError(f"size: a picture of {size[0]}x{size[1]} pixels; expected at least 1x1")
+    if samples < 1:
+        raise InputError(f"samples: {samples} rays a pixel; expected at least 1")
+    if suffix == ".mp4":
+        require_ffmpeg()
+        if size[0] % 2 or size[1] % 2:
+            raise InputError(f"size: {size[0]}x{size[1]} for an .mp4; expected an even width and height")
+    if frame is not None and suffix != ".png":
+        raise InputError(f"frame: {frame} for a {suffix}, which shows all frames; expected a .png")
+
+
+def _choose_frames(stage: RenderStage, suffix: str, frame: int | None) -> tuple[list[int], float]:
+    """The frames to draw, and how long each is shown [s]."""
+    first, last = stage.first_frame, stage.last_frame
+    if suffix == ".png":
+        chosen = stage.picture_frame if frame is None else frame
+        if not first <= chosen <= last:
+            raise InputError(f"frame: {chosen} is not in {stage.path}; expected {first} to {last}")
+        return [chosen], 0.0
+    step = 1
+    if suffix == ".gif":
+        too_fast = stage.frames_per_second / GIF_FRAMES_PER_SECOND
+        too_many = (last - first + 1) / GIF_MOST_FRAMES
+        step = max(1, math.ceil(too_fast - 1e-9), math.ceil(too_many))
+    return list(range(first, last + 1, step)), step / stage.frames_per_second
+
+
+def _pictures(
+    stage: RenderStage,
+    frames: list[int],
+    size: tuple[int, int],
+    samples: int,
+    device: str | None,
+    on_frame: Callable[[int, int], None],
+) -> Iterator[Picture]:
+    from balloon_warp.outputs.render.raycaster import RayCaster  # loads Warp: only once the stage is known to be good
+
+    aspect = size[0] / size[1]
+    stage.read_prims(frames[0])
+    framing = frame_action(stage, frames, aspect)
+    caster = RayCaster(stage, framing.center, framing.size, size, samples, device)
+    for done, frame in enumerate(frames, start=1):
+        camera = stage.camera(frame, aspect) or framing.camera
+        distance = float(abs((camera.eye - framing.center) @ camera.axes[2]))
+        pixel = 2.0 * camera.half_height * distance / size[1]
+        caster.place(frame, 0.5 * LEAST_LINE_PIXELS * pixel)
+        yield caster.picture(camera)
+        on_frame(done, len(frames))

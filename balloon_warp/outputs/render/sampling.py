@@ -1,0 +1,31 @@
+"""Where in a pixel, and where on a light, the samples lie. The same every time, so that pictures are."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+TILE = 4
+"""pixels of a TILE x TILE tile share one well-spread set of samples between them"""
+
+
+def spread_points(count: int) -> NDArray[np.float64]:
+    """Well-spread points in the unit square, shape (count, 2).
+
+    The R2 sequence of Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
+    """
+    plastic = 1.32471795724474602596
+    steps = np.array([1.0 / plastic, 1.0 / plastic**2])
+    return np.modf(0.5 + np.arange(count)[:, None] * steps)[0]
+
+
+def disc_points(samples: int) -> NDArray[np.float32]:
+    """Points in the unit disc for each sample of each pixel of a tile, shape (samples, TILE * TILE, 2).
+
+    Concentric map of Shirley and Chiu (1997), which keeps neighbors neighbors.
+    """
+    a, b = (2.0 * spread_points(samples * TILE * TILE) - 1.0).T
+    wide = np.abs(a) > np.abs(b)
+    radius = np.where(wide, a, b)
+    ratio = np.divide(np.where(wide, b, a), radius, out=np.zeros_like(a), where=radius != 0.0)
+    angle = np.where(wide, np.pi / 4.0 * ratio, np.pi / 2.0 - np.pi / 4.0 * ratio)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return points.reshape(samples, TILE * TILE, 2).astype(np.float32)

@@ -1,0 +1,125 @@
+"""A stage as something to make pictures of."""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Tf, Usd, UsdGeom
+
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.render.moment import Moment
+from balloon_warp.outputs.render.prims import Capsules, CurvesPrim, MeshPrim, SpherePrim
+
+
+class Ground(NamedTuple):
+    """A level plane."""
+
+    height: float
+    color: NDArray[np.float32]
+    """linear RGB, shape (3,)"""
+
+
+class RenderStage:
+    """The meshes, spheres, linear curves, ground and camera of a stage.
+
+    Invisible prims and those of purpose `guide` or `proxy` are left out. A level mesh called "Ground" is the ground.
+
+    Args:
+        path: any file that USD opens.
+
+    Raises:
+        InputError: the file is missing or cannot be read as a stage.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; expected a USD stage")
+        try:
+            self._stage = Usd.Stage.Open(str(path))
+        except Tf.ErrorException:
+            raise InputError(f"{path}: cannot be read; expected a USD stage (.usd, .usda, .usdc or .usdz)") from None
+        self.first_frame, self.last_frame = 0, 0
+        if self._stage.HasAuthoredTimeCodeRange():
+            self.first_frame = math.ceil(self._stage.GetStartTimeCode())
+            self.last_frame = math.floor(self._stage.GetEndTimeCode())
+        self.frames_per_second = self._stage.GetTimeCodesPerSecond()
+
+    @property
+    def picture_frame(self) -> int:
+        """The frame for a single picture: the one that the stage names, else the last."""
+        ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp", {})
+        return int(ours.get("pictureFrame", self.last_frame))
+
+    def read_prims(self, frame: int) -> None:
+        """Find what is drawn, as it is at a frame.
+
+        Raises:
+            InputError: nothing is there to be drawn.
+        """
+        moment = Moment(self._stage, frame)
+        self.meshes: list[MeshPrim] = []
+        self.rounds: list[SpherePrim | CurvesPrim] = []
+        self.ground: Ground | None = None
+        self._camera: UsdGeom.Camera | None = None
+        for prim in Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+            self._take(prim, moment)
+        if not self.meshes and not self.rounds:
+            raise InputError(f"{self.path}: has no visible mesh, sphere or linear curves to draw at frame {frame}")
+
+    def points(self, frame: int) -> list[NDArray[np.float64]]:
+        """The points of each mesh, shape (point_count, 3) each."""
+        moment = Moment(self._stage, frame)
+        return [mesh.points(moment) for mesh in self.meshes]
+
+    def capsules(self, frame: int) -> Capsules:
+        """The spheres and all curves' segments."""
+        moment = Moment(self._stage, frame)
+        each = [
+            Capsules(np.empty((0, 3)), np.empty((0, 3)), np.empty(0)),
+            *(prim.capsules(moment) for prim in self.rounds),
+        ]
+        return Capsules(*(np.concatenate(arrays) for arrays in zip(*each, strict=True)))
+
+    def camera(self, frame: int, aspect: float) -> Camera | None:
+        """The stage's first perspective camera, its view widened to a picture of this aspect; None without one."""
+        if self._camera is None:
+            return None
+        moment = Moment(self._stage, frame)
+        camera = self._camera.GetCamera(moment.time)
+        half_height = max(camera.verticalAperture, camera.horizontalAperture / aspect) / (2.0 * camera.focalLength)
+        return Camera(moment.origin(camera.transform), moment.axes(camera.transform), half_height * aspect, half_height)
+
+    def _take(self, prim: Usd.Prim, moment: Moment) -> None:
+        if camera := UsdGeom.Camera(prim):
+            if self._camera is None and camera.GetCamera(moment.time).projection == Gf.Camera.Perspective:
+                self._camera = camera
+        elif _is_drawn(prim, moment.time):
+            if UsdGeom.Mesh(prim):
+                mesh = MeshPrim(prim, moment)
+                if len(mesh.surface.triangles) == 0:
+                    return
+                points = mesh.points(moment)
+                width, height, _ = np.ptp(points, axis=0)
+                if prim.GetName().lower() == "ground" and height <= 1e-6 * width:
+                    self.ground = Ground(float(points[0, 1]), mesh.colors[0])
+                else:
+                    self.meshes.append(mesh)
+            elif UsdGeom.Sphere(prim):
+                self.rounds.append(SpherePrim(prim, moment))
+            elif UsdGeom.BasisCurves(prim).GetTypeAttr().Get() == UsdGeom.Tokens.linear:
+                curves = CurvesPrim(prim, moment)
+                if curves.segment_count:
+                    self.rounds.append(curves)
+
+
+def _is_drawn(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    if not any(kind(prim) for kind in (UsdGeom.Mesh, UsdGeom.Sphere, UsdGeom.BasisCurves)):
+        return False
+    imageable = UsdGeom.Imageable(prim)
+    return imageable.ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render) and (
+        imageable.ComputeVisibility(time) != UsdGeom.Tokens.invisible
+    )

@@ -1,0 +1,37 @@
+"""Where the lights stand: over the photographer's left shoulder, and behind the subject on the right."""
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.raycast_studio import Studio
+from balloon_warp.outputs.render.camera import Camera
+
+KEY = (-0.62, 1.0, 0.62)
+"""toward the key light: to the right, up, and back toward the camera"""
+RIM = (0.95, 0.28, -0.15)
+"""toward the strip light"""
+KEY_RADIANCE = (1.30, 1.25, 1.17)
+KEY_SPREAD = 0.15
+
+
+def light_studio(camera: Camera) -> Studio:
+    """The lights for a camera. They turn with it, but only around the vertical."""
+    right, _, backward = camera.axes
+    level_right = _unit(np.array([right[0], 0.0, right[2]]))
+    level_backward = np.cross(level_right, [0.0, 1.0, 0.0])
+    level_backward *= 1.0 if level_backward @ backward >= 0.0 else -1.0
+    level = np.stack([level_right, [0.0, 1.0, 0.0], level_backward])
+    studio = Studio()
+    for name, toward in (("key", KEY), ("rim", RIM)):
+        direction = _unit(np.array(toward) @ level)
+        across = _unit(np.cross([0.0, 1.0, 0.0], direction))
+        for suffix, vector in (("", direction), ("_right", across), ("_up", np.cross(direction, across))):
+            setattr(studio, name + suffix, wp.vec3(*vector))
+    studio.key_radiance = wp.vec3(*KEY_RADIANCE)
+    studio.key_spread = KEY_SPREAD
+    return studio
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vector / np.linalg.norm(vector)

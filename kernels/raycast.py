@@ -1,0 +1,270 @@
+"""The ray caster: one thread a pixel, three passes.
+
+1. `cast_pixels` adds up a pixel's samples. It keeps what the key light and the sky would add if nothing stood in their
+   way apart from how much of each gets there, which is what few samples make noisy.
+2. `smooth_light` blurs those two shares over neighbours that lie on the same surface, rows first, then columns.
+3. `develop` puts the light together and turns it into the bytes of an sRGB picture.
+
+Rows are dealt out to bands, so that CPU threads can share a picture: a band's thread `row` stands for the picture's row
+`band + row * band_count`.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.raycast_shapes import GROUND, NOTHING, Hit, Shapes, first_hit
+from balloon_warp.kernels.raycast_studio import Studio, backdrop, luminance, mix, reflected, sky_irradiance
+
+wp.set_module_options({"enable_backward": False, "fast_math": True})
+
+FAR = wp.constant(1.0e4)
+EPSILON = wp.constant(1.0e-3)
+"""how far from a surface rays start, in sizes of the action"""
+REACH = wp.constant(0.7)
+"""how far away a thing can be that still dims the sky's light"""
+LAYERS = wp.constant(5)
+"""how many translucent walls one looks through"""
+
+
+@wp.struct
+class Camera:
+    """A pinhole. `right` and `up` reach from the middle of the picture to its edges at distance one."""
+
+    eye: wp.vec3
+    forward: wp.vec3
+    right: wp.vec3
+    up: wp.vec3
+
+
+@wp.func
+def translucency(finish: wp.vec3):
+    """How much a wall acts as thin rubber, 0 to 1, from its opacity."""
+    return wp.clamp(8.0 * (1.0 - finish[1]), 0.0, 1.0)
+
+
+@wp.func
+def tangent_frame(normal: wp.vec3):
+    """Two unit vectors across a unit vector."""
+    helper = wp.where(wp.abs(normal[1]) < 0.9, wp.vec3(0.0, 1.0, 0.0), wp.vec3(1.0, 0.0, 0.0))
+    right = wp.normalize(wp.cross(helper, normal))
+    return right, wp.cross(normal, right)
+
+
+@wp.func
+def key_share(shapes: Shapes, studio: Studio, hit: Hit, disc: wp.vec2):
+    """The share of the key light, by color, that comes through from one point of it."""
+    across = studio.key_spread * (disc[0] * studio.key_right + disc[1] * studio.key_up)
+    blocker = first_hit(shapes, hit.point + EPSILON * hit.normal, wp.normalize(studio.key + across), FAR)
+    if blocker.kind == NOTHING:
+        return wp.vec3(1.0)
+    return 0.3 * translucency(blocker.finish) * blocker.color
+
+
+@wp.func
+def sky_share(shapes: Shapes, hit: Hit, disc: wp.vec2):
+    """The share of the sky's light, by color, along one direction; what stands there adds some of its own color."""
+    right, forward = tangent_frame(hit.normal)
+    up = wp.sqrt(wp.max(1.0 - wp.dot(disc, disc), 0.0))
+    direction = wp.normalize(disc[0] * right + disc[1] * forward + up * hit.normal)
+    blocker = first_hit(shapes, hit.point + EPSILON * hit.normal, direction, REACH)
+    if blocker.kind == NOTHING:
+        return wp.vec3(1.0)
+    bounce = 0.45 * blocker.color
+    if blocker.kind == GROUND:
+        bounce = 0.35 * blocker.color
+    return mix(bounce, wp.vec3(1.0), blocker.distance / REACH)
+
+
+@wp.func
+def ground_fade(point: wp.vec3):
+    """How far the ground has turned into the backdrop: a studio's paper sweep has no horizon."""
+    return wp.smoothstep(1.0, 6.0, wp.sqrt(point[0] * point[0] + point[2] * point[2]))
+
+
+@wp.func
+def with_one(share: wp.vec3):
+    """A share and its weight, to be summed."""
+    return wp.vec4(share[0], share[1], share[2], 1.0)
+
+
+@wp.func
+def mean_share(summed: wp.vec4):
+    """The share from a weighted sum of shares and weights."""
+    return wp.vec3(summed[0], summed[1], summed[2]) / wp.max(summed[3], 1.0e-9)
+
+
+@wp.func
+def srgb_byte(light: float):
+    """Narkowicz's fit of the ACES filmic curve, then the sRGB transfer function (IEC 61966-2-1)."""
+    shown = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)
+    shown = wp.clamp(shown, 0.0, 1.0)
+    encoded = 12.92 * shown
+    if shown > 0.0031308:
+        encoded = 1.055 * wp.pow(shown, 1.0 / 2.4) - 0.055
+    return wp.uint8(255.0 * encoded + 0.5)
+
+
+@wp.kernel
+def cast_pixels(
+    shapes: Shapes,
+    studio: Studio,
+    camera: Camera,
+    pixel_samples: wp.array[wp.vec2],
+    disc_samples: wp.array2d[wp.vec2],
+    band: int,
+    band_count: int,
+    # out
+    plain: wp.array2d[wp.vec3],
+    key_light: wp.array2d[wp.vec3],
+    sky_light: wp.array2d[wp.vec3],
+    key_shares: wp.array2d[wp.vec4],
+    sky_shares: wp.array2d[wp.vec4],
+    places: wp.array2d[wp.vec3],
+    normals: wp.array2d[wp.vec3],
+):
+    """A thread a (row of the band, column)."""
+    band_row, column = wp.tid()
+    row = band + band_row * band_count
+    height = places.shape[0]
+    width = places.shape[1]
+    tile = 4 * (row % 4) + column % 4
+    sum_plain = wp.vec3()
+    sum_key = wp.vec3()
+    sum_sky = wp.vec3()
+    sum_key_share = wp.vec4()
+    sum_sky_share = wp.vec4()
+    for sample in range(pixel_samples.shape[0]):
+        offset = pixel_samples[sample]
+        x = 2.0 * (float(column) + offset[0]) / float(width) - 1.0
+        y = 1.0 - 2.0 * (float(row) + offset[1]) / float(height)
+        direction = wp.normalize(camera.forward + x * camera.right + y * camera.up)
+        behind = backdrop(y, x)
+        disc = disc_samples[sample, tile]
+        origin = camera.eye
+        weight = wp.vec3(1.0)
+        layer = wp.int32(0)
+        while layer < LAYERS:
+            hit = first_hit(shapes, origin, direction, FAR)
+            if sample == 0 and layer == 0:
+                places[row, column] = hit.point
+                normals[row, column] = hit.normal
+            if hit.kind == NOTHING:
+                sum_plain += wp.cw_mul(weight, behind)
+                break
+            key = wp.vec3()
+            sky = wp.vec3()
+            through = wp.vec3()
+            toward_key = wp.dot(hit.normal, studio.key)
+            if hit.kind == GROUND:
+                fade = ground_fade(hit.point)
+                sum_plain += fade * wp.cw_mul(weight, behind)
+                weight *= 1.0 - fade
+                key = wp.max(toward_key, 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
+                sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, shapes.ground_color))
+            else:
+                facing = -wp.dot(hit.normal, direction)
+                fresnel = 0.04 + 0.96 * wp.pow(1.0 - facing, 5.0)
+                rubber = translucency(hit.finish)
+                # At the silhouette light has crossed more of the dyed rubber.
+                dye = mix(hit.color, wp.cw_mul(hit.color, hit.color), 0.5 * rubber * (1.0 - facing) * (1.0 - facing))
+                key = (1.0 - fresnel) * wp.max(toward_key, 0.0) * wp.cw_mul(dye, studio.key_radiance)
+                sky = (1.0 - fresnel) * wp.cw_mul(dye, sky_irradiance(hit.normal, shapes.ground_color))
+                # Light that entered elsewhere leaves everywhere, most of it right opposite the key light.
+                inner = 0.10 + 0.22 * wp.smoothstep(0.2, -1.0, toward_key)
+                sky += rubber * inner * wp.cw_mul(wp.cw_mul(dye, studio.key_radiance), mix(wp.vec3(1.0), dye, 0.5))
+                if layer == 0:
+                    gloss = wp.max(hit.finish[2], 1.0 - hit.finish[0])
+                    roughness = hit.finish[0] * (1.0 - 0.9 * hit.finish[2])
+                    mirrored = direction + 2.0 * facing * hit.normal
+                    sum_plain += (
+                        wp.cw_mul(weight, reflected(studio, mirrored, roughness, shapes.ground_color)) * fresnel * gloss
+                    )
+                through = 0.35 * rubber * facing * mix(wp.vec3(1.0), dye, 0.9)
+            if layer == 0:
+                key = wp.cw_mul(weight, key)
+                sky = wp.cw_mul(weight, sky)
+                sum_key += key
+                sum_sky += sky
+                bright = luminance(key)
+                if bright > 1.0e-4:
+                    sum_key_share += bright * with_one(key_share(shapes, studio, hit, disc))
+                bright = luminance(sky)
+                if bright > 1.0e-4:
+                    sum_sky_share += bright * with_one(sky_share(shapes, hit, disc))
+            else:
+                # Behind a wall nobody will miss a shadow: what is there gets a share of the light.
+                sum_plain += wp.cw_mul(weight, 0.7 * sky + 0.4 * key)
+            weight = wp.cw_mul(weight, through)
+            if luminance(weight) < 0.01:
+                break
+            origin = hit.point + EPSILON * direction
+            layer += 1
+    scale = 1.0 / float(pixel_samples.shape[0])
+    plain[row, column] = scale * sum_plain
+    key_light[row, column] = scale * sum_key
+    sky_light[row, column] = scale * sum_sky
+    key_shares[row, column] = scale * sum_key_share
+    sky_shares[row, column] = scale * sum_sky_share
+
+
+@wp.kernel
+def smooth_light(
+    key_shares: wp.array2d[wp.vec4],
+    sky_shares: wp.array2d[wp.vec4],
+    places: wp.array2d[wp.vec3],
+    normals: wp.array2d[wp.vec3],
+    radius: int,
+    row_step: int,
+    column_step: int,
+    band: int,
+    band_count: int,
+    # out
+    smooth_key: wp.array2d[wp.vec4],
+    smooth_sky: wp.array2d[wp.vec4],
+):
+    """A thread a (row of the band, column): a Gaussian along rows or columns over pixels of the same surface."""
+    band_row, column = wp.tid()
+    row = band + band_row * band_count
+    sum_key = key_shares[row, column]
+    sum_sky = sky_shares[row, column]
+    normal = normals[row, column]
+    # Pixels that a translucent or a lit thing touches have some light; the backdrop has none.
+    if sum_key[3] + sum_sky[3] > 0.0:
+        place = places[row, column]
+        falloff = -2.0 / float(radius * radius)
+        for step in range(-radius, radius + 1):
+            other_row = row + step * row_step
+            other_column = column + step * column_step
+            inside = other_row >= 0 and other_row < places.shape[0] and other_column >= 0
+            if step != 0 and inside and other_column < places.shape[1]:
+                alike = wp.max(wp.dot(normal, normals[other_row, other_column]), 0.0)
+                alike *= alike
+                alike *= alike
+                off_plane = wp.abs(wp.dot(normal, places[other_row, other_column] - place))
+                weight = alike * alike * wp.exp(falloff * float(step * step) - 80.0 * off_plane)
+                sum_key += weight * key_shares[other_row, other_column]
+                sum_sky += weight * sky_shares[other_row, other_column]
+    smooth_key[row, column] = sum_key
+    smooth_sky[row, column] = sum_sky
+
+
+@wp.kernel
+def develop(
+    plain: wp.array2d[wp.vec3],
+    key_light: wp.array2d[wp.vec3],
+    sky_light: wp.array2d[wp.vec3],
+    key_shares: wp.array2d[wp.vec4],
+    sky_shares: wp.array2d[wp.vec4],
+    band: int,
+    band_count: int,
+    # out
+    picture: wp.array3d[wp.uint8],
+):
+    """A thread a (row of the band, column): light together, filmic tone curve, sRGB bytes."""
+    band_row, column = wp.tid()
+    row = band + band_row * band_count
+    light = plain[row, column]
+    light += wp.cw_mul(key_light[row, column], mean_share(key_shares[row, column]))
+    light += wp.cw_mul(sky_light[row, column], mean_share(sky_shares[row, column]))
+    picture[row, column, 0] = srgb_byte(light[0])
+    picture[row, column, 1] = srgb_byte(light[1])
+    picture[row, column, 2] = srgb_byte(light[2])

@@ -1,0 +1,156 @@
+"""What rays can hit: triangles, capsules (a sphere is a capsule of no length), and a ground plane. Y is up."""
+
+import warp as wp
+
+
+@wp.struct
+class Shapes:
+    """All that is drawn, in a frame where the action is about one unit large."""
+
+    mesh: wp.uint64
+    """the triangles of all meshes; 0 where there are none"""
+    corners: wp.array[wp.int32]
+    """vertex numbers, three a triangle"""
+    normals: wp.array[wp.vec3]
+    """unit normals, one a vertex"""
+    colors: wp.array[wp.vec3]
+    """linear RGB, one a vertex"""
+    finishes: wp.array[wp.vec3]
+    """roughness, opacity and clearcoat, one a triangle"""
+    capsules: wp.uint64
+    """the boxes of the capsules; 0 where there are none"""
+    begins: wp.array[wp.vec3]
+    ends: wp.array[wp.vec3]
+    radii: wp.array[float]
+    capsule_colors: wp.array[wp.vec3]
+    capsule_finishes: wp.array[wp.vec3]
+    has_ground: wp.int32
+    ground_height: float
+    ground_color: wp.vec3
+
+
+@wp.struct
+class Hit:
+    """Where a ray ends first. `color` and `finish` are those of the material there."""
+
+    kind: wp.int32
+    distance: float
+    point: wp.vec3
+    normal: wp.vec3
+    color: wp.vec3
+    finish: wp.vec3
+
+
+NOTHING = wp.constant(0)
+SURFACE = wp.constant(1)
+GROUND = wp.constant(2)
+
+
+@wp.func
+def capsule_distance(origin: wp.vec3, direction: wp.vec3, begin: wp.vec3, end: wp.vec3, radius: float):
+    """Distance along a ray of unit direction to a capsule's outside; -1 where it misses or starts inside.
+
+    The cylinder around the axis first, then whichever round cap the ray enters.
+    """
+    axis = end - begin
+    # From the ray's point beside the capsule's middle: from afar, a thin line's radius would drown in round-off.
+    beside = wp.dot(0.5 * (begin + end) - origin, direction)
+    arm = origin + beside * direction - begin
+    axis_axis = wp.dot(axis, axis)
+    axis_direction = wp.dot(axis, direction)
+    axis_arm = wp.dot(axis, arm)
+    a = axis_axis - axis_direction * axis_direction
+    b = axis_axis * wp.dot(arm, direction) - axis_arm * axis_direction
+    c = axis_axis * (wp.dot(arm, arm) - radius * radius) - axis_arm * axis_arm
+    near_end = bool(False)
+    if a > 1.0e-7 * axis_axis:
+        discriminant = b * b - a * c
+        if discriminant < 0.0:
+            return -1.0
+        t = (-b - wp.sqrt(discriminant)) / a
+        along = axis_arm + t * axis_direction
+        if along > 0.0 and along < axis_axis:
+            return beside + t
+        near_end = along >= axis_axis
+    else:
+        near_end = axis_direction < 0.0
+    if near_end:
+        arm -= axis
+    half_b = wp.dot(direction, arm)
+    across = arm - half_b * direction
+    discriminant = radius * radius - wp.dot(across, across)
+    if discriminant < 0.0:
+        return -1.0
+    return beside - half_b - wp.sqrt(discriminant)
+
+
+@wp.func
+def nearest_capsule(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float):
+    """The first capsule along a ray and its distance; number -1 where there is none within `reach`."""
+    nearest = wp.int32(-1)
+    distance = float(reach)
+    if shapes.capsules != wp.uint64(0):
+        query = wp.bvh_query_ray(shapes.capsules, origin, direction)
+        capsule = wp.int32(0)
+        while wp.bvh_query_next(query, capsule, distance):
+            t = capsule_distance(origin, direction, shapes.begins[capsule], shapes.ends[capsule], shapes.radii[capsule])
+            if t > 0.0 and t < distance:
+                distance = t
+                nearest = capsule
+    return nearest, distance
+
+
+@wp.func
+def capsule_normal(shapes: Shapes, capsule: wp.int32, point: wp.vec3):
+    """Outward unit normal of a capsule at a point on it."""
+    begin = shapes.begins[capsule]
+    axis = shapes.ends[capsule] - begin
+    along = wp.dot(point - begin, axis) / wp.max(wp.dot(axis, axis), 1.0e-20)
+    return wp.normalize(point - begin - wp.clamp(along, 0.0, 1.0) * axis)
+
+
+@wp.func
+def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float):
+    """The first thing along a ray of unit direction, within `reach`. Its normal is smooth and faces the origin."""
+    hit = Hit()
+    hit.kind = NOTHING
+    hit.distance = reach
+    if shapes.mesh != wp.uint64(0):
+        query = wp.mesh_query_ray(shapes.mesh, origin, direction, reach)
+        if query.result:
+            hit.kind = SURFACE
+            hit.distance = query.t
+            a = shapes.corners[3 * query.face]
+            b = shapes.corners[3 * query.face + 1]
+            c = shapes.corners[3 * query.face + 2]
+            w = 1.0 - query.u - query.v
+            hit.color = query.u * shapes.colors[a] + query.v * shapes.colors[b] + w * shapes.colors[c]
+            hit.finish = shapes.finishes[query.face]
+            smooth = query.u * shapes.normals[a] + query.v * shapes.normals[b] + w * shapes.normals[c]
+            facing = query.normal
+            if wp.dot(facing, direction) > 0.0:
+                facing = -facing
+            if wp.dot(smooth, facing) < 0.0:
+                smooth = -smooth
+            # Near the silhouette a smooth normal may look away: bend it until it does not.
+            away = wp.dot(smooth, direction)
+            if away > 0.0:
+                smooth -= 1.01 * away * direction
+            hit.normal = wp.normalize(smooth)
+    capsule, distance = nearest_capsule(shapes, origin, direction, hit.distance)
+    if capsule >= 0:
+        hit.kind = SURFACE
+        hit.distance = distance
+        hit.normal = capsule_normal(shapes, capsule, origin + distance * direction)
+        hit.color = shapes.capsule_colors[capsule]
+        hit.finish = shapes.capsule_finishes[capsule]
+    if shapes.has_ground != 0 and direction[1] * (origin[1] - shapes.ground_height) < 0.0:
+        t = (shapes.ground_height - origin[1]) / direction[1]
+        if t < hit.distance:
+            hit.kind = GROUND
+            hit.distance = t
+            hit.normal = wp.vec3(0.0, wp.where(direction[1] < 0.0, 1.0, -1.0), 0.0)
+            hit.color = shapes.ground_color
+            hit.finish = wp.vec3(1.0, 1.0, 0.0)
+    hit.point = origin + hit.distance * direction
+    return hit

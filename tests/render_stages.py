@@ -1,0 +1,113 @@
+"""Small stages to make pictures of."""
+
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+
+LATEX = {"roughness": 0.2, "opacity": 0.92, "clearcoat": 1.0}
+
+
+def new_stage(path: Path, up_axis: str = "Y", frames: int = 1) -> Usd.Stage:
+    """An empty stage with /World, whose frames are 0 to frames - 1."""
+    stage = Usd.Stage.CreateNew(str(path))
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    UsdGeom.SetStageUpAxis(stage, up_axis)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetTimeCodesPerSecond(24)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(frames - 1)
+    return stage
+
+
+def upright(stage: Usd.Stage, points) -> np.ndarray:
+    """Points given with Y up, as the stage has them."""
+    points = np.asarray(points, np.float32).reshape(-1, 3)
+    if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z:
+        points = np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1)
+    return points
+
+
+def add_mesh(stage: Usd.Stage, name: str, points, counts, indices, color, **finish: float) -> UsdGeom.Mesh:
+    mesh = UsdGeom.Mesh.Define(stage, f"/World/{name}")
+    mesh.CreatePointsAttr(upright(stage, points))
+    mesh.CreateFaceVertexCountsAttr(np.asarray(counts, np.int32))
+    mesh.CreateFaceVertexIndicesAttr(np.asarray(indices, np.int32))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    paint(mesh, color, **finish)
+    return mesh
+
+
+def add_ground(stage: Usd.Stage, height: float = 0.0, half: float = 50.0, color=(0.72, 0.70, 0.66)) -> UsdGeom.Mesh:
+    corners = [(-half, height, half), (half, height, half), (half, height, -half), (-half, height, -half)]
+    return add_mesh(stage, "Ground", corners, [4], [0, 1, 2, 3], color, roughness=0.9)
+
+
+def add_sphere(stage: Usd.Stage, name: str, center, radius: float, color, **finish: float) -> UsdGeom.Sphere:
+    """A sphere; several centers are its places at frames 0, 1, ..."""
+    sphere = UsdGeom.Sphere.Define(stage, f"/World/{name}")
+    sphere.CreateRadiusAttr(radius)
+    translate = sphere.AddTranslateOp()
+    centers = upright(stage, center).astype(float)
+    for frame, place in enumerate(centers):
+        translate.Set(Gf.Vec3d(*place.tolist()), Usd.TimeCode(frame) if len(centers) > 1 else Usd.TimeCode.Default())
+    paint(sphere, color, **finish)
+    return sphere
+
+
+def add_curves(stage: Usd.Stage, name: str, points, counts, width: float, colors) -> UsdGeom.BasisCurves:
+    """Linear curves without a material; one color, or one a curve."""
+    curves = UsdGeom.BasisCurves.Define(stage, f"/World/{name}")
+    curves.CreateTypeAttr(UsdGeom.Tokens.linear)
+    curves.CreatePointsAttr(upright(stage, points))
+    curves.CreateCurveVertexCountsAttr(list(counts))
+    curves.CreateWidthsAttr([width])
+    curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
+    curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform if len(colors) > 1 else UsdGeom.Tokens.constant).Set(
+        [Gf.Vec3f(*color) for color in colors]
+    )
+    return curves
+
+
+def add_camera(stage: Usd.Stage, distance: float, focal_length: float, aperture: float = 24.0) -> UsdGeom.Camera:
+    """A camera on the Z axis of a stage with Y up, that looks at the origin; square aperture."""
+    camera = UsdGeom.Camera.Define(stage, "/World/Camera")
+    camera.CreateFocalLengthAttr(focal_length)
+    camera.CreateHorizontalApertureAttr(aperture)
+    camera.CreateVerticalApertureAttr(aperture)
+    camera.AddTranslateOp().Set(Gf.Vec3d(0.0, 0.0, distance))
+    return camera
+
+
+def paint(gprim: UsdGeom.Gprim, color, **finish: float) -> None:
+    gprim.CreateDisplayColorAttr([Gf.Vec3f(*color)])
+    stage = gprim.GetPrim().GetStage()
+    material = UsdShade.Material.Define(stage, f"/World/Looks/{gprim.GetPrim().GetName()}")
+    shader = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Surface"))
+    shader.CreateIdAttr("UsdPreviewSurface")
+    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
+    for name, value in finish.items():
+        shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
+    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+    UsdShade.MaterialBindingAPI.Apply(gprim.GetPrim()).Bind(material)
+
+
+def quad_sphere(cells: int, radius: float = 1.0, center=(0.0, 0.0, 0.0)):
+    """Points, face counts and face indices of a cube of cells x cells quads a side, blown up to a sphere."""
+    line = np.tan(np.linspace(-np.pi / 4, np.pi / 4, cells + 1))
+    u, v = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
+    corner = np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)
+    quad = np.stack([corner, corner + cells + 1, corner + cells + 2, corner + 1], axis=-1).reshape(-1, 4)
+    points, quads = [], []
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            side = np.empty((len(u), 3))
+            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, u, v
+            quads.append(sum(map(len, points)) + (quad if sign > 0 else quad[:, ::-1]))
+            points.append(side)
+    points = np.concatenate(points)
+    _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
+    indices = same.ravel()[np.concatenate(quads)]
+    points = points[first]
+    points = radius * points / np.linalg.norm(points, axis=1, keepdims=True) + np.asarray(center)
+    return points, np.full(len(indices), 4), indices.ravel()
