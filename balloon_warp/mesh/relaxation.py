@@ -12,8 +12,9 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Signed distance, negative inside: points of shape (n, 3) to distances of shape (n,), in the unit of the points."""
 
-SLIDES = 60
-PROJECTIONS = 4
+SLIDES = 20
+PROJECTIONS = 3
+LOOSE = 0.25
 
 
 def relax(mesh: PolygonMesh, distance: Distance, cell: float) -> PolygonMesh:
@@ -25,14 +26,18 @@ def relax(mesh: PolygonMesh, distance: Distance, cell: float) -> PolygonMesh:
         cell: about the length of an edge.
     """
     quads = mesh.face_vertex_indices.reshape(-1, 4)
-    points = mesh.points
+    points, at_points = mesh.points, distance(mesh.points)
     for _ in range(SLIDES):
         normals = vertex_normals(replace(mesh, points=points))
         slide = _middles(points, quads) - points
-        slide -= _dot(slide, normals)[:, None] * normals
-        points = _closer(points + 0.5 * slide, normals, distance, cell)
+        # Vertices that no step brings to the zero level, where the distance jumps as across a hole, form a membrane.
+        held = np.abs(at_points) < LOOSE * cell
+        slide[held] -= (_dot(slide, normals)[:, None] * normals)[held]
+        points, at_points = _nearer(points + 0.5 * slide, normals, distance, cell)
     for _ in range(PROJECTIONS):
-        points = _project(points, distance, cell)
+        held = np.abs(at_points) < LOOSE * cell
+        newton = _newton_direction(points, distance, cell) * held[:, None]
+        points, at_points = _nearer(points, newton, distance, cell)
     return replace(mesh, points=points)
 
 
@@ -50,24 +55,31 @@ def _middles(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[n
     return sums / (2.0 * np.bincount(vertex, weights, len(points)))[:, None]
 
 
-def _project(points: NDArray[np.float64], distance: Distance, cell: float) -> NDArray[np.float64]:
-    """A Newton step along the gradient of the distance, taken by central differences."""
+def _newton_direction(points: NDArray[np.float64], distance: Distance, cell: float) -> NDArray[np.float64]:
+    """Gradient of the distance over its square, by central differences."""
     step = 0.02 * cell
     offsets = step * np.concatenate([np.eye(3), -np.eye(3)])
     around = distance((points[:, None] + offsets).reshape(-1, 3)).reshape(-1, 6)
     gradient = (around[:, :3] - around[:, 3:]) / (2.0 * step)
     # In a crease narrower than a cell the gradient may vanish.
-    return _closer(points, gradient / np.maximum(_dot(gradient, gradient), 0.1)[:, None], distance, cell)
+    return gradient / np.maximum(_dot(gradient, gradient), 0.1)[:, None]
 
 
-def _closer(
+def _nearer(
     points: NDArray[np.float64], direction: NDArray[np.float64], distance: Distance, cell: float
-) -> NDArray[np.float64]:
-    """Points moved by their distance times -`direction`, half a cell at most, where that brings them nearer to zero."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points moved against `direction` by their distance, where that does bring them nearer to the zero level.
+
+    Returns:
+        The points and their distances.
+    """
     before = distance(points)
-    moved = points - np.clip(before, -0.5 * cell, 0.5 * cell)[:, None] * direction
-    nearer = np.abs(distance(moved)) < np.abs(before)
-    return np.where(nearer[:, None], moved, points)
+    steps = np.clip(before, -0.5 * cell, 0.5 * cell)
+    moved = points - steps[:, None] * direction
+    after = distance(moved)
+    gain = np.abs(before) - np.abs(after)
+    accepted = gain > 0.25 * np.abs(steps)
+    return np.where(accepted[:, None], moved, points), np.where(accepted, after, before)
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,93 @@
+"""Any surface as a closed mesh of even quads: signed distance, then surface nets."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.geometry import face_volumes, triangulate
+from balloon_warp.mesh.mesh_distance import MeshDistance
+from balloon_warp.mesh.orientation import oriented_outward
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.surface_nets import surface_nets
+from balloon_warp.mesh.topology import mesh_edges
+
+MIN_CELLS, MAX_CELLS = 4, 256
+CRUMB = 0.01
+"""A part is a crumb if it has less than this share of the largest part's volume."""
+
+
+def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
+    """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
+
+    What the surface winds around becomes the inside; holes are closed by a smooth membrane. Where it is thinner than a
+    cell it becomes a slab 1.5 cells thick. Crumbs are dropped. `warnings` says what was done. Runs on Warp's default
+    device.
+
+    Args:
+        mesh: the surface; the result keeps its name, unit and up axis.
+        cells: grid cells along the longest side of its bounding box, from 4 to 256. Edges are about a cell long.
+
+    Raises:
+        InputError: `cells` is out of range, or the mesh has no size.
+    """
+    if not MIN_CELLS <= cells <= MAX_CELLS:
+        raise InputError(f"cells must be from {MIN_CELLS} to {MAX_CELLS} (got {cells})")
+    used = mesh.points[np.unique(mesh.face_vertex_indices)]
+    lower, upper = used.min(axis=0), used.max(axis=0)
+    middle, cell = 0.5 * (lower + upper), float((upper - lower).max()) / cells
+    if cell == 0.0:
+        raise InputError(f"{mesh.name}: all its vertices are at one place, expected a surface")
+
+    outward = oriented_outward(mesh)
+    triangles, _ = triangulate(outward)
+    # In cells about the middle: Warp measures in float32.
+    distance = MeshDistance((mesh.points - middle) / cell, triangles, thickness=1.0)
+    # Half of a slab and its blend stand out of the box.
+    reach = 0.5 * (upper - lower) / cell + 2.0
+    nets = surface_nets(distance, -reach, reach, cell=1.0)
+    if nets.face_count == 0:
+        raise InputError(
+            f"{mesh.name}: nothing of it is as thick as a cell ({cell:.3g}), expected more than {cells} cells"
+        )
+    kept, warnings = _without_crumbs(nets)
+    if distance.has_thin_parts:
+        warnings.append(
+            f"Parts thinner than a cell ({cell:.3g}) were made 1.5 cells thick; more cells keep them thinner."
+        )
+    return replace(
+        mesh,
+        points=kept.points * cell + middle,
+        face_vertex_counts=kept.face_vertex_counts,
+        face_vertex_indices=kept.face_vertex_indices,
+        warnings=(*mesh.warnings, *warnings),
+    )
+
+
+def _without_crumbs(mesh: PolygonMesh) -> tuple[PolygonMesh, list[str]]:
+    """The components of the mesh that are worth keeping, and what to say about it."""
+    edges = mesh_edges(mesh)
+    labels = component_labels(mesh.vertex_count, edges.ends[:, 0], edges.ends[:, 1])
+    quads = mesh.face_vertex_indices.reshape(-1, 4)
+    volumes = np.abs(np.bincount(labels[quads[:, 0]], face_volumes(mesh), minlength=mesh.vertex_count))
+    worth = volumes >= CRUMB * volumes.max()
+    parts, crumbs = np.count_nonzero(worth & (volumes > 0.0)), np.count_nonzero(~worth & (volumes > 0.0))
+    warnings = [f"It has {parts} separate parts."] if parts > 1 else []
+    if crumbs:
+        what = "1 crumb" if crumbs == 1 else f"{crumbs} crumbs"
+        warnings.append(f"Left out {what} with less than {CRUMB:.0%} of the largest part's volume.")
+    return _vertices_kept(mesh, worth[labels]), warnings
+
+
+def _vertices_kept(mesh: PolygonMesh, keep: NDArray[np.bool_]) -> PolygonMesh:
+    """The quad mesh without the components whose vertices are not kept."""
+    quads = mesh.face_vertex_indices.reshape(-1, 4)
+    quads = (np.cumsum(keep) - 1)[quads[keep[quads[:, 0]]]].astype(np.int32)
+    return replace(
+        mesh,
+        points=mesh.points[keep],
+        face_vertex_counts=np.full(len(quads), 4, dtype=np.int32),
+        face_vertex_indices=quads.ravel(),
+    )

@@ -1,0 +1,22 @@
+"""Signed distance to triangles that need not close: the side is told by the winding number (Barill et al. 2018, "Fast
+winding numbers for soups and clouds")."""
+
+import warp as wp
+
+
+@wp.kernel
+def signed_distances(mesh: wp.uint64, points: wp.array[wp.vec3], farthest: float, distances: wp.array[float]):
+    """A thread a point: distance to the mesh, negative where the mesh winds around the point."""
+    i = wp.tid()
+    nearest = wp.mesh_query_point_sign_winding_number(mesh, points[i], farthest)
+    place = wp.mesh_eval_position(mesh, nearest.face, nearest.u, nearest.v)
+    distances[i] = nearest.sign * wp.length(points[i] - place)
+
+
+@wp.kernel
+def unsigned_distances(mesh: wp.uint64, points: wp.array[wp.vec3], farthest: float, distances: wp.array[float]):
+    """A thread a point: distance to the mesh."""
+    i = wp.tid()
+    nearest = wp.mesh_query_point_no_sign(mesh, points[i], farthest)
+    place = wp.mesh_eval_position(mesh, nearest.face, nearest.u, nearest.v)
+    distances[i] = wp.length(points[i] - place)
