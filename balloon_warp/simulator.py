@@ -85,8 +85,8 @@ class Simulator:
 
     def read_frame(self, world: int = 0) -> Frame:
         """Copy one world to the host."""
-        ramp = self.state.inflation_ramp.numpy()[world]
-        k_normal = ramp[:, 0] + ramp[:, 1] * (self.model.frame_seconds if self.frame_number else 0.0)
+        self.schedule.refresh_inflation(self.state)
+        k_normal = self.state.inflation_ramp.numpy()[world, :, 0]
         aims = self._of_balloons(self.state.inflation_aims, world)
         return Frame(
             number=self.frame_number,
@@ -103,7 +103,7 @@ class Simulator:
         return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
 
     def _net_forces(self, world: int) -> list[NDArray[np.float32]]:
-        self.schedule.sum_forces(self.state, self.model.frame_seconds if self.frame_number else 0.0)
+        self.schedule.sum_forces(self.state)
         return self._of_balloons(self.schedule.forces, world)
 
     @cached_property

@@ -32,8 +32,7 @@ class ScatterSchedule:
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
         model = self.model
-        self._ramp_inflation(state)
-        self._aim_inflation(state)
+        self.refresh_inflation(state)
         for substep in range(model.substeps):
             if substep > 0 and model.scene.normals == "fresh":
                 self._aim_inflation(state)
@@ -45,6 +44,11 @@ class ScatterSchedule:
         self._integrate(state)
         self._move_spheres(state)
         self._resolve_contacts(state, time_in_frame)
+
+    def refresh_inflation(self, state: State) -> None:
+        """What a frame begins with: its ramp of k_normal, and each particle's aim."""
+        self._ramp_inflation(state)
+        self._aim_inflation(state)
 
     def sum_forces(self, state: State, time_in_frame: float = 0.0) -> None:
         """Fill `forces` with the net force on each particle."""

@@ -12,8 +12,8 @@ from balloon_warp.simulator import Frame
 class NetForcesPrim:
     """A line from each particle along its net force.
 
-    A force as large as the mean inflation force or the mean weight of a particle, whichever is larger, is drawn a tenth
-    of the balloon's size long; the attribute `userProperties:metersPerNewton` says how long a newton is.
+    A force as large as the mean inflation force or the mean weight of a particle, whichever is larger, is drawn a
+    twentieth of the balloon's size long; the attribute `userProperties:metersPerNewton` says how long a newton is.
     """
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
@@ -22,7 +22,7 @@ class NetForcesPrim:
         size = float(np.ptp(mesh.points, axis=0).max())
         inflation = max(100.0 * abs(value) for _, value in balloon.inflation.keyframes)
         weight = balloon.mass * abs(model.scene.gravity)
-        self.meters_per_newton = 0.1 * size * mesh.vertex_count / max(inflation, weight, 1e-12)
+        self.meters_per_newton = 0.05 * size * mesh.vertex_count / max(inflation, weight, 1e-12)
         self.prim = define_lines(stage, path, [2] * mesh.vertex_count, width=0.003 * size)
         paint(self.prim, FORCE_COLOR, roughness=0.6)
         self.prim.GetPrim().CreateAttribute(

@@ -1,0 +1,158 @@
+"""Each bundled scene shows, measured, what the paper's figure shows."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from balloon_warp import Frame, PolygonMesh, Simulator, load_scene
+from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.model import Model
+from balloon_warp.scene.overrides import Override
+
+
+@cache
+def played(name: str, overrides: tuple[Override, ...] = ()) -> tuple[Model, list[Frame]]:
+    simulator = Simulator(load_scene(name, overrides), "cpu")
+    return simulator.model, list(simulator.run())
+
+
+def shape_at(model: Model, frame: Frame) -> PolygonMesh:
+    return replace(model.shapes[0].mesh, points=frame.points[0].astype(np.float64))
+
+
+def thickness(points: np.ndarray, part: np.ndarray) -> float:
+    """Root-mean-square distance of a part's particles from the line through them: the radius of a limb."""
+    arms = points[part] - points[part].mean(axis=0)
+    spread = np.linalg.svd(arms, compute_uv=False)
+    return float(np.sqrt((spread[1:] ** 2).sum() / part.sum()))
+
+
+def quotient(mesh: PolygonMesh) -> float:
+    """Isoperimetric quotient 36 pi V^2 / A^3: 1 for a sphere."""
+    return 36.0 * np.pi * signed_volume(mesh) ** 2 / total_area(mesh) ** 3
+
+
+def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
+    """Angle [degrees] by which the best-fitting rotation (Kabsch 1976) turns the up axis."""
+    left, _, right = np.linalg.svd((rest - rest.mean(axis=0)).T @ (points - points.mean(axis=0)))
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation = right.T @ mirror @ left.T
+    return float(np.degrees(np.arccos(np.dot(rotation @ up, up))))
+
+
+def test_squirrel_inflate_rounds_out_tail_head_and_feet():
+    """Figures 1 and 2: half as much volume again or more, and each part thicker by a tenth or more."""
+    model, frames = played("squirrel_inflate")
+    rest, inflated = shape_at(model, frames[0]), shape_at(model, frames[-1])
+    assert signed_volume(inflated) > 1.5 * signed_volume(rest)
+    x, y, z = rest.points.T
+    parts = {
+        "tail": z < -0.2,
+        "head": (y > 0.52) & (z > -0.1) & (y < 0.72),
+        "left foot": (y < 0.08) & (x > 0.03) & (z > 0),
+    }
+    for name, part in parts.items():
+        assert part.sum() > 50, name
+        assert thickness(inflated.points, part) > 1.1 * thickness(rest.points, part), name
+
+
+def test_turtle_inflate_fills_neck_and_belly():
+    """Figures 10 and 11: the flat belly bulges down and the neck thickens."""
+    model, frames = played("turtle_inflate")
+    rest, inflated = shape_at(model, frames[0]), shape_at(model, frames[-1])
+    assert signed_volume(inflated) > 1.5 * signed_volume(rest)
+    x, _, z = rest.points.T
+    shell = np.hypot(x, z) < 0.2
+    height = [np.ptp(mesh.points[shell, 1]) for mesh in (rest, inflated)]
+    assert height[1] > 1.3 * height[0]
+    neck = (z > 0.26) & (z < 0.34) & (abs(x) < 0.15)
+    assert neck.sum() > 50
+    girth = [np.sqrt(mesh.points[neck, :2].var(axis=0).sum()) for mesh in (rest, inflated)]
+    assert girth[1] > 1.1 * girth[0]
+
+
+def test_squirrel_squish_dents_the_squirrel():
+    """Figures 13 to 15: one patch of the surface wraps more than a third of the radius; no particle is inside."""
+    model, frames = played("squirrel_squish")
+    radius = model.scene.sphere[0].radius
+    structural = model.shapes[0].springs.pairs[model.shapes[0].springs.kind == 0]
+    deepest = 0.0
+    for frame in frames:
+        arms = (frame.points[0] - frame.sphere_positions[0]).astype(np.float64)
+        distances = np.linalg.norm(arms, axis=1)
+        assert distances.min() > radius * (1.0 - 1e-5)  # float32 rounding of a point on the sphere
+        touching = distances < 1.01 * radius
+        both = structural[touching[structural].all(axis=1)]
+        labels = component_labels(len(arms), both[:, 0], both[:, 1])
+        patch = labels == np.bincount(labels[touching], minlength=1).argmax() if touching.any() else touching
+        if patch.sum() > 10:
+            axis = arms[patch].mean(axis=0)
+            deepest = max(deepest, float(np.ptp(arms[patch] @ (axis / np.linalg.norm(axis)))))
+    assert deepest > radius / 3.0
+
+
+def test_squirrel_tether_hangs_upside_down_above_a_taut_string():
+    """Figures 19 to 21: the body's up axis turned by more than 120 degrees, the string straight and below it."""
+    model, frames = played("squirrel_tether")
+    string, end = model.scene.string[0], frames[-1]
+    points = end.points[0].astype(np.float64)
+    assert turned_by(model.shapes[0].mesh.points, points, model.scene.up) > 120.0
+    held = points[model.string_particle.numpy()[0]]
+    assert string.length is not None
+    assert np.linalg.norm(held - string.anchor) > string.length
+    assert held[1] < points[:, 1].min() + 0.1
+    assert points[:, 1].mean() > held[1] + 0.5
+
+
+def rise(mass: float) -> float:
+    """How far the sphere of `sphere_launch` rises above its place at the start [m]."""
+    _, frames = played("sphere_launch", (("sphere.0.mass", mass),))
+    heights = [float(frame.sphere_positions[0, 1]) for frame in frames]
+    return max(heights) - heights[0]
+
+
+def test_sphere_launch_throws_the_lighter_sphere_higher():
+    """Figures 16 to 18: masses 1, 100, 1000 fly in that order; the last barely rises, by less than its diameter."""
+    light, heavy, heaviest = rise(1.0), rise(100.0), rise(1000.0)
+    assert light > 1.5 * heavy > 3.0 * heaviest
+    assert 0.0 < heaviest < 0.5
+
+
+def test_pillow_four_spheres_bounces_all_four():
+    """Figures 22 and 23: each touches the pillow, then leaves it, moving up."""
+    _, frames = played("pillow_four_spheres")
+    for sphere in range(4):
+        gaps = np.array([np.linalg.norm(f.points[0] - f.sphere_positions[sphere], axis=1).min() - 0.12 for f in frames])
+        touched = int(np.argmax(gaps < 1e-3))
+        left = touched + int(np.argmax(gaps[touched:] > 0.02))
+        assert 0 < touched < left
+        assert frames[left].sphere_velocities[sphere, 1] > 1.0
+
+
+def test_bowl_becomes_a_sphere():
+    """Figures 24 and 25, by the isoperimetric quotient."""
+    model, frames = played("bowl_to_sphere")
+    assert quotient(shape_at(model, frames[0])) < 0.4
+    assert quotient(shape_at(model, frames[-1])) > 0.9
+
+
+def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
+    """Figure 26: at the start nothing but inflation and weight acts; at the end the springs hold against it."""
+    model, frames = played("net_forces")
+    mesh = model.shapes[0].mesh
+    weight = np.array([0.0, model.scene.balloon[0].mass * (9.0 - 9.81) / mesh.vertex_count, 0.0])
+    # the springs' share is the rounding of their lengths: 24 springs of 100 N/m at a particle, each off by 1e-7 m
+    np.testing.assert_allclose(frames[0].net_forces[0], frames[0].inflation_forces[0] + weight, atol=2e-4)
+    size = [float(np.linalg.norm(frame.net_forces[0], axis=1).mean()) for frame in (frames[0], frames[-1])]
+    assert size[1] < 0.3 * size[0]
+
+
+@pytest.mark.parametrize("name", ["squirrel_inflate", "turtle_inflate", "bowl_to_sphere", "squirrel_tether"])
+def test_quiet_scenes_come_to_rest(name: str):
+    """No particle flutters when the inflation has been constant for a while: none faster than its balloon's size a
+    second or so, where an unstable scene has particles at tens of meters a second."""
+    _, frames = played(name)
+    assert np.linalg.norm(frames[-1].velocities[0], axis=1).max() < 3.0
