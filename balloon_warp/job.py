@@ -44,6 +44,7 @@ def animate(
     name: str = "",
     picture: str | Path | None = None,
     device: str | None = None,
+    schedule: str = "auto",
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> Summary:
     """Simulate a scene and write it.
@@ -54,6 +55,7 @@ def animate(
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
         device: a Warp device; the GPU where there is one, when missing.
+        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
         on_frame: told the number of each frame when it is written.
 
     Raises:
@@ -61,7 +63,7 @@ def animate(
         BlowUpError: the simulation left the finite numbers; nothing is written then.
     """
     began = time.perf_counter()
-    simulator = Simulator(scene, device)
+    simulator = Simulator(scene, device, schedule=schedule)
     with StageWriter(output, simulator.model) as stage:
         for frame in simulator.run():
             stage.write(frame)

@@ -13,7 +13,8 @@ from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.health import find_non_finite
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Scene
-from balloon_warp.schedules import ScatterSchedule
+from balloon_warp.schedules import make_schedule
+from balloon_warp.schedules.readout import ForceReader
 
 _HEALTHY = np.iinfo(np.int32).max
 
@@ -44,15 +45,16 @@ class Simulator:
         scene: what to simulate.
         device: a Warp device such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
         world_count: how many copies of the scene.
+        schedule: how the work is laid out: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
 
     Raises:
-        InputError: the scene's meshes, particles or step are wrong, or there is no such device.
+        InputError: the scene's meshes, particles or step are wrong, or there is no such device or schedule.
     """
 
-    def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1):
+    def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1, schedule: str = "auto"):
         self.model = build_model(scene, _device(device), world_count)
         self.state = initial_state(self.model)
-        self.schedule = ScatterSchedule(self.model)
+        self.schedule = make_schedule(self.model, schedule)
         self.frame_number = 0
         self._first_bad_particle = wp.full(world_count, _HEALTHY, dtype=wp.int32, device=self.model.device)
 
@@ -73,7 +75,10 @@ class Simulator:
         Raises:
             BlowUpError: the simulation left the finite numbers.
         """
-        wp.capture_launch(self._frame_graph)
+        if self.schedule.capturable:
+            wp.capture_launch(self._frame_graph)
+        else:
+            self._advance_frame()
         self.frame_number += 1
         bad = self._first_bad_particle.numpy()
         if (bad != _HEALTHY).any():
@@ -85,7 +90,7 @@ class Simulator:
 
     def read_frame(self, world: int = 0) -> Frame:
         """Copy one world to the host."""
-        self.schedule.refresh_inflation(self.state)
+        self._force_reader.refresh_inflation(self.state)
         k_normal = self.state.inflation_ramp.numpy()[world, :, 0]
         aims = self._of_balloons(self.state.inflation_aims, world)
         return Frame(
@@ -103,21 +108,28 @@ class Simulator:
         return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
 
     def _net_forces(self, world: int) -> list[NDArray[np.float32]]:
-        self.schedule.sum_forces(self.state)
-        return self._of_balloons(self.schedule.forces, world)
+        return self._of_balloons(self._force_reader.net_forces(self.state), world)
+
+    @cached_property
+    def _force_reader(self) -> ForceReader:
+        return ForceReader(self.model)
 
     @cached_property
     def _frame_graph(self) -> Any:
         """A frame, recorded once to be replayed without the cost of its launches."""
         with wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
-            self.schedule.advance_frame(self.state)
-            wp.launch(
-                find_non_finite,
-                self.state.points.shape,
-                inputs=[self.state.points],
-                outputs=[self._first_bad_particle],
-            )
+            self._advance_frame()
         return capture.graph
+
+    def _advance_frame(self) -> None:
+        self.schedule.advance_frame(self.state)
+        wp.launch(
+            find_non_finite,
+            self.state.points.shape,
+            inputs=[self.state.points],
+            outputs=[self._first_bad_particle],
+            device=self.model.device,
+        )
 
 
 def _copy(array: wp.array, world: int) -> NDArray[np.float32]:

@@ -5,6 +5,8 @@ of the unit normals of its incident faces, normalized. `aim` stands for (A_p / A
 frame.
 """
 
+from typing import Any
+
 import warp as wp
 
 
@@ -28,6 +30,40 @@ def keyframed_value(
             blend = wp.min((time - begin) / (end - begin), 1.0)
             value = wp.lerp(values[row, balloon, key], values[row, balloon, key + 1], blend)
     return value
+
+
+@wp.func
+def face_center(points: Any, first: wp.int32, face_particles: wp.array[wp.int32], begin: wp.int32, end: wp.int32):
+    """Mean of a face's corners, which are `face_particles[begin:end]`; particle p stands at `points[first + p]`."""
+    center = wp.vec3()
+    for corner in range(begin, end):
+        center += points[first + face_particles[corner]]
+    return center / float(end - begin)
+
+
+@wp.func
+def face_area_vector(
+    points: Any,
+    first: wp.int32,
+    face_particles: wp.array[wp.int32],
+    begin: wp.int32,
+    end: wp.int32,
+    center: wp.vec3,
+):
+    """Area times unit normal of a polygon of any size, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
+    area_vector = wp.vec3()
+    arm = points[first + face_particles[end - 1]] - center
+    for corner in range(begin, end):
+        next_arm = points[first + face_particles[corner]] - center
+        area_vector += 0.5 * wp.cross(arm, next_arm)
+        arm = next_arm
+    return area_vector
+
+
+@wp.func
+def aim_of(normal_sum: wp.vec3, nearest_area: float, total_area: float):
+    """(A_p / A_total) n from the sum of the unit normals around a particle."""
+    return (nearest_area / wp.max(total_area, 1.0e-20)) * wp.normalize(normal_sum)
 
 
 @wp.kernel
@@ -54,34 +90,33 @@ def measure_faces(
     # model
     face_offsets: wp.array[wp.int32],
     face_particles: wp.array[wp.int32],
-    face_balloon: wp.array[wp.int32],
     # state in
     points: wp.array2d[wp.vec3],
     # state out
     face_centers: wp.array2d[wp.vec3],
     face_area_vectors: wp.array2d[wp.vec3],
-    balloon_areas: wp.array2d[float],
 ):
-    """A thread a (world, face): its center, its area vector (area times unit normal), and its part of the area.
-
-    The area vector of a polygon of any size, flat or not: half the sum of (a - c) x (b - c) over its edges a b.
-    """
+    """A thread a (world, face): its center, and its area vector (area times unit normal)."""
     world, face = wp.tid()
     begin = face_offsets[face]
     end = face_offsets[face + 1]
-    center = wp.vec3()
-    for corner in range(begin, end):
-        center += points[world, face_particles[corner]]
-    center /= float(end - begin)
-    area_vector = wp.vec3()
-    arm = points[world, face_particles[end - 1]] - center
-    for corner in range(begin, end):
-        next_arm = points[world, face_particles[corner]] - center
-        area_vector += 0.5 * wp.cross(arm, next_arm)
-        arm = next_arm
+    center = face_center(points[world], 0, face_particles, begin, end)
     face_centers[world, face] = center
-    face_area_vectors[world, face] = area_vector
-    wp.atomic_add(balloon_areas, world, face_balloon[face], wp.length(area_vector))
+    face_area_vectors[world, face] = face_area_vector(points[world], 0, face_particles, begin, end, center)
+
+
+@wp.kernel
+def add_face_areas(
+    # model
+    face_balloon: wp.array[wp.int32],
+    # state in
+    face_area_vectors: wp.array2d[wp.vec3],
+    # state out
+    balloon_areas: wp.array2d[float],
+):
+    """A thread a (world, face): its area to that of its balloon."""
+    world, face = wp.tid()
+    wp.atomic_add(balloon_areas, world, face_balloon[face], wp.length(face_area_vectors[world, face]))
 
 
 @wp.kernel
@@ -112,5 +147,4 @@ def aim_inflation(
         if squared_distance < nearest_squared_distance:
             nearest_squared_distance = squared_distance
             nearest_area = wp.length(area_vector)
-    total_area = wp.max(balloon_areas[world, particle_balloon[particle]], 1.0e-20)
-    inflation_aims[world, particle] = (nearest_area / total_area) * wp.normalize(normal)
+    inflation_aims[world, particle] = aim_of(normal, nearest_area, balloon_areas[world, particle_balloon[particle]])

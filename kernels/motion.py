@@ -11,6 +11,15 @@ def body_force(mass: float, gravity: float, helium: float, damping: float, up: w
     return (mass * (helium - gravity)) * up - damping * velocity
 
 
+@wp.func
+def advance(point: wp.vec3, velocity: wp.vec3, force: wp.vec3, mass: float, step_seconds: float):
+    """Point and velocity after a step of symplectic Euler, in the order of the paper's listing: a = F/m, v += h a,
+    x += h v. A particle without mass is fixed."""
+    if mass > 0.0:
+        velocity += (step_seconds / mass) * force
+    return point + step_seconds * velocity, velocity
+
+
 @wp.kernel
 def set_body_forces(
     # model
@@ -61,14 +70,11 @@ def integrate_symplectic_euler(
     new_points: wp.array2d[wp.vec3],
     new_velocities: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle), in the order of the paper's listing: a = F/m, v += h a, x += h v.
-
-    A particle without a share of the mass is fixed.
-    """
+    """A thread a (world, particle)."""
     world, particle = wp.tid()
     particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], particle_balloon[particle]]
-    velocity = velocities[world, particle]
-    if particle_mass > 0.0:
-        velocity += (step_seconds / particle_mass) * forces[world, particle]
+    point, velocity = advance(
+        points[world, particle], velocities[world, particle], forces[world, particle], particle_mass, step_seconds
+    )
+    new_points[world, particle] = point
     new_velocities[world, particle] = velocity
-    new_points[world, particle] = points[world, particle] + step_seconds * velocity

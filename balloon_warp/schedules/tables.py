@@ -1,0 +1,87 @@
+"""From a model to the tables that the schedules without atomics read."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike
+
+from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, StringTable
+from balloon_warp.model import Model
+
+SLICE = 32
+"""particles of a slice of the spring table: the threads of a warp"""
+
+
+def spring_table(model: Model) -> SpringTable:
+    """Each particle's springs, by kind and then by neighbor, in slices."""
+    ends = model.spring_particles.numpy()
+    kind = np.tile(model.spring_kind.numpy(), 2)
+    scale = np.tile(model.spring_stiffness_scale.numpy(), 2)
+    rest_length = np.tile(model.spring_rest_length.numpy(), 2)
+    particle, neighbor = np.concatenate([ends, ends[:, ::-1]]).T
+    order = np.lexsort([neighbor, kind, particle])
+    particle, neighbor, kind = particle[order], neighbor[order], kind[order]
+
+    count = model.particle_count
+    by_kind = np.bincount(3 * particle + kind, minlength=3 * count).reshape(count, 3)
+    valence = by_kind.sum(axis=1)
+    slot = np.arange(len(particle)) - np.repeat(np.cumsum(valence) - valence, valence)
+    padded = np.zeros(-(-count // SLICE) * SLICE, dtype=np.int64)
+    padded[:count] = valence
+    widths = padded.reshape(-1, SLICE).max(axis=1)
+    slice_offsets = SLICE * np.cumsum(np.append(0, widths))
+    place = slice_offsets[particle // SLICE] + SLICE * slot + particle % SLICE
+
+    def placed(values: ArrayLike, dtype: Any) -> Any:
+        entries = np.zeros(slice_offsets[-1], dtype=np.float64)
+        entries[place] = values
+        return wp.array(entries, dtype=dtype, device=model.device)
+
+    table = SpringTable()
+    table.slice_offsets = wp.array(slice_offsets, dtype=wp.int32, device=model.device)
+    table.kind_ends = wp.array(np.cumsum(by_kind, axis=1), dtype=wp.vec3i, device=model.device)
+    table.neighbors = placed(neighbor, wp.int32)
+    table.scales = placed(scale[order], float) if (scale != 1.0).any() else wp.zeros(0, dtype=float, device=model.device)
+    table.rest_lengths = placed((scale * rest_length)[order], float)
+    table.stiffness = model.stiffness
+    return table
+
+
+def string_table(model: Model) -> StringTable:
+    """Strings by the particle that they hold."""
+    held = model.string_particle.numpy()
+    order = np.argsort(held, kind="stable")
+    offsets = np.searchsorted(held[order], np.arange(model.particle_count + 1)) if len(held) else []
+    table = StringTable()
+    table.offsets = wp.array(np.array(offsets), dtype=wp.int32, device=model.device)
+    table.order = wp.array(order, dtype=wp.int32, device=model.device)
+    table.anchors = model.string_anchor
+    table.lengths = model.string_length
+    table.stiffness = model.string_stiffness
+    return table
+
+
+def body_table(model: Model) -> BodyTable:
+    """What pulls at each particle by itself."""
+    table = BodyTable()
+    table.balloon = model.particle_balloon
+    table.mass_share = model.particle_mass_share
+    table.mass = model.mass
+    table.helium = model.helium
+    table.damping = model.damping
+    table.gravity = model.gravity
+    table.up = model.up
+    return table
+
+
+def obstacle_table(model: Model) -> ObstacleTable:
+    """Spheres and ground."""
+    table = ObstacleTable()
+    table.sphere_mass = model.sphere_mass
+    table.sphere_radius = model.sphere_radius
+    table.sphere_penalty = model.sphere_penalty
+    table.ground_height = model.ground_height
+    table.ground_friction = model.ground_friction
+    table.ground_restitution = model.ground_restitution
+    return table

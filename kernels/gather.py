@@ -1,0 +1,170 @@
+"""The `gather` schedule: a thread a particle, which sums its own forces, moves and leaves obstacles. No float atomics."""
+
+import warp as wp
+
+from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
+from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.motion import advance, body_force
+from balloon_warp.kernels.pull import pull_of_springs, pull_of_strings
+from balloon_warp.kernels.tables import (
+    BodyTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    particle_damping,
+    particle_mass,
+)
+
+
+@wp.func
+def net_force(
+    bodies: BodyTable,
+    springs: SpringTable,
+    strings: StringTable,
+    world: wp.int32,
+    particle: wp.int32,
+    points: wp.array[wp.vec3],
+    velocity: wp.vec3,
+    mass: float,
+    inflation: wp.vec3,
+):
+    """All forces on a particle but those of contacts [N]."""
+    balloon = bodies.balloon[particle]
+    body = body_force(
+        mass,
+        bodies.gravity[world % bodies.gravity.shape[0]],
+        bodies.helium[world % bodies.helium.shape[0], balloon],
+        particle_damping(bodies, world, particle),
+        bodies.up,
+        velocity,
+    )
+    pull = pull_of_springs(springs, points, 0, points[particle], world, balloon, particle)
+    return body + inflation + pull + pull_of_strings(strings, points[particle], world, particle)
+
+
+@wp.kernel(enable_backward=False)
+def sum_forces(
+    # model
+    bodies: BodyTable,
+    springs: SpringTable,
+    strings: StringTable,
+    time_in_frame: float,
+    # state in
+    inflation_aims: wp.array2d[wp.vec3],
+    inflation_ramp: wp.array2d[wp.vec2],
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # state out
+    forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): the net force."""
+    world, particle = wp.tid()
+    ramp = inflation_ramp[world, bodies.balloon[particle]]
+    inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+    mass = particle_mass(bodies, world, particle)
+    forces[world, particle] = net_force(
+        bodies, springs, strings, world, particle, points[world], velocities[world, particle], mass, inflation
+    )
+
+
+@wp.kernel(enable_backward=False)
+def advance_particles(
+    # model
+    bodies: BodyTable,
+    springs: SpringTable,
+    strings: StringTable,
+    obstacles: ObstacleTable,
+    step_seconds: float,
+    time_in_frame: float,
+    # state in
+    inflation_aims: wp.array2d[wp.vec3],
+    inflation_ramp: wp.array2d[wp.vec2],
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    points: wp.array2d[wp.vec3],
+    # state in and out
+    velocities: wp.array2d[wp.vec3],
+    # state out
+    new_points: wp.array2d[wp.vec3],
+    sphere_forces: wp.array3d[wp.int64],
+):
+    """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`."""
+    world, particle = wp.tid()
+    mass = particle_mass(bodies, world, particle)
+    velocity = velocities[world, particle]
+    ramp = inflation_ramp[world, bodies.balloon[particle]]
+    inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+    force = net_force(bodies, springs, strings, world, particle, points[world], velocity, mass, inflation)
+    point, velocity = advance(points[world, particle], velocity, force, mass, step_seconds)
+    if mass > 0.0:
+        for sphere in range(sphere_positions.shape[1]):
+            radius = obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
+            point, velocity, outward = leave_sphere(
+                point,
+                velocity,
+                sphere_positions[world, sphere],
+                sphere_velocities[world, sphere],
+                radius,
+                bodies.up,
+            )
+            if wp.length_sq(outward) > 0.0:
+                penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
+                add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
+        point, velocity = leave_ground(point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction)
+    velocities[world, particle] = velocity
+    new_points[world, particle] = point
+
+
+@wp.kernel(enable_backward=False)
+def move_gathered_spheres(
+    # model
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    step_seconds: float,
+    # state in and out
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    sphere_forces: wp.array3d[wp.int64],
+):
+    """A thread a (world, sphere): one substep under the forces since the last, which are then cleared."""
+    world, sphere = wp.tid()
+    position, velocity = move_sphere(
+        sphere_positions[world, sphere],
+        sphere_velocities[world, sphere],
+        total_newtons(sphere_forces, world, sphere),
+        obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
+        obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
+        bodies.gravity[world % bodies.gravity.shape[0]],
+        bodies.up,
+        obstacles.ground_height,
+        obstacles.ground_restitution,
+        step_seconds,
+    )
+    sphere_positions[world, sphere] = position
+    sphere_velocities[world, sphere] = velocity
+    set_quanta(sphere_forces, world, sphere, wp.vec3())
+
+
+@wp.kernel(enable_backward=False)
+def read_sphere_forces(
+    # state in
+    sphere_forces: wp.array2d[wp.vec3],
+    # state out
+    sphere_quanta: wp.array3d[wp.int64],
+):
+    """A thread a (world, sphere): from newtons to whole numbers."""
+    world, sphere = wp.tid()
+    set_quanta(sphere_quanta, world, sphere, sphere_forces[world, sphere])
+
+
+@wp.kernel(enable_backward=False)
+def write_sphere_forces(
+    # state in
+    sphere_quanta: wp.array3d[wp.int64],
+    # state out
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): from whole numbers to newtons."""
+    world, sphere = wp.tid()
+    sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)

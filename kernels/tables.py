@@ -1,0 +1,82 @@
+"""The model as the schedules without atomics read it: what a particle needs, found from the particle.
+
+The schedules fill these; see `balloon_warp.model.Model` for the shapes of what is named alike there.
+"""
+
+import warp as wp
+
+
+@wp.struct
+class SpringTable:
+    """The springs of each particle, each spring so twice.
+
+    In slices of 32 particles, the threads of a warp: spring `slot` of particle p stands at
+    `slice_offsets[p // 32] + 32 * slot + p % 32`, so that 32 threads load 32 neighbors.
+    """
+
+    slice_offsets: wp.array[wp.int32]
+    kind_ends: wp.array[wp.vec3i]
+    """slots of a particle up to the end of each kind; the first kind begins at slot 0"""
+    neighbors: wp.array[wp.int32]
+    """the particle at the other end"""
+    scales: wp.array[float]
+    """a spring's constant over that of its kind; empty if all are 1"""
+    rest_lengths: wp.array[float]
+    """times the scale [m]"""
+    stiffness: wp.array3d[float]
+
+
+@wp.struct
+class StringTable:
+    """Strings sorted by the particle that they hold: those of p are `offsets[p]` to `offsets[p + 1]`."""
+
+    offsets: wp.array[wp.int32]
+    """empty if there are no strings"""
+    order: wp.array[wp.int32]
+    """the string's number in the model"""
+    anchors: wp.array[wp.vec3]
+    lengths: wp.array2d[float]
+    stiffness: wp.array2d[float]
+
+
+@wp.struct
+class BodyTable:
+    """What pulls at a particle by itself."""
+
+    balloon: wp.array[wp.int32]
+    mass_share: wp.array[float]
+    mass: wp.array2d[float]
+    helium: wp.array2d[float]
+    damping: wp.array2d[float]
+    gravity: wp.array[float]
+    up: wp.vec3
+
+
+@wp.struct
+class ObstacleTable:
+    """What particles bump into."""
+
+    sphere_mass: wp.array2d[float]
+    sphere_radius: wp.array2d[float]
+    sphere_penalty: wp.array2d[float]
+    ground_height: float
+    ground_friction: float
+    ground_restitution: float
+
+
+@wp.func
+def particle_mass(bodies: BodyTable, world: wp.int32, particle: wp.int32):
+    """[kg], 0 for a fixed particle."""
+    return bodies.mass_share[particle] * bodies.mass[world % bodies.mass.shape[0], bodies.balloon[particle]]
+
+
+@wp.func
+def particle_damping(bodies: BodyTable, world: wp.int32, particle: wp.int32):
+    """[N s/m]"""
+    return bodies.mass_share[particle] * bodies.damping[world % bodies.damping.shape[0], bodies.balloon[particle]]
+
+
+@wp.func
+def spring_constant(springs: SpringTable, world: wp.int32, balloon: wp.int32, kind: wp.int32):
+    """Of a kind of springs [N/m]."""
+    return springs.stiffness[world % springs.stiffness.shape[0], balloon, kind]
