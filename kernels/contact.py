@@ -43,7 +43,7 @@ def with_friction(velocity: wp.vec3, normal: wp.vec3, stopped_speed: float, fric
 def leave_sphere(
     point: wp.vec3, velocity: wp.vec3, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, up: wp.vec3
 ):
-    """A particle out of a sphere: its point, its velocity, and the unit vector it moved along; zero if it was outside."""
+    """A particle out of a sphere: its point, its velocity, and the unit vector it moved along, zero if outside."""
     outward = wp.vec3()
     if wp.length_sq(point - center) < radius * radius:
         outward = way_out(point, center, up)

@@ -1,4 +1,4 @@
-"""The `gather` schedule: a thread a particle, which sums its own forces, moves and leaves obstacles. No float atomics."""
+"""The `gather` schedule: a thread a particle, which sums its forces, moves, and leaves obstacles. No float atomics."""
 
 import warp as wp
 

@@ -19,6 +19,7 @@ class SpringTable:
     """slots of a particle up to the end of each kind; the first kind begins at slot 0"""
     neighbors: wp.array[wp.int32]
     """the particle at the other end"""
+    kinds: wp.array[wp.int32]
     scales: wp.array[float]
     """a spring's constant over that of its kind; empty if all are 1"""
     rest_lengths: wp.array[float]
@@ -32,6 +33,8 @@ class StringTable:
 
     offsets: wp.array[wp.int32]
     """empty if there are no strings"""
+    particles: wp.array[wp.int32]
+    """the particle that each holds, in order"""
     order: wp.array[wp.int32]
     """the string's number in the model"""
     anchors: wp.array[wp.vec3]
@@ -62,6 +65,17 @@ class ObstacleTable:
     ground_height: float
     ground_friction: float
     ground_restitution: float
+
+
+@wp.struct
+class FaceTable:
+    """Faces, and the faces around each particle."""
+
+    offsets: wp.array[wp.int32]
+    particles: wp.array[wp.int32]
+    balloon: wp.array[wp.int32]
+    particle_offsets: wp.array[wp.int32]
+    around_particles: wp.array[wp.int32]
 
 
 @wp.func

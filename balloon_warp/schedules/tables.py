@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, StringTable
+from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable
 from balloon_warp.model import Model
 
 SLICE = 32
@@ -42,7 +42,10 @@ def spring_table(model: Model) -> SpringTable:
     table.slice_offsets = wp.array(slice_offsets, dtype=wp.int32, device=model.device)
     table.kind_ends = wp.array(np.cumsum(by_kind, axis=1), dtype=wp.vec3i, device=model.device)
     table.neighbors = placed(neighbor, wp.int32)
-    table.scales = placed(scale[order], float) if (scale != 1.0).any() else wp.zeros(0, dtype=float, device=model.device)
+    table.kinds = placed(kind, wp.int32)
+    table.scales = (
+        placed(scale[order], float) if (scale != 1.0).any() else wp.zeros(0, dtype=float, device=model.device)
+    )
     table.rest_lengths = placed((scale * rest_length)[order], float)
     table.stiffness = model.stiffness
     return table
@@ -55,6 +58,7 @@ def string_table(model: Model) -> StringTable:
     offsets = np.searchsorted(held[order], np.arange(model.particle_count + 1)) if len(held) else []
     table = StringTable()
     table.offsets = wp.array(np.array(offsets), dtype=wp.int32, device=model.device)
+    table.particles = wp.array(held[order], dtype=wp.int32, device=model.device)
     table.order = wp.array(order, dtype=wp.int32, device=model.device)
     table.anchors = model.string_anchor
     table.lengths = model.string_length
@@ -84,4 +88,15 @@ def obstacle_table(model: Model) -> ObstacleTable:
     table.ground_height = model.ground_height
     table.ground_friction = model.ground_friction
     table.ground_restitution = model.ground_restitution
+    return table
+
+
+def face_table(model: Model) -> FaceTable:
+    """Faces, and the faces around each particle."""
+    table = FaceTable()
+    table.offsets = model.face_offsets
+    table.particles = model.face_particles
+    table.balloon = model.face_balloon
+    table.particle_offsets = model.particle_face_offsets
+    table.around_particles = model.particle_faces
     return table
