@@ -80,18 +80,31 @@ def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
     return {name: array.numpy() for name, array in vars(simulator.state).items()}
 
 
-def assert_same_trajectory(scene: Scene, schedule: str, device: str, frames: int) -> None:
-    found, expected = (arrays(after_frames(scene, name, device, frames)) for name in (schedule, "scatter"))
-    start = arrays(Simulator(scene, device))
-    assert np.abs(expected["points"] - start["points"]).max() > 50 * ROUNDING  # there is something to compare
+def advance_both(scene: Scene, schedule: str, device: str, settled: int, frames: int) -> list[dict[str, np.ndarray]]:
+    """The states that `schedule` and `scatter` reach from what `scatter` reached after `settled` frames, and that."""
+    start = after_frames(scene, "scatter", device, settled)
+    states = []
+    for name in (schedule, "scatter"):
+        simulator = Simulator(scene, device, schedule=name)
+        for field, array in vars(start.state).items():
+            wp.copy(getattr(simulator.state, field), array)
+        for _ in range(frames):
+            simulator.step()
+        states.append(arrays(simulator))
+    return [*states, arrays(start)]
+
+
+def assert_close(found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float) -> None:
     for name in ("points", "sphere_positions", "inflation_aims"):
-        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=ROUNDING, err_msg=name)
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=tolerance, err_msg=name)
     np.testing.assert_array_equal(found["frame"], expected["frame"])
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 def test_a_schedule_gives_scatters_trajectory(scene, schedule, device):
-    assert_same_trajectory(scene, schedule, device, frames=4)
+    found, expected, start = advance_both(scene, schedule, device, settled=0, frames=4)
+    assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING  # there is something to compare
+    assert_close(found, expected, ROUNDING)
 
 
 def test_the_scene_with_everything_has_contacts(device):
@@ -103,7 +116,14 @@ def test_the_scene_with_everything_has_contacts(device):
 
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule, device):
-    assert_same_trajectory(load_scene(name), schedule, device, frames=6)
+    """A frame in the thick of the action.
+
+    With fresh normals a particle between two faces may take the area of either: then a hundredth of the movement.
+    """
+    scene = load_scene(name)
+    found, expected, start = advance_both(scene, schedule, device, settled=30, frames=1)
+    assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING
+    assert_close(found, expected, ROUNDING if scene.normals == "cached" else 10 * ROUNDING)
 
 
 @pytest.mark.parametrize("normals", ["cached", "fresh"])
