@@ -122,7 +122,7 @@ def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule,
     """
     scene = load_scene(name)
     found, expected, start = advance_both(scene, schedule, device, settled=30, frames=1)
-    assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING
+    assert np.abs(expected["points"] - start["points"]).max() > 500 * ROUNDING
     assert_close(found, expected, ROUNDING if scene.normals == "cached" else 10 * ROUNDING)
 
 
