@@ -13,7 +13,6 @@ from balloon_warp.kernels.lanes_state import (
     RAMP_BEGIN,
     RAMP_SLOPE,
     LaneState,
-    WorldState,
     read_lanes,
     world_of,
     write_lanes,
@@ -30,7 +29,7 @@ from balloon_warp.kernels.lanes_types import (
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
 from balloon_warp.kernels.springs import spring_coefficient
-from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable
+from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable, WorldState
 
 
 @wp.func

@@ -4,9 +4,9 @@ import warp as wp
 
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.inflation import inflation_force
-from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState, WorldState
+from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, lengths_squared, set_column
-from balloon_warp.kernels.tables import BodyTable, ObstacleTable
+from balloon_warp.kernels.tables import BodyTable, ObstacleTable, WorldState
 
 
 @wp.func

@@ -3,7 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column
-from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, spring_constant
+from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, WorldState, spring_constant
 
 # What a balloon has in `LaneState.balloons`: a number in each world.
 MASS = wp.constant(3)  # 0, 1 and 2 are the spring constants of the kinds
@@ -13,19 +13,6 @@ GRAVITY = wp.constant(6)
 RAMP_BEGIN = wp.constant(7)
 RAMP_SLOPE = wp.constant(8)
 BALLOON_NUMBERS = 9
-
-
-@wp.struct
-class WorldState:
-    """The arrays of `balloon_warp.model.State` that the lanes are read from and written to."""
-
-    points: wp.array2d[wp.vec3]
-    velocities: wp.array2d[wp.vec3]
-    inflation_aims: wp.array2d[wp.vec3]
-    inflation_ramp: wp.array2d[wp.vec2]
-    sphere_positions: wp.array2d[wp.vec3]
-    sphere_velocities: wp.array2d[wp.vec3]
-    sphere_forces: wp.array2d[wp.vec3]
 
 
 @wp.struct

@@ -74,8 +74,23 @@ class FaceTable:
     offsets: wp.array[wp.int32]
     particles: wp.array[wp.int32]
     balloon: wp.array[wp.int32]
+    balloon_offsets: wp.array[wp.int32]
+    """where each balloon's faces begin, and after the last, where they end"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
+
+
+@wp.struct
+class WorldState:
+    """The arrays of `balloon_warp.model.State` that a schedule reads a frame from and writes it to."""
+
+    points: wp.array2d[wp.vec3]
+    velocities: wp.array2d[wp.vec3]
+    inflation_aims: wp.array2d[wp.vec3]
+    inflation_ramp: wp.array2d[wp.vec2]
+    sphere_positions: wp.array2d[wp.vec3]
+    sphere_velocities: wp.array2d[wp.vec3]
+    sphere_forces: wp.array2d[wp.vec3]
 
 
 @wp.func

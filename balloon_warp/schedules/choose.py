@@ -4,11 +4,12 @@ from typing import Protocol
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model, State
+from balloon_warp.schedules.block import BlockSchedule
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.scatter import ScatterSchedule
 
-SCHEDULES = {schedule.name: schedule for schedule in (ScatterSchedule, GatherSchedule, LanesSchedule)}
+SCHEDULES = {schedule.name: schedule for schedule in (ScatterSchedule, GatherSchedule, BlockSchedule, LanesSchedule)}
 
 
 class Schedule(Protocol):

@@ -10,11 +10,18 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.lanes import advance_groups
-from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState, WorldState
+from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import refresh_ramp
-from balloon_warp.schedules.tables import body_table, face_table, obstacle_table, spring_table, string_table
+from balloon_warp.schedules.tables import (
+    body_table,
+    face_table,
+    obstacle_table,
+    spring_table,
+    string_table,
+    world_state,
+)
 
 
 class LanesSchedule:
@@ -45,7 +52,7 @@ class LanesSchedule:
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""
         refresh_ramp(self.model, state)
-        worlds = _world_state(state)
+        worlds = world_state(state)
         for done in [self._threads.submit(self._advance_groups, worlds, share) for share in self._shares]:
             done.result()
         wp.launch(count_frame, 1, inputs=[state.frame], device=self.model.device)
@@ -84,15 +91,3 @@ def _lane_state(model: Model, group_count: int) -> Any:
     lanes.sphere_centers = rows(model.sphere_count, Lanes3)
     lanes.sphere_squared_radii = rows(model.sphere_count, Lanes)
     return lanes
-
-
-def _world_state(state: State) -> Any:
-    worlds = WorldState()
-    worlds.points = state.points
-    worlds.velocities = state.velocities
-    worlds.inflation_aims = state.inflation_aims
-    worlds.inflation_ramp = state.inflation_ramp
-    worlds.sphere_positions = state.sphere_positions
-    worlds.sphere_velocities = state.sphere_velocities
-    worlds.sphere_forces = state.sphere_forces
-    return worlds

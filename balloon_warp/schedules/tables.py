@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable
-from balloon_warp.model import Model
+from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable, WorldState
+from balloon_warp.model import Model, State
 
 SLICE = 32
 """particles of a slice of the spring table: the threads of a warp"""
@@ -97,6 +97,16 @@ def face_table(model: Model) -> FaceTable:
     table.offsets = model.face_offsets
     table.particles = model.face_particles
     table.balloon = model.face_balloon
+    face_counts = [shape.mesh.face_count for shape in model.shapes]
+    table.balloon_offsets = wp.array(np.cumsum([0, *face_counts]), dtype=wp.int32, device=model.device)
     table.particle_offsets = model.particle_face_offsets
     table.around_particles = model.particle_faces
     return table
+
+
+def world_state(state: State) -> WorldState:
+    """The arrays of a state."""
+    worlds = WorldState()
+    for name in WorldState.vars:
+        setattr(worlds, name, getattr(state, name))
+    return worlds

@@ -1,0 +1,123 @@
+"""What both kernels of the `block` schedule share: a thread block a world, with the points of the world in a tile.
+
+The tile holds two buffers of points, of which a substep reads one and writes the other.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
+from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
+from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, WorldState
+
+FORCE_SLOTS = 3
+"""rows of the spheres' forces in a world: a substep adds to one, reads that of the last, and clears that of the next"""
+
+
+@wp.func
+def force_row(world: wp.int32, substep: wp.int32):
+    """Where the forces on spheres of a substep are summed."""
+    return FORCE_SLOTS * world + (substep + FORCE_SLOTS) % FORCE_SLOTS
+
+
+@wp.func
+def balloon_area(faces: FaceTable, points: Any, first: wp.int32, balloon: wp.int32, lane: wp.int32):
+    """Area of a balloon, summed by the whole block in the same order every time."""
+    part = float(0.0)
+    for face in range(faces.balloon_offsets[balloon] + lane, faces.balloon_offsets[balloon + 1], wp.block_dim()):
+        begin = faces.offsets[face]
+        end = faces.offsets[face + 1]
+        center = face_center(points, first, faces.particles, begin, end)
+        part += wp.length(face_area_vector(points, first, faces.particles, begin, end, center))
+    total = wp.tile_sum(wp.tile(part))
+    return total[0]
+
+
+@wp.func
+def aim_in_tile(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int32, point: wp.vec3, total_area: float):
+    """(A_p / A_total) n of a particle, its faces measured on the way."""
+    normal = wp.vec3()
+    nearest = wp.vec2(FAR, 0.0)
+    for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
+        face = faces.around_particles[incidence]
+        begin = faces.offsets[face]
+        end = faces.offsets[face + 1]
+        center = face_center(points, first, faces.particles, begin, end)
+        area_vector = face_area_vector(points, first, faces.particles, begin, end, center)
+        normal += wp.normalize(area_vector)
+        nearest = nearer_area(nearest, point, center, area_vector)
+    return aim_of(normal, nearest, total_area)
+
+
+@wp.func
+def begin_sphere_forces(state: WorldState, forces: wp.array3d[wp.int64], world: wp.int32):
+    """By one thread, before the first substep: the forces since the spheres last moved."""
+    for sphere in range(state.sphere_positions.shape[1]):
+        set_quanta(forces, force_row(world, -1), sphere, state.sphere_forces[world, sphere])
+        set_quanta(forces, force_row(world, 0), sphere, wp.vec3())
+
+
+@wp.func
+def clear_sphere_forces(forces: wp.array3d[wp.int64], world: wp.int32, substep: wp.int32):
+    """By one thread: where the next substep sums."""
+    for sphere in range(forces.shape[1]):
+        set_quanta(forces, force_row(world, substep + 1), sphere, wp.vec3())
+
+
+@wp.func
+def moved_sphere(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    forces: wp.array3d[wp.int64],
+    world: wp.int32,
+    sphere: wp.int32,
+    substep: wp.int32,
+    position: wp.vec3,
+    velocity: wp.vec3,
+    step_seconds: float,
+):
+    """A sphere after a substep; every thread moves it for itself, since that takes no barrier."""
+    return move_sphere(
+        position,
+        velocity,
+        total_newtons(forces, force_row(world, substep - 1), sphere),
+        obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
+        obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
+        bodies.gravity[world % bodies.gravity.shape[0]],
+        bodies.up,
+        obstacles.ground_height,
+        obstacles.ground_restitution,
+        step_seconds,
+    )
+
+
+@wp.func
+def leave_sphere_in_block(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    forces: wp.array3d[wp.int64],
+    world: wp.int32,
+    sphere: wp.int32,
+    substep: wp.int32,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    center: wp.vec3,
+    sphere_velocity: wp.vec3,
+    inflation: wp.vec3,
+    active: bool,
+):
+    """A particle out of a sphere, and its penalty to the sphere's forces of this substep."""
+    radius = obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
+    point, velocity, outward = leave_sphere(point, velocity, center, sphere_velocity, radius, bodies.up)
+    if active and wp.length_sq(outward) > 0.0:
+        penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
+        add_quanta(forces, force_row(world, substep), sphere, penalty_force(penalty, inflation, outward))
+    return point, velocity
+
+
+@wp.func
+def leave_ground_in_block(bodies: BodyTable, obstacles: ObstacleTable, point: wp.vec3, velocity: wp.vec3):
+    """A particle up to the ground."""
+    return leave_ground(point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction)

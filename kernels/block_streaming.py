@@ -1,0 +1,150 @@
+"""The `block` schedule's kernel for worlds of any size that fits in shared memory: springs are read every substep."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.block import (
+    aim_in_tile,
+    balloon_area,
+    begin_sphere_forces,
+    clear_sphere_forces,
+    force_row,
+    leave_ground_in_block,
+    leave_sphere_in_block,
+    moved_sphere,
+)
+from balloon_warp.kernels.fixed_point import total_newtons
+from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.motion import advance, body_force
+from balloon_warp.kernels.pull import pull_of_springs, pull_of_strings
+from balloon_warp.kernels.tables import (
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    WorldState,
+    particle_damping,
+    particle_mass,
+)
+
+
+@cache
+def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
+    """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
+    buffers = 2 * capacity
+    Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def advance_streaming(
+        # model
+        bodies: BodyTable,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        faces: FaceTable,
+        springs: SpringTable,
+        fresh_normals: bool,
+        substeps: wp.int32,
+        step_seconds: float,
+        # state in and out
+        state: WorldState,
+        sphere_forces: wp.array3d[wp.int64],
+    ):
+        """A block a world: one frame."""
+        world, lane = wp.tid()
+        count = state.points.shape[1]
+        threads = wp.block_dim()
+        rounds = (count + threads - 1) // threads
+        points = wp.tile_zeros(shape=buffers, dtype=wp.vec3, storage="shared")
+        if lane == 0:
+            begin_sphere_forces(state, sphere_forces, world)
+        for turn in range(rounds):
+            particle = wp.min(turn * threads + lane, count - 1)
+            wp.tile_scatter_masked(points, particle, state.points[world, particle], turn * threads + lane < count)
+        centers = Spheres()
+        motions = Spheres()
+        for sphere in range(state.sphere_positions.shape[1]):
+            centers[sphere] = state.sphere_positions[world, sphere]
+            motions[sphere] = state.sphere_velocities[world, sphere]
+        first = wp.int32(0)
+        for substep in range(substeps):
+            if substep == 0 or fresh_normals:
+                for balloon in range(state.inflation_ramp.shape[1]):
+                    area = balloon_area(faces, points, first, balloon, lane)
+                    for particle in range(lane, count, threads):
+                        if bodies.balloon[particle] == balloon:
+                            state.inflation_aims[world, particle] = aim_in_tile(
+                                faces, points, first, particle, points[first + particle], area
+                            )
+            for sphere in range(state.sphere_positions.shape[1]):
+                center, motion = moved_sphere(
+                    bodies,
+                    obstacles,
+                    sphere_forces,
+                    world,
+                    sphere,
+                    substep,
+                    wp.vec3(centers[sphere, 0], centers[sphere, 1], centers[sphere, 2]),
+                    wp.vec3(motions[sphere, 0], motions[sphere, 1], motions[sphere, 2]),
+                    step_seconds,
+                )
+                centers[sphere] = center
+                motions[sphere] = motion
+            if lane == 0:
+                clear_sphere_forces(sphere_forces, world, substep)
+            time_in_frame = float(substep) * step_seconds
+            for turn in range(rounds):
+                active = turn * threads + lane < count
+                particle = wp.min(turn * threads + lane, count - 1)
+                balloon = bodies.balloon[particle]
+                mass = particle_mass(bodies, world, particle)
+                point = points[first + particle]
+                velocity = state.velocities[world, particle]
+                ramp = state.inflation_ramp[world, balloon]
+                k_normal = ramp[0] + ramp[1] * time_in_frame
+                inflation = inflation_force(k_normal, state.inflation_aims[world, particle])
+                body = body_force(
+                    mass,
+                    bodies.gravity[world % bodies.gravity.shape[0]],
+                    bodies.helium[world % bodies.helium.shape[0], balloon],
+                    particle_damping(bodies, world, particle),
+                    bodies.up,
+                    velocity,
+                )
+                pull = pull_of_springs(springs, points, first, point, world, balloon, particle)
+                pull += pull_of_strings(strings, point, world, particle)
+                point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
+                if mass > 0.0:
+                    for sphere in range(state.sphere_positions.shape[1]):
+                        point, velocity = leave_sphere_in_block(
+                            bodies,
+                            obstacles,
+                            sphere_forces,
+                            world,
+                            sphere,
+                            substep,
+                            point,
+                            velocity,
+                            wp.vec3(centers[sphere, 0], centers[sphere, 1], centers[sphere, 2]),
+                            wp.vec3(motions[sphere, 0], motions[sphere, 1], motions[sphere, 2]),
+                            inflation,
+                            active,
+                        )
+                    point, velocity = leave_ground_in_block(bodies, obstacles, point, velocity)
+                if active:
+                    state.velocities[world, particle] = velocity
+                wp.tile_scatter_masked(points, capacity - first + particle, point, active)
+            first = capacity - first
+        for particle in range(lane, count, threads):
+            state.points[world, particle] = points[first + particle]
+        if lane == 0:
+            for sphere in range(state.sphere_positions.shape[1]):
+                state.sphere_positions[world, sphere] = centers[sphere]
+                state.sphere_velocities[world, sphere] = motions[sphere]
+                state.sphere_forces[world, sphere] = total_newtons(
+                    sphere_forces, force_row(world, substeps - 1), sphere
+                )
+
+    return advance_streaming
