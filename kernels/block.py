@@ -7,13 +7,19 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.contact import move_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
-from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, WorldState
+from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState
 
 FORCE_SLOTS = 3
 """rows of the spheres' forces in a world: a substep adds to one, reads that of the last, and clears that of the next"""
+
+
+@wp.func
+def row_of(spheres: Any, sphere: wp.int32):
+    """The vector of one sphere."""
+    return wp.vec3(spheres[sphere, 0], spheres[sphere, 1], spheres[sphere, 2])
 
 
 @wp.func
@@ -68,7 +74,6 @@ def clear_sphere_forces(forces: wp.array3d[wp.int64], world: wp.int32, substep: 
 
 @wp.func
 def moved_sphere(
-    bodies: BodyTable,
     obstacles: ObstacleTable,
     forces: wp.array3d[wp.int64],
     world: wp.int32,
@@ -76,17 +81,22 @@ def moved_sphere(
     substep: wp.int32,
     position: wp.vec3,
     velocity: wp.vec3,
+    mass: float,
+    radius: float,
+    gravity: float,
+    up: wp.vec3,
     step_seconds: float,
 ):
     """A sphere after a substep; every thread moves it for itself, since that takes no barrier."""
+    force = total_newtons(forces, force_row(world, substep - 1), sphere)
     return move_sphere(
         position,
         velocity,
-        total_newtons(forces, force_row(world, substep - 1), sphere),
-        obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
-        obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
-        bodies.gravity[world % bodies.gravity.shape[0]],
-        bodies.up,
+        force,
+        mass,
+        radius,
+        gravity,
+        up,
         obstacles.ground_height,
         obstacles.ground_restitution,
         step_seconds,
@@ -94,30 +104,27 @@ def moved_sphere(
 
 
 @wp.func
-def leave_sphere_in_block(
-    bodies: BodyTable,
+def add_penalty(
     obstacles: ObstacleTable,
     forces: wp.array3d[wp.int64],
     world: wp.int32,
     sphere: wp.int32,
     substep: wp.int32,
-    point: wp.vec3,
-    velocity: wp.vec3,
-    center: wp.vec3,
-    sphere_velocity: wp.vec3,
     inflation: wp.vec3,
-    active: bool,
+    outward: wp.vec3,
 ):
-    """A particle out of a sphere, and its penalty to the sphere's forces of this substep."""
-    radius = obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
-    point, velocity, outward = leave_sphere(point, velocity, center, sphere_velocity, radius, bodies.up)
-    if active and wp.length_sq(outward) > 0.0:
-        penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
-        add_quanta(forces, force_row(world, substep), sphere, penalty_force(penalty, inflation, outward))
-    return point, velocity
+    """What a particle that left a sphere adds to the sphere's forces of this substep."""
+    penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
+    add_quanta(forces, force_row(world, substep), sphere, penalty_force(penalty, inflation, outward))
 
 
 @wp.func
-def leave_ground_in_block(bodies: BodyTable, obstacles: ObstacleTable, point: wp.vec3, velocity: wp.vec3):
-    """A particle up to the ground."""
-    return leave_ground(point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction)
+def sphere_radius(obstacles: ObstacleTable, world: wp.int32, sphere: wp.int32):
+    """[m]"""
+    return obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
+
+
+@wp.func
+def sphere_mass(obstacles: ObstacleTable, world: wp.int32, sphere: wp.int32):
+    """[kg]"""
+    return obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere]

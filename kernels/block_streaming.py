@@ -6,15 +6,18 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.block import (
+    add_penalty,
     aim_in_tile,
     balloon_area,
     begin_sphere_forces,
     clear_sphere_forces,
     force_row,
-    leave_ground_in_block,
-    leave_sphere_in_block,
     moved_sphere,
+    row_of,
+    sphere_mass,
+    sphere_radius,
 )
+from balloon_warp.kernels.contact import leave_ground, leave_sphere
 from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import advance, body_force
@@ -32,7 +35,7 @@ from balloon_warp.kernels.tables import (
 
 
 @cache
-def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
+def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -> Any:
     """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
     buffers = 2 * capacity
     Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
@@ -45,7 +48,6 @@ def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
         obstacles: ObstacleTable,
         faces: FaceTable,
         springs: SpringTable,
-        fresh_normals: bool,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
@@ -56,6 +58,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
         world, lane = wp.tid()
         count = state.points.shape[1]
         threads = wp.block_dim()
+        gravity = bodies.gravity[world % bodies.gravity.shape[0]]
         rounds = (count + threads - 1) // threads
         points = wp.tile_zeros(shape=buffers, dtype=wp.vec3, storage="shared")
         if lane == 0:
@@ -70,7 +73,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
             motions[sphere] = state.sphere_velocities[world, sphere]
         first = wp.int32(0)
         for substep in range(substeps):
-            if substep == 0 or fresh_normals:
+            if substep == 0 or wp.static(fresh_normals):
                 for balloon in range(state.inflation_ramp.shape[1]):
                     area = balloon_area(faces, points, first, balloon, lane)
                     for particle in range(lane, count, threads):
@@ -80,16 +83,10 @@ def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
                             )
             for sphere in range(state.sphere_positions.shape[1]):
                 center, motion = moved_sphere(
-                    bodies,
-                    obstacles,
-                    sphere_forces,
-                    world,
-                    sphere,
-                    substep,
-                    wp.vec3(centers[sphere, 0], centers[sphere, 1], centers[sphere, 2]),
-                    wp.vec3(motions[sphere, 0], motions[sphere, 1], motions[sphere, 2]),
+                    obstacles, sphere_forces, world, sphere, substep, row_of(centers, sphere), row_of(motions, sphere),
+                    sphere_mass(obstacles, world, sphere), sphere_radius(obstacles, world, sphere), gravity, bodies.up,
                     step_seconds,
-                )
+                )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
             if lane == 0:
@@ -107,7 +104,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
                 inflation = inflation_force(k_normal, state.inflation_aims[world, particle])
                 body = body_force(
                     mass,
-                    bodies.gravity[world % bodies.gravity.shape[0]],
+                    gravity,
                     bodies.helium[world % bodies.helium.shape[0], balloon],
                     particle_damping(bodies, world, particle),
                     bodies.up,
@@ -118,21 +115,15 @@ def streaming_kernel(capacity: int, sphere_capacity: int) -> Any:
                 point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
                 if mass > 0.0:
                     for sphere in range(state.sphere_positions.shape[1]):
-                        point, velocity = leave_sphere_in_block(
-                            bodies,
-                            obstacles,
-                            sphere_forces,
-                            world,
-                            sphere,
-                            substep,
-                            point,
-                            velocity,
-                            wp.vec3(centers[sphere, 0], centers[sphere, 1], centers[sphere, 2]),
-                            wp.vec3(motions[sphere, 0], motions[sphere, 1], motions[sphere, 2]),
-                            inflation,
-                            active,
-                        )
-                    point, velocity = leave_ground_in_block(bodies, obstacles, point, velocity)
+                        point, velocity, outward = leave_sphere(
+                            point, velocity, row_of(centers, sphere), row_of(motions, sphere),
+                            sphere_radius(obstacles, world, sphere), bodies.up,
+                        )  # fmt: skip
+                        if active and wp.length_sq(outward) > 0.0:
+                            add_penalty(obstacles, sphere_forces, world, sphere, substep, inflation, outward)
+                    point, velocity = leave_ground(
+                        point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
+                    )
                 if active:
                     state.velocities[world, particle] = velocity
                 wp.tile_scatter_masked(points, capacity - first + particle, point, active)

@@ -6,6 +6,7 @@ The range is 2e9 N. A particle's penalty force of 1 mN is rounded by less than f
 import warp as wp
 
 QUANTA_PER_NEWTON = wp.constant(wp.float64(2.0**32))
+NEWTONS_PER_QUANTUM = wp.constant(2.0**-32)
 
 
 @wp.func
@@ -17,7 +18,7 @@ def quanta(force: float):
 @wp.func
 def newtons(count: wp.int64):
     """The force [N] of a whole number."""
-    return float(wp.float64(count) / QUANTA_PER_NEWTON)
+    return float(count) * NEWTONS_PER_QUANTUM
 
 
 @wp.func

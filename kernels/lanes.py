@@ -23,8 +23,8 @@ from balloon_warp.kernels.lanes_types import (
     Lanes3,
     column,
     lanes_scaled,
-    lengths_squared,
     set_column,
+    squared_lengths,
 )
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
@@ -35,7 +35,7 @@ from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, Spr
 @wp.func
 def spring_force_lanes(d: Lanes3, constants: Lanes, scale: float, rest_length: float):
     """Force of a spring to the particle at distance d in each world [N]."""
-    squared = lengths_squared(d)
+    squared = squared_lengths(d)
     coefficients = Lanes()
     for lane in range(LANE_COUNT):
         coefficients[lane] = constants[lane] * spring_coefficient(squared[lane], scale, rest_length)

@@ -5,7 +5,7 @@ import warp as wp
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState
-from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, lengths_squared, set_column
+from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column, squared_lengths
 from balloon_warp.kernels.tables import BodyTable, ObstacleTable, WorldState
 
 
@@ -45,7 +45,7 @@ def move_sphere_lanes(
 @wp.func
 def touches_sphere(lanes: LaneState, group: wp.int32, sphere: wp.int32, point: Lanes3):
     """Whether a particle is inside a sphere in any of the worlds."""
-    gaps = lengths_squared(point - lanes.sphere_centers[group, sphere]) - lanes.sphere_squared_radii[group, sphere]
+    gaps = squared_lengths(point - lanes.sphere_centers[group, sphere]) - lanes.sphere_squared_radii[group, sphere]
     return wp.min(gaps) < 0.0
 
 

@@ -6,6 +6,8 @@ where the body calls a law for one world.
 
 import warp as wp
 
+from balloon_warp.kernels.springs import squared_length
+
 LANE_COUNT = wp.constant(8)
 Lanes = wp.types.vector(length=8, dtype=wp.float32)
 """a number in each of eight worlds"""
@@ -46,13 +48,11 @@ def cross_product(a: Lanes3, b: Lanes3):  # noqa: F811 - an overload
 
 
 @wp.func
-def lengths_squared(lanes: Lanes3):
-    """The squared length in each world."""
+def squared_lengths(lanes: Lanes3):
+    """The squared length in each world, and a little more, so that its root can be divided by."""
     squared = Lanes()
     for lane in range(LANE_COUNT):
-        squared[lane] = (
-            lanes[0, lane] * lanes[0, lane] + lanes[1, lane] * lanes[1, lane] + lanes[2, lane] * lanes[2, lane]
-        )
+        squared[lane] = squared_length(column(lanes, lane))
     return squared
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.springs import spring_coefficient, string_coefficient
+from balloon_warp.kernels.springs import spring_coefficient, squared_length, string_coefficient
 from balloon_warp.kernels.tables import SpringTable, StringTable, spring_constant
 
 
@@ -31,7 +31,7 @@ def pull_of_springs(
             if springs.scales.shape[0] > 0:
                 scale = springs.scales[entry]
             d = points[first + springs.neighbors[entry]] - point
-            pull += spring_coefficient(wp.length_sq(d), scale, springs.rest_lengths[entry]) * d
+            pull += spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry]) * d
             entry += 32
             slot += 1
         force += constant * pull
@@ -48,5 +48,5 @@ def pull_of_strings(strings: StringTable, point: wp.vec3, world: wp.int32, parti
             d = strings.anchors[string] - point
             length = strings.lengths[world % strings.lengths.shape[0], string]
             stiffness = strings.stiffness[world % strings.stiffness.shape[0], string]
-            force += string_coefficient(wp.length_sq(d), stiffness, length) * d
+            force += string_coefficient(squared_length(d), stiffness, length) * d
     return force

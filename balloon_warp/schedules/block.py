@@ -4,14 +4,18 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.block import FORCE_SLOTS
+from balloon_warp.kernels.block_resident import resident_kernel
 from balloon_warp.kernels.block_streaming import streaming_kernel
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import refresh_ramp
+from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.tables import (
+    SpringEnds,
     body_table,
     face_table,
     obstacle_table,
+    spring_ends,
     spring_table,
     string_table,
     world_state,
@@ -19,6 +23,11 @@ from balloon_warp.schedules.tables import (
 
 WARP_THREADS = 32
 MOST_THREADS = 1024
+MOST_THREADS_OF_MULTIPROCESSOR = 2048
+REGISTERS = 65536
+"""of a multiprocessor"""
+MOST_REGISTERS = 248
+"""of a thread"""
 BYTES_PER_PARTICLE = 24
 """two buffers of points"""
 CPU_TILE_BYTES = 1 << 18
@@ -48,10 +57,26 @@ class BlockSchedule:
         self._sphere_forces = wp.zeros(
             (FORCE_SLOTS * model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device
         )
-        capacity = _round_up(model.particle_count, STREAMING_STEP)
-        self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count))
-        self._springs = [spring_table(model), model.scene.normals == "fresh"]
         self._threads = min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS) if model.device.is_cuda else 1
+        fresh = model.scene.normals == "fresh"
+        ends = spring_ends(model)
+        registers = _resident_registers(model, ends, self._threads)
+        if registers:
+            self._springs = slot_table(model, ends)
+            self._kernel = resident_kernel(
+                self._threads,
+                kind_slots(ends),
+                model.sphere_count,
+                ends.vary,
+                model.string_count > 0,
+                model.scene.ground is not None,
+                fresh,
+                registers,
+            )
+        else:
+            capacity = _round_up(model.particle_count, STREAMING_STEP)
+            self._springs = spring_table(model)
+            self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), fresh)
 
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""
@@ -62,7 +87,7 @@ class BlockSchedule:
             dim=[model.world_count],
             inputs=[
                 *self._tables,
-                *self._springs,
+                self._springs,
                 model.substeps,
                 model.step_seconds,
                 world_state(state),
@@ -72,6 +97,18 @@ class BlockSchedule:
             device=model.device,
         )
         wp.launch(count_frame, 1, inputs=[state.frame], device=model.device)
+
+
+def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
+    """Registers a thread that let most blocks run at once on a multiprocessor; 0 if the springs do not fit in them."""
+    if threads < model.particle_count:
+        return 0
+    needed = 36 + (3 if ends.vary else 2) * sum(kind_slots(ends)) + 8 * model.sphere_count
+    for blocks in range(MOST_THREADS_OF_MULTIPROCESSOR // threads, 0, -1):
+        registers = min(REGISTERS // (threads * blocks) // 8 * 8, MOST_REGISTERS)
+        if registers >= needed:
+            return registers
+    return 0
 
 
 def fits_in_block(model: Model) -> bool:

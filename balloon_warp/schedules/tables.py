@@ -1,10 +1,11 @@
 """From a model to the tables that the schedules without atomics read."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable, WorldState
 from balloon_warp.model import Model, State
@@ -13,25 +14,53 @@ SLICE = 32
 """particles of a slice of the spring table: the threads of a warp"""
 
 
-def spring_table(model: Model) -> SpringTable:
-    """Each particle's springs, by kind and then by neighbor, in slices."""
-    ends = model.spring_particles.numpy()
-    kind = np.tile(model.spring_kind.numpy(), 2)
-    scale = np.tile(model.spring_stiffness_scale.numpy(), 2)
-    rest_length = np.tile(model.spring_rest_length.numpy(), 2)
+@dataclass(frozen=True)
+class SpringEnds:
+    """Every spring twice, from each of its ends, sorted by particle, kind and neighbor."""
+
+    particle: NDArray[np.int64]
+    neighbor: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    scale: NDArray[np.float64]
+    """its constant over that of its kind"""
+    rest_length: NDArray[np.float64]
+    """[m]"""
+    by_kind: NDArray[np.int64]
+    """springs of each kind at each particle, shape (particle_count, 3)"""
+
+    @property
+    def vary(self) -> bool:
+        """Whether springs of one kind differ."""
+        return bool((self.scale != 1.0).any())
+
+
+def spring_ends(model: Model) -> SpringEnds:
+    """The model's springs as its particles see them."""
+    ends = model.spring_particles.numpy().astype(np.int64)
+    kind = np.tile(model.spring_kind.numpy().astype(np.int64), 2)
     particle, neighbor = np.concatenate([ends, ends[:, ::-1]]).T
     order = np.lexsort([neighbor, kind, particle])
-    particle, neighbor, kind = particle[order], neighbor[order], kind[order]
-
     count = model.particle_count
-    by_kind = np.bincount(3 * particle + kind, minlength=3 * count).reshape(count, 3)
-    valence = by_kind.sum(axis=1)
-    slot = np.arange(len(particle)) - np.repeat(np.cumsum(valence) - valence, valence)
-    padded = np.zeros(-(-count // SLICE) * SLICE, dtype=np.int64)
-    padded[:count] = valence
+    return SpringEnds(
+        particle=particle[order],
+        neighbor=neighbor[order],
+        kind=kind[order],
+        scale=np.tile(model.spring_stiffness_scale.numpy(), 2)[order],
+        rest_length=np.tile(model.spring_rest_length.numpy(), 2)[order],
+        by_kind=np.bincount(3 * particle + kind, minlength=3 * count).reshape(count, 3),
+    )
+
+
+def spring_table(model: Model) -> SpringTable:
+    """Each particle's springs in slices of 32 particles."""
+    ends = spring_ends(model)
+    valence = ends.by_kind.sum(axis=1)
+    slot = np.arange(len(ends.particle)) - np.repeat(np.cumsum(valence) - valence, valence)
+    padded = np.zeros(-(-model.particle_count // SLICE) * SLICE, dtype=np.int64)
+    padded[: model.particle_count] = valence
     widths = padded.reshape(-1, SLICE).max(axis=1)
     slice_offsets = SLICE * np.cumsum(np.append(0, widths))
-    place = slice_offsets[particle // SLICE] + SLICE * slot + particle % SLICE
+    place = slice_offsets[ends.particle // SLICE] + SLICE * slot + ends.particle % SLICE
 
     def placed(values: ArrayLike, dtype: Any) -> Any:
         entries = np.zeros(slice_offsets[-1], dtype=np.float64)
@@ -40,13 +69,11 @@ def spring_table(model: Model) -> SpringTable:
 
     table = SpringTable()
     table.slice_offsets = wp.array(slice_offsets, dtype=wp.int32, device=model.device)
-    table.kind_ends = wp.array(np.cumsum(by_kind, axis=1), dtype=wp.vec3i, device=model.device)
-    table.neighbors = placed(neighbor, wp.int32)
-    table.kinds = placed(kind, wp.int32)
-    table.scales = (
-        placed(scale[order], float) if (scale != 1.0).any() else wp.zeros(0, dtype=float, device=model.device)
-    )
-    table.rest_lengths = placed((scale * rest_length)[order], float)
+    table.kind_ends = wp.array(np.cumsum(ends.by_kind, axis=1), dtype=wp.vec3i, device=model.device)
+    table.neighbors = placed(ends.neighbor, wp.int32)
+    table.kinds = placed(ends.kind, wp.int32)
+    table.scales = placed(ends.scale, float) if ends.vary else wp.zeros(0, dtype=float, device=model.device)
+    table.rest_lengths = placed(ends.scale * ends.rest_length, float)
     table.stiffness = model.stiffness
     return table
 

@@ -1,0 +1,277 @@
+"""The `block` schedule's kernel for worlds of at most a thread a particle: all but the points stays in registers.
+
+What bounds it, for a particle and substep with 12 springs: 12 loads and a store of 3 words from shared memory, 39
+wavefronts a warp without bank conflicts; and some 15 instructions a spring and 40 more, 220 in all. A multiprocessor
+does one wavefront and four instructions of a warp in a cycle, so that issue bounds it first, at 55 cycles for 32
+particles: 132 multiprocessors at 1.98 GHz make 1.5e11 particle-substeps a second.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.block import (
+    add_penalty,
+    aim_in_tile,
+    balloon_area,
+    begin_sphere_forces,
+    clear_sphere_forces,
+    force_row,
+    moved_sphere,
+    row_of,
+    sphere_mass,
+    sphere_radius,
+)
+from balloon_warp.kernels.contact import leave_ground, leave_sphere
+from balloon_warp.kernels.fixed_point import total_newtons
+from balloon_warp.kernels.inflation import push
+from balloon_warp.kernels.motion import lift, response
+from balloon_warp.kernels.pull import pull_of_strings
+from balloon_warp.kernels.springs import spring_coefficient, squared_length
+from balloon_warp.kernels.tables import (
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    StringTable,
+    WorldState,
+    particle_damping,
+    particle_mass,
+)
+
+
+@wp.struct
+class SlotTable:
+    """The springs of each particle in a fixed number of slots for each kind, filled up with springs that do nothing."""
+
+    neighbors: wp.array2d[wp.int32]
+    """the particle at the other end, shape (slot_count, particle_count)"""
+    scales: wp.array2d[float]
+    """a spring's constant over that of its kind, shape (slot_count, particle_count)"""
+    rest_lengths: wp.array2d[float]
+    """times the scale [m], shape (slot_count, particle_count)"""
+    stiffness: wp.array3d[float]
+
+
+@cache
+def resident_kernel(
+    threads: int,
+    kind_slots: tuple[int, int, int],
+    sphere_count: int,
+    springs_vary: bool,
+    has_strings: bool,
+    has_ground: bool,
+    fresh_normals: bool,
+    max_registers: int,
+) -> Any:
+    """A kernel for just what a scene has."""
+    structural_slots = kind_slots[0]
+    shear_end = structural_slots + kind_slots[1]
+    slots = shear_end + kind_slots[2]
+    Indices = wp.types.vector(length=slots, dtype=wp.int32)  # noqa: N806 - a type
+    Numbers = wp.types.vector(length=slots, dtype=wp.float32)  # noqa: N806
+    Spheres = wp.types.matrix(shape=(max(sphere_count, 1), 3), dtype=wp.float32)  # noqa: N806
+
+    SphereNumbers = wp.types.vector(length=max(sphere_count, 1), dtype=wp.float32)  # noqa: N806
+
+    @wp.struct
+    class Particle:
+        """A thread's particle, its springs, and the spheres, which every thread moves for itself."""
+
+        point: wp.vec3
+        velocity: wp.vec3
+        aim: wp.vec3
+        upward: float  # gravity and helium [N]
+        gravity: float
+        damping: float
+        response: float  # velocity gained in a substep for each newton
+        structural: float
+        shear: float
+        flexion: float
+        neighbors: Indices
+        scales: Numbers
+        rests: Numbers  # rest length times spring constant [N]
+        sphere_masses: SphereNumbers
+        sphere_radii: SphereNumbers
+        centers: Spheres
+        motions: Spheres
+
+    @wp.func
+    def read_springs(springs: SlotTable, world: wp.int32, balloon: wp.int32, particle: wp.int32, me: Particle):
+        """Into registers; constants[kind] * scale is a spring's own."""
+        row = world % springs.stiffness.shape[0]
+        me.structural = springs.stiffness[row, balloon, 0]
+        me.shear = springs.stiffness[row, balloon, 1]
+        me.flexion = springs.stiffness[row, balloon, 2]
+        for slot in range(slots):
+            me.neighbors[slot] = springs.neighbors[slot, particle] & 0xFFFF  # tells the compiler: not negative
+            me.scales[slot] = springs.scales[slot, particle] if wp.static(springs_vary) else 1.0
+            me.rests[slot] = springs.rest_lengths[slot, particle]
+        for slot in range(structural_slots):
+            me.rests[slot] *= me.structural
+        for slot in range(structural_slots, shear_end):
+            me.rests[slot] *= me.shear
+        for slot in range(shear_end, slots):
+            me.rests[slot] *= me.flexion
+        return me
+
+    @wp.func
+    def pull_of_slots(points: Any, me: Particle):
+        """Net force of the springs [N]."""
+        force = wp.vec3()
+        for slot in range(structural_slots):
+            d = points[me.neighbors[slot]] - me.point
+            force += spring_coefficient(squared_length(d), me.structural * me.scales[slot], me.rests[slot]) * d
+        for slot in range(structural_slots, shear_end):
+            d = points[me.neighbors[slot]] - me.point
+            force += spring_coefficient(squared_length(d), me.shear * me.scales[slot], me.rests[slot]) * d
+        for slot in range(shear_end, slots):
+            d = points[me.neighbors[slot]] - me.point
+            force += spring_coefficient(squared_length(d), me.flexion * me.scales[slot], me.rests[slot]) * d
+        return force
+
+    @wp.func
+    def refresh_aim(faces: FaceTable, points: Any, balloon: wp.int32, particle: wp.int32, lane: wp.int32, me: Particle):
+        """The aim of the particle; the areas of the balloons take all threads."""
+        for each in range(faces.balloon_offsets.shape[0] - 1):
+            area = balloon_area(faces, points, 0, each, lane)
+            if each == balloon:
+                me.aim = aim_in_tile(faces, points, 0, particle, me.point, area)
+        return me
+
+    @wp.func
+    def advance_substep(
+        bodies: BodyTable,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        faces: FaceTable,
+        sphere_forces: wp.array3d[wp.int64],
+        world: wp.int32,
+        lane: wp.int32,
+        particle: wp.int32,
+        active: bool,
+        substep: wp.int32,
+        k_normal: float,
+        step_seconds: float,
+        source: Any,
+        # in and out
+        me: Particle,
+        target: Any,
+    ):
+        """One substep, from one tile of points to the other."""
+        if wp.static(fresh_normals):
+            me = refresh_aim(faces, source, bodies.balloon[particle], particle, lane, me)
+        for sphere in range(sphere_count):
+            center, motion = moved_sphere(
+                obstacles, sphere_forces, world, sphere, substep, row_of(me.centers, sphere),
+                row_of(me.motions, sphere), me.sphere_masses[sphere], me.sphere_radii[sphere], me.gravity, bodies.up,
+                step_seconds,
+            )  # fmt: skip
+            me.centers[sphere] = center
+            me.motions[sphere] = motion
+        if wp.static(sphere_count > 0):
+            if lane == 0:
+                clear_sphere_forces(sphere_forces, world, substep)
+        inflation = push(k_normal) * me.aim
+        force = me.upward * bodies.up - me.damping * me.velocity + inflation + pull_of_slots(source, me)
+        if wp.static(has_strings):
+            force += pull_of_strings(strings, me.point, world, particle)
+        me.velocity += me.response * force
+        me.point += step_seconds * me.velocity
+        if wp.static(sphere_count > 0 or has_ground):
+            if me.response > 0.0:
+                for sphere in range(sphere_count):
+                    point, velocity, outward = leave_sphere(
+                        me.point, me.velocity, row_of(me.centers, sphere), row_of(me.motions, sphere),
+                        me.sphere_radii[sphere], bodies.up,
+                    )  # fmt: skip
+                    me.point = point
+                    me.velocity = velocity
+                    if active and wp.length_sq(outward) > 0.0:
+                        add_penalty(obstacles, sphere_forces, world, sphere, substep, inflation, outward)
+                if wp.static(has_ground):
+                    point, velocity = leave_ground(
+                        me.point, me.velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
+                    )
+                    me.point = point
+                    me.velocity = velocity
+        wp.tile_scatter_masked(target, particle, me.point, active)
+        return me
+
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=max_registers,
+        module_options={"fast_math": True, "max_unroll": 128},
+    )
+    def advance_resident(
+        # model
+        bodies: BodyTable,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        faces: FaceTable,
+        springs: SlotTable,
+        substeps: wp.int32,
+        step_seconds: float,
+        # state in and out
+        state: WorldState,
+        sphere_forces: wp.array3d[wp.int64],
+    ):
+        """A block a world, a thread a particle: one frame."""
+        world, lane = wp.tid()
+        active = lane < state.points.shape[1]
+        particle = wp.min(lane, state.points.shape[1] - 1)
+        balloon = bodies.balloon[particle]
+        mass = particle_mass(bodies, world, particle)
+        me = Particle()
+        me.gravity = bodies.gravity[world % bodies.gravity.shape[0]]
+        helium = bodies.helium[world % bodies.helium.shape[0], balloon]
+        ramp = state.inflation_ramp[world, balloon]
+
+        me.point = state.points[world, particle]
+        me.velocity = state.velocities[world, particle]
+        me.upward = lift(mass, me.gravity, helium)
+        me.damping = particle_damping(bodies, world, particle)
+        me.response = response(mass, step_seconds)
+        me = read_springs(springs, world, balloon, particle, me)
+        for sphere in range(sphere_count):
+            me.centers[sphere] = state.sphere_positions[world, sphere]
+            me.motions[sphere] = state.sphere_velocities[world, sphere]
+            me.sphere_masses[sphere] = sphere_mass(obstacles, world, sphere)
+            me.sphere_radii[sphere] = sphere_radius(obstacles, world, sphere)
+        if wp.static(sphere_count > 0):
+            if lane == 0:
+                begin_sphere_forces(state, sphere_forces, world)
+
+        even = wp.tile_zeros(shape=threads, dtype=wp.vec3, storage="shared")
+        odd = wp.tile_zeros(shape=threads, dtype=wp.vec3, storage="shared")
+        wp.tile_scatter_masked(even, particle, me.point, active)
+        if wp.static(not fresh_normals):
+            me = refresh_aim(faces, even, balloon, particle, lane, me)
+        for substep in range(0, substeps, 2):
+            k_normal = ramp[0] + ramp[1] * (float(substep) * step_seconds)
+            me = advance_substep(
+                bodies, strings, obstacles, faces, sphere_forces, world, lane, particle, active,
+                substep, k_normal, step_seconds, even, me, odd,
+            )  # fmt: skip
+            if substep + 1 < substeps:
+                k_normal = ramp[0] + ramp[1] * (float(substep + 1) * step_seconds)
+                me = advance_substep(
+                    bodies, strings, obstacles, faces, sphere_forces, world, lane, particle, active,
+                    substep + 1, k_normal, step_seconds, odd, me, even,
+                )  # fmt: skip
+
+        if active:
+            state.points[world, particle] = me.point
+            state.velocities[world, particle] = me.velocity
+            state.inflation_aims[world, particle] = me.aim
+        if wp.static(sphere_count > 0):
+            if lane == 0:
+                for sphere in range(sphere_count):
+                    state.sphere_positions[world, sphere] = row_of(me.centers, sphere)
+                    state.sphere_velocities[world, sphere] = row_of(me.motions, sphere)
+                    state.sphere_forces[world, sphere] = total_newtons(
+                        sphere_forces, force_row(world, substeps - 1), sphere
+                    )
+
+    return advance_resident
