@@ -12,6 +12,8 @@ from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newto
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
 from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState
 
+TOUCHED = wp.constant(3)
+"""where, behind a force's three components, stands whether a particle has added to it"""
 FORCE_SLOTS = 3
 """rows of the spheres' forces in a world: a substep adds to one, reads that of the last, and clears that of the next"""
 
@@ -58,18 +60,29 @@ def aim_in_tile(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int
 
 
 @wp.func
+def count_frame_in_block(state: WorldState, world: wp.int32, lane: wp.int32):
+    """By one thread of all: the frame has passed. It was read before this launch."""
+    if world == 0 and lane == 0:
+        state.frame[0] = state.frame[0] + 1
+
+
+@wp.func
 def begin_sphere_forces(state: WorldState, forces: wp.array3d[wp.int64], world: wp.int32):
     """By one thread, before the first substep: the forces since the spheres last moved."""
     for sphere in range(state.sphere_positions.shape[1]):
         set_quanta(forces, force_row(world, -1), sphere, state.sphere_forces[world, sphere])
         set_quanta(forces, force_row(world, 0), sphere, wp.vec3())
+        forces[force_row(world, -1), sphere, TOUCHED] = wp.int64(1)
+        forces[force_row(world, 0), sphere, TOUCHED] = wp.int64(0)
 
 
 @wp.func
-def clear_sphere_forces(forces: wp.array3d[wp.int64], world: wp.int32, substep: wp.int32):
+def clear_sphere_force(forces: wp.array3d[wp.int64], world: wp.int32, sphere: wp.int32, substep: wp.int32):
     """By one thread: where the next substep sums."""
-    for sphere in range(forces.shape[1]):
-        set_quanta(forces, force_row(world, substep + 1), sphere, wp.vec3())
+    row = force_row(world, substep + 1)
+    if forces[row, sphere, TOUCHED] > wp.int64(0):
+        set_quanta(forces, row, sphere, wp.vec3())
+        forces[row, sphere, TOUCHED] = wp.int64(0)
 
 
 @wp.func
@@ -88,7 +101,10 @@ def moved_sphere(
     step_seconds: float,
 ):
     """A sphere after a substep; every thread moves it for itself, since that takes no barrier."""
-    force = total_newtons(forces, force_row(world, substep - 1), sphere)
+    force = wp.vec3()
+    row = force_row(world, substep - 1)
+    if forces[row, sphere, TOUCHED] > wp.int64(0):
+        force = total_newtons(forces, row, sphere)
     return move_sphere(
         position,
         velocity,
@@ -116,6 +132,7 @@ def add_penalty(
     """What a particle that left a sphere adds to the sphere's forces of this substep."""
     penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
     add_quanta(forces, force_row(world, substep), sphere, penalty_force(penalty, inflation, outward))
+    forces[force_row(world, substep), sphere, TOUCHED] = wp.int64(1)
 
 
 @wp.func

@@ -16,7 +16,8 @@ from balloon_warp.kernels.block import (
     aim_in_tile,
     balloon_area,
     begin_sphere_forces,
-    clear_sphere_forces,
+    clear_sphere_force,
+    count_frame_in_block,
     force_row,
     moved_sphere,
     row_of,
@@ -169,9 +170,8 @@ def resident_kernel(
             )  # fmt: skip
             me.centers[sphere] = center
             me.motions[sphere] = motion
-        if wp.static(sphere_count > 0):
             if lane == 0:
-                clear_sphere_forces(sphere_forces, world, substep)
+                clear_sphere_force(sphere_forces, world, sphere, substep)
         inflation = push(k_normal) * me.aim
         force = me.upward * bodies.up - me.damping * me.velocity + inflation + pull_of_slots(source, me)
         if wp.static(has_strings):
@@ -265,6 +265,7 @@ def resident_kernel(
             state.points[world, particle] = me.point
             state.velocities[world, particle] = me.velocity
             state.inflation_aims[world, particle] = me.aim
+        count_frame_in_block(state, world, lane)
         if wp.static(sphere_count > 0):
             if lane == 0:
                 for sphere in range(sphere_count):

@@ -10,7 +10,8 @@ from balloon_warp.kernels.block import (
     aim_in_tile,
     balloon_area,
     begin_sphere_forces,
-    clear_sphere_forces,
+    clear_sphere_force,
+    count_frame_in_block,
     force_row,
     moved_sphere,
     row_of,
@@ -33,6 +34,9 @@ from balloon_warp.kernels.tables import (
     particle_mass,
 )
 
+MAX_REGISTERS = 64
+"""for blocks of 1,024 threads"""
+
 
 @cache
 def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -> Any:
@@ -40,7 +44,12 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
     buffers = 2 * capacity
     Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=MAX_REGISTERS,
+        module_options={"fast_math": True},
+    )
     def advance_streaming(
         # model
         bodies: BodyTable,
@@ -89,8 +98,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
                 )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
-            if lane == 0:
-                clear_sphere_forces(sphere_forces, world, substep)
+                if lane == 0:
+                    clear_sphere_force(sphere_forces, world, sphere, substep)
             time_in_frame = float(substep) * step_seconds
             for turn in range(rounds):
                 active = turn * threads + lane < count
@@ -130,6 +139,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
             first = capacity - first
         for particle in range(lane, count, threads):
             state.points[world, particle] = points[first + particle]
+        count_frame_in_block(state, world, lane)
         if lane == 0:
             for sphere in range(state.sphere_positions.shape[1]):
                 state.sphere_positions[world, sphere] = centers[sphere]

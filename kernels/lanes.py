@@ -29,7 +29,16 @@ from balloon_warp.kernels.lanes_types import (
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
 from balloon_warp.kernels.springs import spring_coefficient
-from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable, WorldState
+from balloon_warp.kernels.tables import (
+    SLICE,
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    WorldState,
+    first_entry,
+)
 
 
 @wp.func
@@ -48,14 +57,15 @@ def pull_of_spring_lanes(
 ):
     """Net force of a particle's springs in each world [N]."""
     force = Lanes3()
-    first = springs.slice_offsets[particle // 32] + particle % 32
-    for slot in range(springs.kind_ends[particle][2]):
-        entry = first + 32 * slot
+    begin = first_entry(springs, particle)
+    for slot in range(springs.valences[particle]):
+        entry = begin + SLICE * slot
+        end = springs.ends[entry]
         scale = float(1.0)
         if springs.scales.shape[0] > 0:
             scale = springs.scales[entry]
-        d = points[springs.neighbors[entry]] - point
-        force += spring_force_lanes(d, numbers[springs.kinds[entry]], scale, springs.rest_lengths[entry])
+        d = points[end >> 2] - point
+        force += spring_force_lanes(d, numbers[end & 3], scale, springs.rest_lengths[entry])
     return force
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.springs import spring_coefficient, squared_length, string_coefficient
-from balloon_warp.kernels.tables import SpringTable, StringTable, spring_constant
+from balloon_warp.kernels.tables import CHUNK, SLICE, SpringTable, StringTable, first_entry, spring_constants
 
 
 @wp.func
@@ -20,21 +20,17 @@ def pull_of_springs(
 ):
     """Net force of a particle's springs [N]; particle p stands at `points[first + p]`."""
     force = wp.vec3()
-    entry = springs.slice_offsets[particle // 32] + particle % 32
-    kind_ends = springs.kind_ends[particle]
-    slot = wp.int32(0)
-    for kind in range(3):
-        constant = spring_constant(springs, world, balloon, kind)
-        pull = wp.vec3()
-        while slot < kind_ends[kind]:
+    constants = spring_constants(springs, world, balloon)
+    begin = first_entry(springs, particle)
+    for chunk in range(begin, begin + SLICE * springs.valences[particle], SLICE * CHUNK):
+        for slot in range(CHUNK):
+            entry = chunk + SLICE * slot
+            end = springs.ends[entry]
             scale = float(1.0)
             if springs.scales.shape[0] > 0:
                 scale = springs.scales[entry]
-            d = points[first + springs.neighbors[entry]] - point
-            pull += spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry]) * d
-            entry += 32
-            slot += 1
-        force += constant * pull
+            d = points[first + (end >> 2)] - point
+            force += constants[end & 3] * spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry]) * d
     return force
 
 

@@ -5,21 +5,26 @@ The schedules fill these; see `balloon_warp.model.Model` for the shapes of what 
 
 import warp as wp
 
+SLICE = wp.constant(32)
+"""particles of a slice of the spring table: the threads of a warp"""
+CHUNK = wp.constant(4)
+"""springs that a particle loads together"""
+
 
 @wp.struct
 class SpringTable:
     """The springs of each particle, each spring so twice.
 
     In slices of 32 particles, the threads of a warp: spring `slot` of particle p stands at
-    `slice_offsets[p // 32] + 32 * slot + p % 32`, so that 32 threads load 32 neighbors.
+    `slice_offsets[p // 32] + 32 * slot + p % 32`, so that 32 threads load 32 neighbors. A particle's slots are filled
+    up to a multiple of four with springs that do nothing.
     """
 
     slice_offsets: wp.array[wp.int32]
-    kind_ends: wp.array[wp.vec3i]
-    """slots of a particle up to the end of each kind; the first kind begins at slot 0"""
-    neighbors: wp.array[wp.int32]
-    """the particle at the other end"""
-    kinds: wp.array[wp.int32]
+    valences: wp.array[wp.int32]
+    """springs of each particle"""
+    ends: wp.array[wp.int32]
+    """four times the particle at the other end, plus the spring's kind"""
     scales: wp.array[float]
     """a spring's constant over that of its kind; empty if all are 1"""
     rest_lengths: wp.array[float]
@@ -84,6 +89,7 @@ class FaceTable:
 class WorldState:
     """The arrays of `balloon_warp.model.State` that a schedule reads a frame from and writes it to."""
 
+    frame: wp.array[wp.int32]
     points: wp.array2d[wp.vec3]
     velocities: wp.array2d[wp.vec3]
     inflation_aims: wp.array2d[wp.vec3]
@@ -109,3 +115,19 @@ def particle_damping(bodies: BodyTable, world: wp.int32, particle: wp.int32):
 def spring_constant(springs: SpringTable, world: wp.int32, balloon: wp.int32, kind: wp.int32):
     """Of a kind of springs [N/m]."""
     return springs.stiffness[world % springs.stiffness.shape[0], balloon, kind]
+
+
+@wp.func
+def spring_constants(springs: SpringTable, world: wp.int32, balloon: wp.int32):
+    """Of each kind of springs [N/m]."""
+    return wp.vec3(
+        spring_constant(springs, world, balloon, 0),
+        spring_constant(springs, world, balloon, 1),
+        spring_constant(springs, world, balloon, 2),
+    )
+
+
+@wp.func
+def first_entry(springs: SpringTable, particle: wp.int32):
+    """Where a particle's first spring stands; the next is `SLICE` further."""
+    return springs.slice_offsets[particle >> 5] + (particle & 31)

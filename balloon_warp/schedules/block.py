@@ -6,7 +6,6 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.block import FORCE_SLOTS
 from balloon_warp.kernels.block_resident import resident_kernel
 from balloon_warp.kernels.block_streaming import streaming_kernel
-from balloon_warp.kernels.clock import count_frame
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.slots import kind_slots, slot_table
@@ -55,7 +54,7 @@ class BlockSchedule:
         self.model = model
         self._tables = [table(model) for table in (body_table, string_table, obstacle_table, face_table)]
         self._sphere_forces = wp.zeros(
-            (FORCE_SLOTS * model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device
+            (FORCE_SLOTS * model.world_count, model.sphere_count, 4), dtype=wp.int64, device=model.device
         )
         self._threads = min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS) if model.device.is_cuda else 1
         fresh = model.scene.normals == "fresh"
@@ -96,7 +95,6 @@ class BlockSchedule:
             block_dim=self._threads,
             device=model.device,
         )
-        wp.launch(count_frame, 1, inputs=[state.frame], device=model.device)
 
 
 def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
@@ -104,11 +102,18 @@ def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
     if threads < model.particle_count:
         return 0
     needed = 36 + (3 if ends.vary else 2) * sum(kind_slots(ends)) + 8 * model.sphere_count
-    for blocks in range(MOST_THREADS_OF_MULTIPROCESSOR // threads, 0, -1):
+    for blocks in range(_useful_blocks(model, threads), 0, -1):
         registers = min(REGISTERS // (threads * blocks) // 8 * 8, MOST_REGISTERS)
         if registers >= needed:
             return registers
     return 0
+
+
+def _useful_blocks(model: Model, threads: int) -> int:
+    """Blocks of a multiprocessor that there are worlds for, and that its threads allow."""
+    if model.device.is_cpu:
+        return 1
+    return min(-(-model.world_count // model.device.sm_count), MOST_THREADS_OF_MULTIPROCESSOR // threads)
 
 
 def fits_in_block(model: Model) -> bool:

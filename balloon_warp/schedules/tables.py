@@ -5,13 +5,19 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from balloon_warp.kernels.tables import BodyTable, FaceTable, ObstacleTable, SpringTable, StringTable, WorldState
+from balloon_warp.kernels.tables import (
+    CHUNK,
+    SLICE,
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    WorldState,
+)
 from balloon_warp.model import Model, State
-
-SLICE = 32
-"""particles of a slice of the spring table: the threads of a warp"""
 
 
 @dataclass(frozen=True)
@@ -57,23 +63,27 @@ def spring_table(model: Model) -> SpringTable:
     valence = ends.by_kind.sum(axis=1)
     slot = np.arange(len(ends.particle)) - np.repeat(np.cumsum(valence) - valence, valence)
     padded = np.zeros(-(-model.particle_count // SLICE) * SLICE, dtype=np.int64)
-    padded[: model.particle_count] = valence
+    padded[: model.particle_count] = -(-valence // CHUNK) * CHUNK
     widths = padded.reshape(-1, SLICE).max(axis=1)
     slice_offsets = SLICE * np.cumsum(np.append(0, widths))
     place = slice_offsets[ends.particle // SLICE] + SLICE * slot + ends.particle % SLICE
+    # What fills up a particle's slots are springs of no stiffness from the particle to itself.
+    in_slice = np.arange(slice_offsets[-1]) % SLICE
+    own = np.minimum(np.repeat(np.arange(len(widths)), SLICE * widths) * SLICE + in_slice, model.particle_count - 1)
+    end = 4 * own
+    end[place] = 4 * ends.neighbor + ends.kind
 
-    def placed(values: ArrayLike, dtype: Any) -> Any:
-        entries = np.zeros(slice_offsets[-1], dtype=np.float64)
+    def placed(values: NDArray) -> Any:
+        entries = np.zeros(slice_offsets[-1])
         entries[place] = values
-        return wp.array(entries, dtype=dtype, device=model.device)
+        return wp.array(entries, dtype=float, device=model.device)
 
     table = SpringTable()
     table.slice_offsets = wp.array(slice_offsets, dtype=wp.int32, device=model.device)
-    table.kind_ends = wp.array(np.cumsum(ends.by_kind, axis=1), dtype=wp.vec3i, device=model.device)
-    table.neighbors = placed(ends.neighbor, wp.int32)
-    table.kinds = placed(ends.kind, wp.int32)
-    table.scales = placed(ends.scale, float) if ends.vary else wp.zeros(0, dtype=float, device=model.device)
-    table.rest_lengths = placed(ends.scale * ends.rest_length, float)
+    table.valences = wp.array(valence, dtype=wp.int32, device=model.device)
+    table.ends = wp.array(end, dtype=wp.int32, device=model.device)
+    table.scales = placed(ends.scale) if ends.vary else wp.zeros(0, dtype=float, device=model.device)
+    table.rest_lengths = placed(ends.scale * ends.rest_length)
     table.stiffness = model.stiffness
     return table
 
