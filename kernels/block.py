@@ -12,9 +12,7 @@ from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newto
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
 from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState
 
-TOUCHED = wp.constant(3)
-"""where, behind a force's three components, stands whether a particle has added to it"""
-FORCE_SLOTS = 3
+FORCE_ROWS = 3
 """rows of the spheres' forces in a world: a substep adds to one, reads that of the last, and clears that of the next"""
 
 
@@ -27,7 +25,7 @@ def row_of(spheres: Any, sphere: wp.int32):
 @wp.func
 def force_row(world: wp.int32, substep: wp.int32):
     """Where the forces on spheres of a substep are summed."""
-    return FORCE_SLOTS * world + (substep + FORCE_SLOTS) % FORCE_SLOTS
+    return FORCE_ROWS * world + (substep + FORCE_ROWS) % FORCE_ROWS
 
 
 @wp.func
@@ -60,35 +58,62 @@ def aim_in_tile(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int
 
 
 @wp.func
+def measured_balloon_area(faces: FaceTable, area_vectors: Any, balloon: wp.int32, lane: wp.int32):
+    """Area of a balloon whose faces have been measured, summed by the whole block."""
+    part = float(0.0)
+    for face in range(faces.balloon_offsets[balloon] + lane, faces.balloon_offsets[balloon + 1], wp.block_dim()):
+        part += wp.length(area_vectors[face])
+    total = wp.tile_sum(wp.tile(part))
+    return total[0]
+
+
+@wp.func
 def count_frame_in_block(state: WorldState, world: wp.int32, lane: wp.int32):
     """By one thread of all: the frame has passed. It was read before this launch."""
     if world == 0 and lane == 0:
         state.frame[0] = state.frame[0] + 1
 
 
+@wp.struct
+class SphereForces:
+    """Forces on the spheres in the substeps of a frame."""
+
+    totals: wp.array3d[wp.int64]
+    """see `fixed_point`, shape (FORCE_ROWS * world_count, sphere_count, 3)"""
+    stamps: wp.array[wp.int32]
+    """the last substep in which something was added to a row, shape (FORCE_ROWS * world_count,)"""
+
+
 @wp.func
-def begin_sphere_forces(state: WorldState, forces: wp.array3d[wp.int64], world: wp.int32):
+def begin_sphere_forces(state: WorldState, forces: SphereForces, world: wp.int32):
     """By one thread, before the first substep: the forces since the spheres last moved."""
     for sphere in range(state.sphere_positions.shape[1]):
-        set_quanta(forces, force_row(world, -1), sphere, state.sphere_forces[world, sphere])
-        set_quanta(forces, force_row(world, 0), sphere, wp.vec3())
-        forces[force_row(world, -1), sphere, TOUCHED] = wp.int64(1)
-        forces[force_row(world, 0), sphere, TOUCHED] = wp.int64(0)
+        set_quanta(forces.totals, force_row(world, -1), sphere, state.sphere_forces[world, sphere])
+        set_quanta(forces.totals, force_row(world, 0), sphere, wp.vec3())
+        set_quanta(forces.totals, force_row(world, 1), sphere, wp.vec3())
+    forces.stamps[force_row(world, -1)] = -1
+    forces.stamps[force_row(world, 0)] = -FORCE_ROWS
+    forces.stamps[force_row(world, 1)] = -FORCE_ROWS
 
 
 @wp.func
-def clear_sphere_force(forces: wp.array3d[wp.int64], world: wp.int32, sphere: wp.int32, substep: wp.int32):
-    """By one thread: where the next substep sums."""
-    row = force_row(world, substep + 1)
-    if forces[row, sphere, TOUCHED] > wp.int64(0):
-        set_quanta(forces, row, sphere, wp.vec3())
-        forces[row, sphere, TOUCHED] = wp.int64(0)
+def were_touched(forces: SphereForces, world: wp.int32, substep: wp.int32):
+    """Whether a particle touched a sphere of the world in a substep that is over."""
+    return forces.stamps[force_row(world, substep)] == substep
+
+
+@wp.func
+def clear_sphere_forces(forces: SphereForces, world: wp.int32, substep: wp.int32):
+    """By one thread: a row that all threads have read."""
+    for sphere in range(forces.totals.shape[1]):
+        set_quanta(forces.totals, force_row(world, substep), sphere, wp.vec3())
 
 
 @wp.func
 def moved_sphere(
     obstacles: ObstacleTable,
-    forces: wp.array3d[wp.int64],
+    forces: SphereForces,
+    touched: bool,
     world: wp.int32,
     sphere: wp.int32,
     substep: wp.int32,
@@ -102,9 +127,8 @@ def moved_sphere(
 ):
     """A sphere after a substep; every thread moves it for itself, since that takes no barrier."""
     force = wp.vec3()
-    row = force_row(world, substep - 1)
-    if forces[row, sphere, TOUCHED] > wp.int64(0):
-        force = total_newtons(forces, row, sphere)
+    if touched:
+        force = total_newtons(forces.totals, force_row(world, substep - 1), sphere)
     return move_sphere(
         position,
         velocity,
@@ -122,7 +146,7 @@ def moved_sphere(
 @wp.func
 def add_penalty(
     obstacles: ObstacleTable,
-    forces: wp.array3d[wp.int64],
+    forces: SphereForces,
     world: wp.int32,
     sphere: wp.int32,
     substep: wp.int32,
@@ -131,8 +155,9 @@ def add_penalty(
 ):
     """What a particle that left a sphere adds to the sphere's forces of this substep."""
     penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
-    add_quanta(forces, force_row(world, substep), sphere, penalty_force(penalty, inflation, outward))
-    forces[force_row(world, substep), sphere, TOUCHED] = wp.int64(1)
+    row = force_row(world, substep)
+    add_quanta(forces.totals, row, sphere, penalty_force(penalty, inflation, outward))
+    forces.stamps[row] = substep
 
 
 @wp.func

@@ -12,21 +12,22 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.block import (
+    SphereForces,
     add_penalty,
-    aim_in_tile,
-    balloon_area,
     begin_sphere_forces,
-    clear_sphere_force,
+    clear_sphere_forces,
     count_frame_in_block,
     force_row,
+    measured_balloon_area,
     moved_sphere,
     row_of,
     sphere_mass,
     sphere_radius,
+    were_touched,
 )
 from balloon_warp.kernels.contact import leave_ground, leave_sphere
 from balloon_warp.kernels.fixed_point import total_newtons
-from balloon_warp.kernels.inflation import push
+from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area, push
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
 from balloon_warp.kernels.springs import spring_coefficient, squared_length
@@ -52,12 +53,16 @@ class SlotTable:
     rest_lengths: wp.array2d[float]
     """times the scale [m], shape (slot_count, particle_count)"""
     stiffness: wp.array3d[float]
+    faces: wp.array2d[wp.int32]
+    """the faces around each particle, -1 where there are no more, shape (face_slot_count, particle_count)"""
 
 
 @cache
 def resident_kernel(
     threads: int,
+    face_turns: int,
     kind_slots: tuple[int, int, int],
+    face_slots: int,
     sphere_count: int,
     springs_vary: bool,
     has_strings: bool,
@@ -66,6 +71,7 @@ def resident_kernel(
     max_registers: int,
 ) -> Any:
     """A kernel for just what a scene has."""
+    face_capacity = threads * face_turns
     structural_slots = kind_slots[0]
     shear_end = structural_slots + kind_slots[1]
     slots = shear_end + kind_slots[2]
@@ -92,7 +98,7 @@ def resident_kernel(
         neighbors: Indices
         scales: Numbers
         rests: Numbers  # rest length times spring constant [N]
-        sphere_masses: SphereNumbers
+        touched_before: bool  # whether spheres were touched two substeps ago
         sphere_radii: SphereNumbers
         centers: Spheres
         motions: Spheres
@@ -132,12 +138,43 @@ def resident_kernel(
         return force
 
     @wp.func
-    def refresh_aim(faces: FaceTable, points: Any, balloon: wp.int32, particle: wp.int32, lane: wp.int32, me: Particle):
-        """The aim of the particle; the areas of the balloons take all threads."""
+    def measure_faces(faces: FaceTable, points: Any, lane: wp.int32, centers: Any, area_vectors: Any):
+        """Every face by one thread, into the tiles."""
+        for turn in range(face_turns):
+            face = wp.min(turn * threads + lane, faces.balloon.shape[0] - 1)
+            begin = faces.offsets[face]
+            end = faces.offsets[face + 1]
+            center = face_center(points, 0, faces.particles, begin, end)
+            area_vector = face_area_vector(points, 0, faces.particles, begin, end, center)
+            measured = turn * threads + lane < faces.balloon.shape[0]
+            wp.tile_scatter_masked(centers, face, center, measured)
+            wp.tile_scatter_masked(area_vectors, face, area_vector, measured)
+
+    @wp.func
+    def refresh_aim(
+        faces: FaceTable,
+        springs: SlotTable,
+        points: Any,
+        balloon: wp.int32,
+        particle: wp.int32,
+        lane: wp.int32,
+        centers: Any,
+        area_vectors: Any,
+        me: Particle,
+    ):
+        """The aim of the particle; measuring faces takes all threads."""
+        measure_faces(faces, points, lane, centers, area_vectors)
+        normal = wp.vec3()
+        nearest = wp.vec2(FAR, 0.0)
+        for slot in range(face_slots):
+            face = springs.faces[slot, particle]
+            if face >= 0:
+                normal += wp.normalize(area_vectors[face])
+                nearest = nearer_area(nearest, me.point, centers[face], area_vectors[face])
         for each in range(faces.balloon_offsets.shape[0] - 1):
-            area = balloon_area(faces, points, 0, each, lane)
+            area = measured_balloon_area(faces, area_vectors, each, lane)
             if each == balloon:
-                me.aim = aim_in_tile(faces, points, 0, particle, me.point, area)
+                me.aim = aim_of(normal, nearest, area)
         return me
 
     @wp.func
@@ -146,7 +183,8 @@ def resident_kernel(
         strings: StringTable,
         obstacles: ObstacleTable,
         faces: FaceTable,
-        sphere_forces: wp.array3d[wp.int64],
+        springs: SlotTable,
+        sphere_forces: SphereForces,
         world: wp.int32,
         lane: wp.int32,
         particle: wp.int32,
@@ -158,20 +196,27 @@ def resident_kernel(
         # in and out
         me: Particle,
         target: Any,
+        face_centers: Any,
+        area_vectors: Any,
     ):
         """One substep, from one tile of points to the other."""
         if wp.static(fresh_normals):
-            me = refresh_aim(faces, source, bodies.balloon[particle], particle, lane, me)
-        for sphere in range(sphere_count):
-            center, motion = moved_sphere(
-                obstacles, sphere_forces, world, sphere, substep, row_of(me.centers, sphere),
-                row_of(me.motions, sphere), me.sphere_masses[sphere], me.sphere_radii[sphere], me.gravity, bodies.up,
-                step_seconds,
-            )  # fmt: skip
-            me.centers[sphere] = center
-            me.motions[sphere] = motion
-            if lane == 0:
-                clear_sphere_force(sphere_forces, world, sphere, substep)
+            me = refresh_aim(
+                faces, springs, source, bodies.balloon[particle], particle, lane, face_centers, area_vectors, me
+            )
+        if wp.static(sphere_count > 0):
+            touched = were_touched(sphere_forces, world, substep - 1)
+            for sphere in range(sphere_count):
+                center, motion = moved_sphere(
+                    obstacles, sphere_forces, touched, world, sphere, substep, row_of(me.centers, sphere),
+                    row_of(me.motions, sphere), sphere_mass(obstacles, world, sphere), me.sphere_radii[sphere],
+                    me.gravity, bodies.up, step_seconds,
+                )  # fmt: skip
+                me.centers[sphere] = center
+                me.motions[sphere] = motion
+            if me.touched_before and lane == 0:
+                clear_sphere_forces(sphere_forces, world, substep - 2)
+            me.touched_before = touched
         inflation = push(k_normal) * me.aim
         force = me.upward * bodies.up - me.damping * me.velocity + inflation + pull_of_slots(source, me)
         if wp.static(has_strings):
@@ -215,7 +260,7 @@ def resident_kernel(
         step_seconds: float,
         # state in and out
         state: WorldState,
-        sphere_forces: wp.array3d[wp.int64],
+        sphere_forces: SphereForces,
     ):
         """A block a world, a thread a particle: one frame."""
         world, lane = wp.tid()
@@ -237,7 +282,6 @@ def resident_kernel(
         for sphere in range(sphere_count):
             me.centers[sphere] = state.sphere_positions[world, sphere]
             me.motions[sphere] = state.sphere_velocities[world, sphere]
-            me.sphere_masses[sphere] = sphere_mass(obstacles, world, sphere)
             me.sphere_radii[sphere] = sphere_radius(obstacles, world, sphere)
         if wp.static(sphere_count > 0):
             if lane == 0:
@@ -245,20 +289,22 @@ def resident_kernel(
 
         even = wp.tile_zeros(shape=threads, dtype=wp.vec3, storage="shared")
         odd = wp.tile_zeros(shape=threads, dtype=wp.vec3, storage="shared")
+        face_centers = wp.tile_zeros(shape=face_capacity, dtype=wp.vec3, storage="shared")
+        area_vectors = wp.tile_zeros(shape=face_capacity, dtype=wp.vec3, storage="shared")
         wp.tile_scatter_masked(even, particle, me.point, active)
         if wp.static(not fresh_normals):
-            me = refresh_aim(faces, even, balloon, particle, lane, me)
+            me = refresh_aim(faces, springs, even, balloon, particle, lane, face_centers, area_vectors, me)
         for substep in range(0, substeps, 2):
             k_normal = ramp[0] + ramp[1] * (float(substep) * step_seconds)
             me = advance_substep(
-                bodies, strings, obstacles, faces, sphere_forces, world, lane, particle, active,
-                substep, k_normal, step_seconds, even, me, odd,
+                bodies, strings, obstacles, faces, springs, sphere_forces, world, lane, particle, active,
+                substep, k_normal, step_seconds, even, me, odd, face_centers, area_vectors,
             )  # fmt: skip
             if substep + 1 < substeps:
                 k_normal = ramp[0] + ramp[1] * (float(substep + 1) * step_seconds)
                 me = advance_substep(
-                    bodies, strings, obstacles, faces, sphere_forces, world, lane, particle, active,
-                    substep + 1, k_normal, step_seconds, odd, me, even,
+                    bodies, strings, obstacles, faces, springs, sphere_forces, world, lane, particle, active,
+                    substep + 1, k_normal, step_seconds, odd, me, even, face_centers, area_vectors,
                 )  # fmt: skip
 
         if active:
@@ -272,7 +318,7 @@ def resident_kernel(
                     state.sphere_positions[world, sphere] = row_of(me.centers, sphere)
                     state.sphere_velocities[world, sphere] = row_of(me.motions, sphere)
                     state.sphere_forces[world, sphere] = total_newtons(
-                        sphere_forces, force_row(world, substeps - 1), sphere
+                        sphere_forces.totals, force_row(world, substeps - 1), sphere
                     )
 
     return advance_resident

@@ -6,17 +6,19 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.block import (
+    SphereForces,
     add_penalty,
     aim_in_tile,
     balloon_area,
     begin_sphere_forces,
-    clear_sphere_force,
+    clear_sphere_forces,
     count_frame_in_block,
     force_row,
     moved_sphere,
     row_of,
     sphere_mass,
     sphere_radius,
+    were_touched,
 )
 from balloon_warp.kernels.contact import leave_ground, leave_sphere
 from balloon_warp.kernels.fixed_point import total_newtons
@@ -61,7 +63,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
         step_seconds: float,
         # state in and out
         state: WorldState,
-        sphere_forces: wp.array3d[wp.int64],
+        sphere_forces: SphereForces,
     ):
         """A block a world: one frame."""
         world, lane = wp.tid()
@@ -80,6 +82,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
         for sphere in range(state.sphere_positions.shape[1]):
             centers[sphere] = state.sphere_positions[world, sphere]
             motions[sphere] = state.sphere_velocities[world, sphere]
+        touched_before = bool(False)
         first = wp.int32(0)
         for substep in range(substeps):
             if substep == 0 or wp.static(fresh_normals):
@@ -90,16 +93,18 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
                             state.inflation_aims[world, particle] = aim_in_tile(
                                 faces, points, first, particle, points[first + particle], area
                             )
+            touched = were_touched(sphere_forces, world, substep - 1)
             for sphere in range(state.sphere_positions.shape[1]):
                 center, motion = moved_sphere(
-                    obstacles, sphere_forces, world, sphere, substep, row_of(centers, sphere), row_of(motions, sphere),
-                    sphere_mass(obstacles, world, sphere), sphere_radius(obstacles, world, sphere), gravity, bodies.up,
-                    step_seconds,
+                    obstacles, sphere_forces, touched, world, sphere, substep, row_of(centers, sphere),
+                    row_of(motions, sphere), sphere_mass(obstacles, world, sphere),
+                    sphere_radius(obstacles, world, sphere), gravity, bodies.up, step_seconds,
                 )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
-                if lane == 0:
-                    clear_sphere_force(sphere_forces, world, sphere, substep)
+            if touched_before and lane == 0:
+                clear_sphere_forces(sphere_forces, world, substep - 2)
+            touched_before = touched
             time_in_frame = float(substep) * step_seconds
             for turn in range(rounds):
                 active = turn * threads + lane < count
@@ -145,7 +150,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
                 state.sphere_positions[world, sphere] = centers[sphere]
                 state.sphere_velocities[world, sphere] = motions[sphere]
                 state.sphere_forces[world, sphere] = total_newtons(
-                    sphere_forces, force_row(world, substeps - 1), sphere
+                    sphere_forces.totals, force_row(world, substeps - 1), sphere
                 )
 
     return advance_streaming

@@ -3,7 +3,7 @@
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.block import FORCE_SLOTS
+from balloon_warp.kernels.block import FORCE_ROWS, SphereForces
 from balloon_warp.kernels.block_resident import resident_kernel
 from balloon_warp.kernels.block_streaming import streaming_kernel
 from balloon_warp.model import Model, State
@@ -53,9 +53,10 @@ class BlockSchedule:
             )
         self.model = model
         self._tables = [table(model) for table in (body_table, string_table, obstacle_table, face_table)]
-        self._sphere_forces = wp.zeros(
-            (FORCE_SLOTS * model.world_count, model.sphere_count, 4), dtype=wp.int64, device=model.device
-        )
+        rows = FORCE_ROWS * model.world_count
+        self._sphere_forces = SphereForces()
+        self._sphere_forces.totals = wp.zeros((rows, model.sphere_count, 3), dtype=wp.int64, device=model.device)
+        self._sphere_forces.stamps = wp.zeros(rows, dtype=wp.int32, device=model.device)
         self._threads = min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS) if model.device.is_cuda else 1
         fresh = model.scene.normals == "fresh"
         ends = spring_ends(model)
@@ -64,7 +65,9 @@ class BlockSchedule:
             self._springs = slot_table(model, ends)
             self._kernel = resident_kernel(
                 self._threads,
+                -(-model.face_count // self._threads),
                 kind_slots(ends),
+                self._springs.faces.shape[0],
                 model.sphere_count,
                 ends.vary,
                 model.string_count > 0,

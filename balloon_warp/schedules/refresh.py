@@ -9,7 +9,7 @@ from balloon_warp.kernels.areas import sum_face_areas
 from balloon_warp.kernels.inflation import aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.model import Model, State
 
-GPU_SUM_THREADS = 256
+GPU_SUM_THREADS = 1024
 """threads that sum the faces of a balloon"""
 
 

@@ -32,7 +32,18 @@ def slot_table(model: Model, ends: SpringEnds) -> SlotTable:
     table.scales = array(scales, float)
     table.rest_lengths = array(scales * rest_lengths, float)
     table.stiffness = model.stiffness
+    table.faces = array(_face_slots(model), wp.int32)
     return table
+
+
+def _face_slots(model: Model) -> NDArray[np.int64]:
+    """The faces around each particle, -1 where there are no more, shape (face_slot_count, particle_count)."""
+    offsets = model.particle_face_offsets.numpy()
+    counts = np.diff(offsets)
+    slots = np.full((counts.max(), len(counts)), -1)
+    particle = np.repeat(np.arange(len(counts)), counts)
+    slots[np.arange(len(particle)) - offsets[particle], particle] = model.particle_faces.numpy()
+    return slots
 
 
 def _slots_of_kind(ends: SpringEnds, kind: int) -> tuple[NDArray, NDArray, NDArray]:
