@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact import move_sphere, penalty_force
+from balloon_warp.kernels.contact import leave_ground, leave_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
 from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState
@@ -80,8 +80,8 @@ class SphereForces:
 
     totals: wp.array3d[wp.int64]
     """see `fixed_point`, shape (FORCE_ROWS * world_count, sphere_count, 3)"""
-    stamps: wp.array[wp.int32]
-    """the last substep in which something was added to a row, shape (FORCE_ROWS * world_count,)"""
+    stamps: wp.array2d[wp.int32]
+    """the last substep in which something was added to a row, shape (world_count, FORCE_ROWS)"""
 
 
 @wp.func
@@ -91,15 +91,15 @@ def begin_sphere_forces(state: WorldState, forces: SphereForces, world: wp.int32
         set_quanta(forces.totals, force_row(world, -1), sphere, state.sphere_forces[world, sphere])
         set_quanta(forces.totals, force_row(world, 0), sphere, wp.vec3())
         set_quanta(forces.totals, force_row(world, 1), sphere, wp.vec3())
-    forces.stamps[force_row(world, -1)] = -1
-    forces.stamps[force_row(world, 0)] = -FORCE_ROWS
-    forces.stamps[force_row(world, 1)] = -FORCE_ROWS
+    forces.stamps[world, FORCE_ROWS - 1] = -1
+    forces.stamps[world, 0] = -FORCE_ROWS
+    forces.stamps[world, 1] = -FORCE_ROWS
 
 
 @wp.func
-def were_touched(forces: SphereForces, world: wp.int32, substep: wp.int32):
+def were_touched(stamps: wp.array[wp.int32], substep: wp.int32):
     """Whether a particle touched a sphere of the world in a substep that is over."""
-    return forces.stamps[force_row(world, substep)] == substep
+    return stamps[(substep + FORCE_ROWS) % FORCE_ROWS] == substep
 
 
 @wp.func
@@ -107,40 +107,6 @@ def clear_sphere_forces(forces: SphereForces, world: wp.int32, substep: wp.int32
     """By one thread: a row that all threads have read."""
     for sphere in range(forces.totals.shape[1]):
         set_quanta(forces.totals, force_row(world, substep), sphere, wp.vec3())
-
-
-@wp.func
-def moved_sphere(
-    obstacles: ObstacleTable,
-    forces: SphereForces,
-    touched: bool,
-    world: wp.int32,
-    sphere: wp.int32,
-    substep: wp.int32,
-    position: wp.vec3,
-    velocity: wp.vec3,
-    mass: float,
-    radius: float,
-    gravity: float,
-    up: wp.vec3,
-    step_seconds: float,
-):
-    """A sphere after a substep; every thread moves it for itself, since that takes no barrier."""
-    force = wp.vec3()
-    if touched:
-        force = total_newtons(forces.totals, force_row(world, substep - 1), sphere)
-    return move_sphere(
-        position,
-        velocity,
-        force,
-        mass,
-        radius,
-        gravity,
-        up,
-        obstacles.ground_height,
-        obstacles.ground_restitution,
-        step_seconds,
-    )
 
 
 @wp.func
@@ -157,7 +123,7 @@ def add_penalty(
     penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
     row = force_row(world, substep)
     add_quanta(forces.totals, row, sphere, penalty_force(penalty, inflation, outward))
-    forces.stamps[row] = substep
+    forces.stamps[world, substep % FORCE_ROWS] = substep
 
 
 @wp.func
@@ -167,6 +133,50 @@ def sphere_radius(obstacles: ObstacleTable, world: wp.int32, sphere: wp.int32):
 
 
 @wp.func
-def sphere_mass(obstacles: ObstacleTable, world: wp.int32, sphere: wp.int32):
-    """[kg]"""
-    return obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere]
+def meet_sphere(
+    obstacles: ObstacleTable,
+    forces: SphereForces,
+    world: wp.int32,
+    sphere: wp.int32,
+    substep: wp.int32,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    center: wp.vec3,
+    sphere_velocity: wp.vec3,
+    radius: float,
+    up: wp.vec3,
+    inflation: wp.vec3,
+    active: bool,
+):
+    """A particle out of a sphere, which gets its penalty; most are outside and go on at once."""
+    if wp.length_sq(point - center) >= radius * radius:
+        return point, velocity
+    new_point, new_velocity, outward = leave_sphere(point, velocity, center, sphere_velocity, radius, up)
+    if active:
+        add_penalty(obstacles, forces, world, sphere, substep, inflation, outward)
+    return new_point, new_velocity
+
+
+@wp.func
+def meet_ground(obstacles: ObstacleTable, point: wp.vec3, velocity: wp.vec3, up: wp.vec3):
+    """A particle up to the ground; most are above and go on at once."""
+    if wp.dot(point, up) >= obstacles.ground_height:
+        return point, velocity
+    new_point, new_velocity = leave_ground(point, velocity, up, obstacles.ground_height, obstacles.ground_friction)
+    return new_point, new_velocity
+
+
+@wp.func
+def acceleration_by_touch(
+    obstacles: ObstacleTable,
+    forces: SphereForces,
+    touched: bool,
+    world: wp.int32,
+    sphere: wp.int32,
+    substep: wp.int32,
+):
+    """Acceleration of a sphere by the penalties of a substep [m/s^2]; most have none."""
+    if not touched:
+        return wp.vec3()
+    mass = obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere]
+    return total_newtons(forces.totals, force_row(world, substep), sphere) / mass

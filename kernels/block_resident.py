@@ -13,19 +13,19 @@ import warp as wp
 
 from balloon_warp.kernels.block import (
     SphereForces,
-    add_penalty,
+    acceleration_by_touch,
     begin_sphere_forces,
     clear_sphere_forces,
     count_frame_in_block,
     force_row,
     measured_balloon_area,
-    moved_sphere,
+    meet_ground,
+    meet_sphere,
     row_of,
-    sphere_mass,
     sphere_radius,
     were_touched,
 )
-from balloon_warp.kernels.contact import leave_ground, leave_sphere
+from balloon_warp.kernels.contact import move_sphere
 from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area, push
 from balloon_warp.kernels.motion import lift, response
@@ -167,10 +167,12 @@ def resident_kernel(
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
         for slot in range(face_slots):
+            # Without a branch, so that the loads of all slots are under way together.
             face = springs.faces[slot, particle]
-            if face >= 0:
-                normal += wp.normalize(area_vectors[face])
-                nearest = nearer_area(nearest, me.point, centers[face], area_vectors[face])
+            area_vector = area_vectors[wp.max(face, 0)]
+            nearer = nearer_area(nearest, me.point, centers[wp.max(face, 0)], area_vector)
+            normal += wp.where(face >= 0, wp.normalize(area_vector), wp.vec3())
+            nearest = wp.where(face >= 0, nearer, nearest)
         for each in range(faces.balloon_offsets.shape[0] - 1):
             area = measured_balloon_area(faces, area_vectors, each, lane)
             if each == balloon:
@@ -205,12 +207,12 @@ def resident_kernel(
                 faces, springs, source, bodies.balloon[particle], particle, lane, face_centers, area_vectors, me
             )
         if wp.static(sphere_count > 0):
-            touched = were_touched(sphere_forces, world, substep - 1)
+            touched = were_touched(sphere_forces.stamps[world], substep - 1)
             for sphere in range(sphere_count):
-                center, motion = moved_sphere(
-                    obstacles, sphere_forces, touched, world, sphere, substep, row_of(me.centers, sphere),
-                    row_of(me.motions, sphere), sphere_mass(obstacles, world, sphere), me.sphere_radii[sphere],
-                    me.gravity, bodies.up, step_seconds,
+                pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
+                center, motion = move_sphere(
+                    row_of(me.centers, sphere), row_of(me.motions, sphere), pushed, me.sphere_radii[sphere],
+                    me.gravity, bodies.up, obstacles.ground_height, obstacles.ground_restitution, step_seconds,
                 )  # fmt: skip
                 me.centers[sphere] = center
                 me.motions[sphere] = motion
@@ -223,23 +225,19 @@ def resident_kernel(
             force += pull_of_strings(strings, me.point, world, particle)
         me.velocity += me.response * force
         me.point += step_seconds * me.velocity
-        if wp.static(sphere_count > 0 or has_ground):
-            if me.response > 0.0:
-                for sphere in range(sphere_count):
-                    point, velocity, outward = leave_sphere(
-                        me.point, me.velocity, row_of(me.centers, sphere), row_of(me.motions, sphere),
-                        me.sphere_radii[sphere], bodies.up,
-                    )  # fmt: skip
-                    me.point = point
-                    me.velocity = velocity
-                    if active and wp.length_sq(outward) > 0.0:
-                        add_penalty(obstacles, sphere_forces, world, sphere, substep, inflation, outward)
-                if wp.static(has_ground):
-                    point, velocity = leave_ground(
-                        me.point, me.velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
-                    )
-                    me.point = point
-                    me.velocity = velocity
+        if me.response > 0.0:
+            for sphere in range(sphere_count):
+                point, velocity = meet_sphere(
+                    obstacles, sphere_forces, world, sphere, substep, me.point, me.velocity,
+                    row_of(me.centers, sphere), row_of(me.motions, sphere), me.sphere_radii[sphere], bodies.up,
+                    inflation, active,
+                )  # fmt: skip
+                me.point = point
+                me.velocity = velocity
+            if wp.static(has_ground):
+                point, velocity = meet_ground(obstacles, me.point, me.velocity, bodies.up)
+                me.point = point
+                me.velocity = velocity
         wp.tile_scatter_masked(target, particle, me.point, active)
         return me
 
@@ -287,10 +285,10 @@ def resident_kernel(
             if lane == 0:
                 begin_sphere_forces(state, sphere_forces, world)
 
-        even = wp.tile_zeros(shape=threads, dtype=wp.vec3, storage="shared")
-        odd = wp.tile_zeros(shape=threads, dtype=wp.vec3, storage="shared")
-        face_centers = wp.tile_zeros(shape=face_capacity, dtype=wp.vec3, storage="shared")
-        area_vectors = wp.tile_zeros(shape=face_capacity, dtype=wp.vec3, storage="shared")
+        even = wp.tile_empty(shape=threads, dtype=wp.vec3, storage="shared")
+        odd = wp.tile_empty(shape=threads, dtype=wp.vec3, storage="shared")
+        face_centers = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
+        area_vectors = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
         wp.tile_scatter_masked(even, particle, me.point, active)
         if wp.static(not fresh_normals):
             me = refresh_aim(faces, springs, even, balloon, particle, lane, face_centers, area_vectors, me)

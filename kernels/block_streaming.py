@@ -7,24 +7,24 @@ import warp as wp
 
 from balloon_warp.kernels.block import (
     SphereForces,
-    add_penalty,
+    acceleration_by_touch,
     aim_in_tile,
     balloon_area,
     begin_sphere_forces,
     clear_sphere_forces,
     count_frame_in_block,
     force_row,
-    moved_sphere,
+    meet_ground,
+    meet_sphere,
     row_of,
-    sphere_mass,
     sphere_radius,
     were_touched,
 )
-from balloon_warp.kernels.contact import leave_ground, leave_sphere
+from balloon_warp.kernels.contact import move_sphere
 from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import advance, body_force
-from balloon_warp.kernels.pull import pull_of_springs, pull_of_strings
+from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
     BodyTable,
     FaceTable,
@@ -41,9 +41,10 @@ MAX_REGISTERS = 64
 
 
 @cache
-def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -> Any:
+def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fresh_normals: bool) -> Any:
     """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
     buffers = 2 * capacity
+    pull_of_springs = spring_puller(springs_vary)
     Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
 
     @wp.kernel(
@@ -93,12 +94,12 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
                             state.inflation_aims[world, particle] = aim_in_tile(
                                 faces, points, first, particle, points[first + particle], area
                             )
-            touched = were_touched(sphere_forces, world, substep - 1)
+            touched = were_touched(sphere_forces.stamps[world], substep - 1)
             for sphere in range(state.sphere_positions.shape[1]):
-                center, motion = moved_sphere(
-                    obstacles, sphere_forces, touched, world, sphere, substep, row_of(centers, sphere),
-                    row_of(motions, sphere), sphere_mass(obstacles, world, sphere),
-                    sphere_radius(obstacles, world, sphere), gravity, bodies.up, step_seconds,
+                pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
+                center, motion = move_sphere(
+                    row_of(centers, sphere), row_of(motions, sphere), pushed, sphere_radius(obstacles, world, sphere),
+                    gravity, bodies.up, obstacles.ground_height, obstacles.ground_restitution, step_seconds,
                 )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
@@ -129,15 +130,12 @@ def streaming_kernel(capacity: int, sphere_capacity: int, fresh_normals: bool) -
                 point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
                 if mass > 0.0:
                     for sphere in range(state.sphere_positions.shape[1]):
-                        point, velocity, outward = leave_sphere(
-                            point, velocity, row_of(centers, sphere), row_of(motions, sphere),
-                            sphere_radius(obstacles, world, sphere), bodies.up,
+                        point, velocity = meet_sphere(
+                            obstacles, sphere_forces, world, sphere, substep, point, velocity,
+                            row_of(centers, sphere), row_of(motions, sphere),
+                            sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
                         )  # fmt: skip
-                        if active and wp.length_sq(outward) > 0.0:
-                            add_penalty(obstacles, sphere_forces, world, sphere, substep, inflation, outward)
-                    point, velocity = leave_ground(
-                        point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
-                    )
+                    point, velocity = meet_ground(obstacles, point, velocity, bodies.up)
                 if active:
                     state.velocities[world, particle] = velocity
                 wp.tile_scatter_masked(points, capacity - first + particle, point, active)

@@ -74,8 +74,7 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 def move_sphere(
     position: wp.vec3,
     velocity: wp.vec3,
-    force: wp.vec3,
-    mass: float,
+    pushed: wp.vec3,
     radius: float,
     gravity: float,
     up: wp.vec3,
@@ -83,8 +82,8 @@ def move_sphere(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step: gravity, the penalties since the last step, and the ground."""
-    velocity += step_seconds * (force / mass - gravity * up)
+    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by penalties."""
+    velocity += step_seconds * (pushed - gravity * up)
     position += step_seconds * velocity
     depth = ground_height + radius - wp.dot(position, up)
     if depth > 0.0:
@@ -157,8 +156,7 @@ def move_spheres(
     position, velocity = move_sphere(
         sphere_positions[world, sphere],
         sphere_velocities[world, sphere],
-        sphere_forces[world, sphere],
-        sphere_mass[world % sphere_mass.shape[0], sphere],
+        sphere_forces[world, sphere] / sphere_mass[world % sphere_mass.shape[0], sphere],
         sphere_radius[world % sphere_radius.shape[0], sphere],
         gravity[world % gravity.shape[0]],
         up,

@@ -1,12 +1,15 @@
 """The `gather` schedule: a thread a particle, which sums its forces, moves, and leaves obstacles. No float atomics."""
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import advance, body_force
-from balloon_warp.kernels.pull import pull_of_springs, pull_of_strings
+from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
     BodyTable,
     ObstacleTable,
@@ -20,16 +23,16 @@ from balloon_warp.kernels.tables import (
 @wp.func
 def net_force(
     bodies: BodyTable,
-    springs: SpringTable,
     strings: StringTable,
     world: wp.int32,
     particle: wp.int32,
-    points: wp.array[wp.vec3],
+    point: wp.vec3,
     velocity: wp.vec3,
     mass: float,
     inflation: wp.vec3,
+    pull: wp.vec3,
 ):
-    """All forces on a particle but those of contacts [N]."""
+    """All forces on a particle but those of contacts [N]; `pull` is that of its springs."""
     balloon = bodies.balloon[particle]
     body = body_force(
         mass,
@@ -39,81 +42,99 @@ def net_force(
         bodies.up,
         velocity,
     )
-    pull = pull_of_springs(springs, points, 0, points[particle], world, balloon, particle)
-    return body + inflation + pull + pull_of_strings(strings, points[particle], world, particle)
+    return body + inflation + pull + pull_of_strings(strings, point, world, particle)
 
 
-@wp.kernel(enable_backward=False)
-def sum_forces(
-    # model
-    bodies: BodyTable,
-    springs: SpringTable,
-    strings: StringTable,
-    time_in_frame: float,
-    # state in
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    # state out
-    forces: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle): the net force."""
-    world, particle = wp.tid()
-    ramp = inflation_ramp[world, bodies.balloon[particle]]
-    inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
-    mass = particle_mass(bodies, world, particle)
-    forces[world, particle] = net_force(
-        bodies, springs, strings, world, particle, points[world], velocities[world, particle], mass, inflation
-    )
+@cache
+def force_kernel(springs_vary: bool) -> Any:
+    """The kernel that finds net forces."""
+    pull_of_springs = spring_puller(springs_vary)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
+    def sum_forces(
+        # model
+        bodies: BodyTable,
+        springs: SpringTable,
+        strings: StringTable,
+        time_in_frame: float,
+        # state in
+        inflation_aims: wp.array2d[wp.vec3],
+        inflation_ramp: wp.array2d[wp.vec2],
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # state out
+        forces: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle): the net force."""
+        world, particle = wp.tid()
+        ramp = inflation_ramp[world, bodies.balloon[particle]]
+        inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+        mass = particle_mass(bodies, world, particle)
+        point = points[world, particle]
+        velocity = velocities[world, particle]
+        pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
+        forces[world, particle] = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
+
+    return sum_forces
 
 
-@wp.kernel(enable_backward=False)
-def advance_particles(
-    # model
-    bodies: BodyTable,
-    springs: SpringTable,
-    strings: StringTable,
-    obstacles: ObstacleTable,
-    step_seconds: float,
-    time_in_frame: float,
-    # state in
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    points: wp.array2d[wp.vec3],
-    # state in and out
-    velocities: wp.array2d[wp.vec3],
-    # state out
-    new_points: wp.array2d[wp.vec3],
-    sphere_forces: wp.array3d[wp.int64],
-):
-    """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`."""
-    world, particle = wp.tid()
-    mass = particle_mass(bodies, world, particle)
-    velocity = velocities[world, particle]
-    ramp = inflation_ramp[world, bodies.balloon[particle]]
-    inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
-    force = net_force(bodies, springs, strings, world, particle, points[world], velocity, mass, inflation)
-    point, velocity = advance(points[world, particle], velocity, force, mass, step_seconds)
-    if mass > 0.0:
-        for sphere in range(sphere_positions.shape[1]):
-            radius = obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
-            point, velocity, outward = leave_sphere(
-                point,
-                velocity,
-                sphere_positions[world, sphere],
-                sphere_velocities[world, sphere],
-                radius,
-                bodies.up,
+@cache
+def particle_kernel(springs_vary: bool) -> Any:
+    """The kernel that advances the particles."""
+    pull_of_springs = spring_puller(springs_vary)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
+    def advance_particles(
+        # model
+        bodies: BodyTable,
+        springs: SpringTable,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        step_seconds: float,
+        time_in_frame: float,
+        # state in
+        inflation_aims: wp.array2d[wp.vec3],
+        inflation_ramp: wp.array2d[wp.vec2],
+        sphere_positions: wp.array2d[wp.vec3],
+        sphere_velocities: wp.array2d[wp.vec3],
+        points: wp.array2d[wp.vec3],
+        # state in and out
+        velocities: wp.array2d[wp.vec3],
+        # state out
+        new_points: wp.array2d[wp.vec3],
+        sphere_forces: wp.array3d[wp.int64],
+    ):
+        """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`."""
+        world, particle = wp.tid()
+        mass = particle_mass(bodies, world, particle)
+        velocity = velocities[world, particle]
+        ramp = inflation_ramp[world, bodies.balloon[particle]]
+        inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+        point = points[world, particle]
+        pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
+        force = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
+        point, velocity = advance(point, velocity, force, mass, step_seconds)
+        if mass > 0.0:
+            for sphere in range(sphere_positions.shape[1]):
+                radius = obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
+                point, velocity, outward = leave_sphere(
+                    point,
+                    velocity,
+                    sphere_positions[world, sphere],
+                    sphere_velocities[world, sphere],
+                    radius,
+                    bodies.up,
+                )
+                if wp.length_sq(outward) > 0.0:
+                    penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
+                    add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
+            point, velocity = leave_ground(
+                point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
             )
-            if wp.length_sq(outward) > 0.0:
-                penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
-                add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
-        point, velocity = leave_ground(point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction)
-    velocities[world, particle] = velocity
-    new_points[world, particle] = point
+        velocities[world, particle] = velocity
+        new_points[world, particle] = point
+
+    return advance_particles
 
 
 @wp.kernel(enable_backward=False)
@@ -132,8 +153,8 @@ def move_gathered_spheres(
     position, velocity = move_sphere(
         sphere_positions[world, sphere],
         sphere_velocities[world, sphere],
-        total_newtons(sphere_forces, world, sphere),
-        obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
+        total_newtons(sphere_forces, world, sphere)
+        / obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
         obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
         bodies.gravity[world % bodies.gravity.shape[0]],
         bodies.up,

@@ -26,8 +26,8 @@ def move_sphere_lanes(
                 position, velocity = move_sphere(
                     state.sphere_positions[world, sphere],
                     state.sphere_velocities[world, sphere],
-                    state.sphere_forces[world, sphere],
-                    obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
+                    state.sphere_forces[world, sphere]
+                    / obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
                     obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
                     bodies.gravity[world % bodies.gravity.shape[0]],
                     bodies.up,

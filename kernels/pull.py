@@ -1,5 +1,6 @@
 """What a particle's springs and strings sum to, for schedules in which a particle gathers its own forces."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -8,30 +9,37 @@ from balloon_warp.kernels.springs import spring_coefficient, squared_length, str
 from balloon_warp.kernels.tables import CHUNK, SLICE, SpringTable, StringTable, first_entry, spring_constants
 
 
-@wp.func
-def pull_of_springs(
-    springs: SpringTable,
-    points: Any,
-    first: wp.int32,
-    point: wp.vec3,
-    world: wp.int32,
-    balloon: wp.int32,
-    particle: wp.int32,
-):
-    """Net force of a particle's springs [N]; particle p stands at `points[first + p]`."""
-    force = wp.vec3()
-    constants = spring_constants(springs, world, balloon)
-    begin = first_entry(springs, particle)
-    for chunk in range(begin, begin + SLICE * springs.valences[particle], SLICE * CHUNK):
-        for slot in range(CHUNK):
-            entry = chunk + SLICE * slot
-            end = springs.ends[entry]
-            scale = float(1.0)
-            if springs.scales.shape[0] > 0:
-                scale = springs.scales[entry]
-            d = points[first + (end >> 2)] - point
-            force += constants[end & 3] * spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry]) * d
-    return force
+@cache
+def spring_puller(springs_vary: bool) -> Any:
+    """The function that sums a particle's springs; without the scales if they are all 1."""
+
+    @wp.func
+    def pull_of_springs(
+        springs: SpringTable,
+        points: Any,
+        first: wp.int32,
+        point: wp.vec3,
+        world: wp.int32,
+        balloon: wp.int32,
+        particle: wp.int32,
+    ):
+        """Net force of a particle's springs [N]; particle p stands at `points[first + p]`."""
+        force = wp.vec3()
+        constants = spring_constants(springs, world, balloon)
+        begin = first_entry(springs, particle)
+        for chunk in range(begin, begin + SLICE * springs.valences[particle], SLICE * CHUNK):
+            for slot in range(CHUNK):
+                entry = chunk + SLICE * slot
+                scale = float(1.0)
+                if wp.static(springs_vary):
+                    scale = springs.scales[entry]
+                end = springs.ends[entry]
+                d = points[first + (end >> 2)] - point
+                coefficient = spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry])
+                force += constants[end & 3] * coefficient * d
+        return force
+
+    return pull_of_springs
 
 
 @wp.func

@@ -56,7 +56,7 @@ class BlockSchedule:
         rows = FORCE_ROWS * model.world_count
         self._sphere_forces = SphereForces()
         self._sphere_forces.totals = wp.zeros((rows, model.sphere_count, 3), dtype=wp.int64, device=model.device)
-        self._sphere_forces.stamps = wp.zeros(rows, dtype=wp.int32, device=model.device)
+        self._sphere_forces.stamps = wp.zeros((model.world_count, FORCE_ROWS), dtype=wp.int32, device=model.device)
         self._threads = min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS) if model.device.is_cuda else 1
         fresh = model.scene.normals == "fresh"
         ends = spring_ends(model)
@@ -77,8 +77,8 @@ class BlockSchedule:
             )
         else:
             capacity = _round_up(model.particle_count, STREAMING_STEP)
-            self._springs = spring_table(model)
-            self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), fresh)
+            self._springs = spring_table(model, ends)
+            self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), ends.vary, fresh)
 
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""

@@ -9,14 +9,14 @@ import warp as wp
 
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.gather import (
-    advance_particles,
     move_gathered_spheres,
+    particle_kernel,
     read_sphere_forces,
     write_sphere_forces,
 )
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
-from balloon_warp.schedules.tables import body_table, obstacle_table, spring_table, string_table
+from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, spring_table, string_table
 
 
 class GatherSchedule:
@@ -28,7 +28,9 @@ class GatherSchedule:
     def __init__(self, model: Model):
         self.model = model
         self._bodies = body_table(model)
-        self._springs = spring_table(model)
+        ends = spring_ends(model)
+        self._kernel = particle_kernel(ends.vary)
+        self._springs = spring_table(model, ends)
         self._strings = string_table(model)
         self._obstacles = obstacle_table(model)
         self._aims = AimRefresher(model)
@@ -50,7 +52,7 @@ class GatherSchedule:
                 *(state.sphere_positions, state.sphere_velocities, self._sphere_quanta),
             )
             self._launch(
-                advance_particles,
+                self._kernel,
                 (model.world_count, model.particle_count),
                 *(self._bodies, self._springs, self._strings, self._obstacles),
                 *(model.step_seconds, substep * model.step_seconds),

@@ -18,6 +18,7 @@ from balloon_warp.schedules.tables import (
     body_table,
     face_table,
     obstacle_table,
+    spring_ends,
     spring_table,
     string_table,
     world_state,
@@ -45,7 +46,13 @@ class LanesSchedule:
         thread_count = min(thread_count or os.cpu_count() or 1, group_count)
         self._threads = ThreadPoolExecutor(thread_count)
         self._shares = np.array_split(np.arange(group_count), thread_count)
-        self._tables = [table(model) for table in (body_table, spring_table, string_table, obstacle_table, face_table)]
+        self._tables = [
+            body_table(model),
+            spring_table(model, spring_ends(model)),
+            string_table(model),
+            obstacle_table(model),
+            face_table(model),
+        ]
         self._lanes = _lane_state(model, group_count)
         wp.load_module("balloon_warp.kernels.lanes", device=model.device)  # before the threads do
 

@@ -2,10 +2,10 @@
 
 import warp as wp
 
-from balloon_warp.kernels.gather import sum_forces
+from balloon_warp.kernels.gather import force_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
-from balloon_warp.schedules.tables import body_table, spring_table, string_table
+from balloon_warp.schedules.tables import body_table, spring_ends, spring_table, string_table
 
 
 class ForceReader:
@@ -14,7 +14,9 @@ class ForceReader:
     def __init__(self, model: Model):
         self.model = model
         self._aims = AimRefresher(model)
-        self._tables = body_table(model), spring_table(model), string_table(model)
+        ends = spring_ends(model)
+        self._kernel = force_kernel(ends.vary)
+        self._tables = body_table(model), spring_table(model, ends), string_table(model)
         self._forces = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
 
     def refresh_inflation(self, state: State) -> None:
@@ -25,7 +27,7 @@ class ForceReader:
     def net_forces(self, state: State) -> wp.array:
         """On each particle at the start of a frame [N], shape (world_count, particle_count), vec3."""
         wp.launch(
-            sum_forces,
+            self._kernel,
             self._forces.shape,
             inputs=[*self._tables, 0.0, state.inflation_aims, state.inflation_ramp, state.points, state.velocities],
             outputs=[self._forces],

@@ -57,9 +57,8 @@ def spring_ends(model: Model) -> SpringEnds:
     )
 
 
-def spring_table(model: Model) -> SpringTable:
+def spring_table(model: Model, ends: SpringEnds) -> SpringTable:
     """Each particle's springs in slices of 32 particles."""
-    ends = spring_ends(model)
     valence = ends.by_kind.sum(axis=1)
     slot = np.arange(len(ends.particle)) - np.repeat(np.cumsum(valence) - valence, valence)
     padded = np.zeros(-(-model.particle_count // SLICE) * SLICE, dtype=np.int64)
