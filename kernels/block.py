@@ -10,7 +10,7 @@ import warp as wp
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
-from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState
+from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState, row_of_world
 
 FORCE_ROWS = 3
 """rows of the spheres' forces in a world: a substep adds to one, reads that of the last, and clears that of the next"""
@@ -103,10 +103,9 @@ def were_touched(stamps: wp.array[wp.int32], substep: wp.int32):
 
 
 @wp.func
-def clear_sphere_forces(forces: SphereForces, world: wp.int32, substep: wp.int32):
+def clear_sphere_force(forces: SphereForces, world: wp.int32, sphere: wp.int32, substep: wp.int32):
     """By one thread: a row that all threads have read."""
-    for sphere in range(forces.totals.shape[1]):
-        set_quanta(forces.totals, force_row(world, substep), sphere, wp.vec3())
+    set_quanta(forces.totals, force_row(world, substep), sphere, wp.vec3())
 
 
 @wp.func
@@ -120,7 +119,7 @@ def add_penalty(
     outward: wp.vec3,
 ):
     """What a particle that left a sphere adds to the sphere's forces of this substep."""
-    penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
+    penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
     row = force_row(world, substep)
     add_quanta(forces.totals, row, sphere, penalty_force(penalty, inflation, outward))
     forces.stamps[world, substep % FORCE_ROWS] = substep
@@ -129,7 +128,7 @@ def add_penalty(
 @wp.func
 def sphere_radius(obstacles: ObstacleTable, world: wp.int32, sphere: wp.int32):
     """[m]"""
-    return obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
+    return obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
 
 
 @wp.func
@@ -178,5 +177,5 @@ def acceleration_by_touch(
     """Acceleration of a sphere by the penalties of a substep [m/s^2]; most have none."""
     if not touched:
         return wp.vec3()
-    mass = obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere]
+    mass = obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere]
     return total_newtons(forces.totals, force_row(world, substep), sphere) / mass

@@ -15,7 +15,7 @@ from balloon_warp.kernels.block import (
     SphereForces,
     acceleration_by_touch,
     begin_sphere_forces,
-    clear_sphere_forces,
+    clear_sphere_force,
     count_frame_in_block,
     force_row,
     measured_balloon_area,
@@ -39,6 +39,7 @@ from balloon_warp.kernels.tables import (
     WorldState,
     particle_damping,
     particle_mass,
+    row_of_world,
 )
 
 
@@ -78,7 +79,6 @@ def resident_kernel(
     Indices = wp.types.vector(length=slots, dtype=wp.int32)  # noqa: N806 - a type
     Numbers = wp.types.vector(length=slots, dtype=wp.float32)  # noqa: N806
     Spheres = wp.types.matrix(shape=(max(sphere_count, 1), 3), dtype=wp.float32)  # noqa: N806
-
     SphereNumbers = wp.types.vector(length=max(sphere_count, 1), dtype=wp.float32)  # noqa: N806
 
     @wp.struct
@@ -106,7 +106,7 @@ def resident_kernel(
     @wp.func
     def read_springs(springs: SlotTable, world: wp.int32, balloon: wp.int32, particle: wp.int32, me: Particle):
         """Into registers; constants[kind] * scale is a spring's own."""
-        row = world % springs.stiffness.shape[0]
+        row = row_of_world(world, springs.stiffness.shape[0])
         me.structural = springs.stiffness[row, balloon, 0]
         me.shear = springs.stiffness[row, balloon, 1]
         me.flexion = springs.stiffness[row, balloon, 2]
@@ -216,8 +216,8 @@ def resident_kernel(
                 )  # fmt: skip
                 me.centers[sphere] = center
                 me.motions[sphere] = motion
-            if me.touched_before and lane == 0:
-                clear_sphere_forces(sphere_forces, world, substep - 2)
+                if me.touched_before and lane == 0:
+                    clear_sphere_force(sphere_forces, world, sphere, substep - 2)
             me.touched_before = touched
         inflation = push(k_normal) * me.aim
         force = me.upward * bodies.up - me.damping * me.velocity + inflation + pull_of_slots(source, me)
@@ -267,8 +267,8 @@ def resident_kernel(
         balloon = bodies.balloon[particle]
         mass = particle_mass(bodies, world, particle)
         me = Particle()
-        me.gravity = bodies.gravity[world % bodies.gravity.shape[0]]
-        helium = bodies.helium[world % bodies.helium.shape[0], balloon]
+        me.gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+        helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon]
         ramp = state.inflation_ramp[world, balloon]
 
         me.point = state.points[world, particle]

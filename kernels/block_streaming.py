@@ -11,7 +11,7 @@ from balloon_warp.kernels.block import (
     aim_in_tile,
     balloon_area,
     begin_sphere_forces,
-    clear_sphere_forces,
+    clear_sphere_force,
     count_frame_in_block,
     force_row,
     meet_ground,
@@ -34,6 +34,7 @@ from balloon_warp.kernels.tables import (
     WorldState,
     particle_damping,
     particle_mass,
+    row_of_world,
 )
 
 MAX_REGISTERS = 64
@@ -70,7 +71,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
         world, lane = wp.tid()
         count = state.points.shape[1]
         threads = wp.block_dim()
-        gravity = bodies.gravity[world % bodies.gravity.shape[0]]
+        gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
         rounds = (count + threads - 1) // threads
         points = wp.tile_zeros(shape=buffers, dtype=wp.vec3, storage="shared")
         if lane == 0:
@@ -103,8 +104,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
                 )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
-            if touched_before and lane == 0:
-                clear_sphere_forces(sphere_forces, world, substep - 2)
+                if touched_before and lane == 0:
+                    clear_sphere_force(sphere_forces, world, sphere, substep - 2)
             touched_before = touched
             time_in_frame = float(substep) * step_seconds
             for turn in range(rounds):
@@ -120,7 +121,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
                 body = body_force(
                     mass,
                     gravity,
-                    bodies.helium[world % bodies.helium.shape[0], balloon],
+                    bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon],
                     particle_damping(bodies, world, particle),
                     bodies.up,
                     velocity,

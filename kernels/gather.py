@@ -17,6 +17,7 @@ from balloon_warp.kernels.tables import (
     StringTable,
     particle_damping,
     particle_mass,
+    row_of_world,
 )
 
 
@@ -36,8 +37,8 @@ def net_force(
     balloon = bodies.balloon[particle]
     body = body_force(
         mass,
-        bodies.gravity[world % bodies.gravity.shape[0]],
-        bodies.helium[world % bodies.helium.shape[0], balloon],
+        bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
+        bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon],
         particle_damping(bodies, world, particle),
         bodies.up,
         velocity,
@@ -116,7 +117,7 @@ def particle_kernel(springs_vary: bool) -> Any:
         point, velocity = advance(point, velocity, force, mass, step_seconds)
         if mass > 0.0:
             for sphere in range(sphere_positions.shape[1]):
-                radius = obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
+                radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
                 point, velocity, outward = leave_sphere(
                     point,
                     velocity,
@@ -126,7 +127,7 @@ def particle_kernel(springs_vary: bool) -> Any:
                     bodies.up,
                 )
                 if wp.length_sq(outward) > 0.0:
-                    penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
+                    penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
                     add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
             point, velocity = leave_ground(
                 point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
@@ -154,9 +155,9 @@ def move_gathered_spheres(
         sphere_positions[world, sphere],
         sphere_velocities[world, sphere],
         total_newtons(sphere_forces, world, sphere)
-        / obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
-        obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
-        bodies.gravity[world % bodies.gravity.shape[0]],
+        / obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere],
+        obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
+        bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
         bodies.up,
         obstacles.ground_height,
         obstacles.ground_restitution,

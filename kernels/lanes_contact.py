@@ -6,7 +6,7 @@ from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column, squared_lengths
-from balloon_warp.kernels.tables import BodyTable, ObstacleTable, WorldState
+from balloon_warp.kernels.tables import BodyTable, ObstacleTable, WorldState, row_of_world
 
 
 @wp.func
@@ -27,9 +27,9 @@ def move_sphere_lanes(
                     state.sphere_positions[world, sphere],
                     state.sphere_velocities[world, sphere],
                     state.sphere_forces[world, sphere]
-                    / obstacles.sphere_mass[world % obstacles.sphere_mass.shape[0], sphere],
-                    obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
-                    bodies.gravity[world % bodies.gravity.shape[0]],
+                    / obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere],
+                    obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
+                    bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
                     bodies.up,
                     obstacles.ground_height,
                     obstacles.ground_restitution,
@@ -79,14 +79,14 @@ def leave_sphere_lanes(
                 column(lanes.velocities[group, particle], lane),
                 state.sphere_positions[world, sphere],
                 state.sphere_velocities[world, sphere],
-                obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere],
+                obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
                 bodies.up,
             )
             if wp.length_sq(outward) > 0.0:
                 numbers = lanes.balloons[group, bodies.balloon[particle]]
                 k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
                 inflation = inflation_force(k_normal, column(lanes.aims[group, particle], lane))
-                penalty = obstacles.sphere_penalty[world % obstacles.sphere_penalty.shape[0], sphere]
+                penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
                 state.sphere_forces[world, sphere] += penalty_force(penalty, inflation, outward)
                 points[particle] = set_column(points[particle], lane, point)
                 lanes.velocities[group, particle] = set_column(lanes.velocities[group, particle], lane, velocity)

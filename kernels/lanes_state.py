@@ -3,7 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column
-from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, WorldState, spring_constant
+from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, WorldState, row_of_world, spring_constant
 
 # What a balloon has in `LaneState.balloons`: a number in each world.
 MASS = wp.constant(3)  # 0, 1 and 2 are the spring constants of the kinds
@@ -56,14 +56,18 @@ def read_lanes(
         for balloon in range(state.inflation_ramp.shape[1]):
             for kind in range(3):
                 lanes.balloons[group, balloon, kind][lane] = spring_constant(springs, world, balloon, kind)
-            lanes.balloons[group, balloon, MASS][lane] = bodies.mass[world % bodies.mass.shape[0], balloon]
-            lanes.balloons[group, balloon, HELIUM][lane] = bodies.helium[world % bodies.helium.shape[0], balloon]
-            lanes.balloons[group, balloon, DAMPING][lane] = bodies.damping[world % bodies.damping.shape[0], balloon]
-            lanes.balloons[group, balloon, GRAVITY][lane] = bodies.gravity[world % bodies.gravity.shape[0]]
+            mass = bodies.mass[row_of_world(world, bodies.mass.shape[0]), balloon]
+            helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon]
+            damping = bodies.damping[row_of_world(world, bodies.damping.shape[0]), balloon]
+            gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+            lanes.balloons[group, balloon, MASS][lane] = mass
+            lanes.balloons[group, balloon, HELIUM][lane] = helium
+            lanes.balloons[group, balloon, DAMPING][lane] = damping
+            lanes.balloons[group, balloon, GRAVITY][lane] = gravity
             lanes.balloons[group, balloon, RAMP_BEGIN][lane] = state.inflation_ramp[world, balloon][0]
             lanes.balloons[group, balloon, RAMP_SLOPE][lane] = state.inflation_ramp[world, balloon][1]
         for sphere in range(state.sphere_positions.shape[1]):
-            radius = obstacles.sphere_radius[world % obstacles.sphere_radius.shape[0], sphere]
+            radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
             lanes.sphere_squared_radii[group, sphere][lane] = radius * radius
 
 

@@ -6,7 +6,15 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.springs import spring_coefficient, squared_length, string_coefficient
-from balloon_warp.kernels.tables import CHUNK, SLICE, SpringTable, StringTable, first_entry, spring_constants
+from balloon_warp.kernels.tables import (
+    CHUNK,
+    SLICE,
+    SpringTable,
+    StringTable,
+    first_entry,
+    row_of_world,
+    spring_constants,
+)
 
 
 @cache
@@ -50,7 +58,7 @@ def pull_of_strings(strings: StringTable, point: wp.vec3, world: wp.int32, parti
         for held in range(strings.offsets[particle], strings.offsets[particle + 1]):
             string = strings.order[held]
             d = strings.anchors[string] - point
-            length = strings.lengths[world % strings.lengths.shape[0], string]
-            stiffness = strings.stiffness[world % strings.stiffness.shape[0], string]
+            length = strings.lengths[row_of_world(world, strings.lengths.shape[0]), string]
+            stiffness = strings.stiffness[row_of_world(world, strings.stiffness.shape[0]), string]
             force += string_coefficient(squared_length(d), stiffness, length) * d
     return force

@@ -100,21 +100,29 @@ class WorldState:
 
 
 @wp.func
+def row_of_world(world: wp.int32, rows: wp.int32):
+    """`world % rows` for a parameter with one row, or one for each world, without a division."""
+    return wp.where(rows == 1, 0, world)
+
+
+@wp.func
 def particle_mass(bodies: BodyTable, world: wp.int32, particle: wp.int32):
     """[kg], 0 for a fixed particle."""
-    return bodies.mass_share[particle] * bodies.mass[world % bodies.mass.shape[0], bodies.balloon[particle]]
+    mass = bodies.mass[row_of_world(world, bodies.mass.shape[0]), bodies.balloon[particle]]
+    return bodies.mass_share[particle] * mass
 
 
 @wp.func
 def particle_damping(bodies: BodyTable, world: wp.int32, particle: wp.int32):
     """[N s/m]"""
-    return bodies.mass_share[particle] * bodies.damping[world % bodies.damping.shape[0], bodies.balloon[particle]]
+    damping = bodies.damping[row_of_world(world, bodies.damping.shape[0]), bodies.balloon[particle]]
+    return bodies.mass_share[particle] * damping
 
 
 @wp.func
 def spring_constant(springs: SpringTable, world: wp.int32, balloon: wp.int32, kind: wp.int32):
     """Of a kind of springs [N/m]."""
-    return springs.stiffness[world % springs.stiffness.shape[0], balloon, kind]
+    return springs.stiffness[row_of_world(world, springs.stiffness.shape[0]), balloon, kind]
 
 
 @wp.func

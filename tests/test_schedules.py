@@ -104,7 +104,7 @@ def assert_close(found: dict[str, np.ndarray], expected: dict[str, np.ndarray], 
 def test_a_schedule_gives_scatters_trajectory(scene, schedule, device):
     found, expected, start = advance_both(scene, schedule, device, settled=2, frames=3)
     assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING  # there is something to compare
-    assert_close(found, expected, ROUNDING)
+    assert_close(found, expected, ROUNDING if scene.normals == "cached" else 10 * ROUNDING)
 
 
 def test_the_scene_with_everything_has_contacts(device):

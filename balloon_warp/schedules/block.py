@@ -102,7 +102,7 @@ class BlockSchedule:
 
 def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
     """Registers a thread that let most blocks run at once on a multiprocessor; 0 if the springs do not fit in them."""
-    if threads < model.particle_count:
+    if not thread_a_particle(model) or model.device.is_cpu:
         return 0
     needed = 36 + (3 if ends.vary else 2) * sum(kind_slots(ends)) + 8 * model.sphere_count
     for blocks in range(_useful_blocks(model, threads), 0, -1):
@@ -114,9 +114,12 @@ def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
 
 def _useful_blocks(model: Model, threads: int) -> int:
     """Blocks of a multiprocessor that there are worlds for, and that its threads allow."""
-    if model.device.is_cpu:
-        return 1
     return min(-(-model.world_count // model.device.sm_count), MOST_THREADS_OF_MULTIPROCESSOR // threads)
+
+
+def thread_a_particle(model: Model) -> bool:
+    """Whether a block has a thread for each particle of a world."""
+    return model.particle_count <= MOST_THREADS
 
 
 def fits_in_block(model: Model) -> bool:

@@ -4,7 +4,7 @@ from typing import Protocol
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.block import BlockSchedule
+from balloon_warp.schedules.block import BlockSchedule, fits_in_block, thread_a_particle
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.scatter import ScatterSchedule
@@ -37,7 +37,12 @@ def make_schedule(model: Model, name: str = "auto") -> Schedule:
 
 
 def fastest_schedule(model: Model) -> str:
-    """By device and size: eight worlds side by side cost little more than one, but one costs as much as eight."""
-    if model.device.is_cpu and model.world_count > 1:
-        return "lanes"
-    return "gather"
+    """By device and size.
+
+    On a GPU, blocks where a world fits in one and either each particle has a thread, or there are enough worlds to give
+    each multiprocessor one. On the CPU, eight worlds side by side cost little more than one, but one costs as much.
+    """
+    if model.device.is_cpu:
+        return "lanes" if model.world_count > 1 else "gather"
+    enough = thread_a_particle(model) or model.world_count >= model.device.sm_count
+    return "block" if fits_in_block(model) and enough else "gather"
