@@ -52,7 +52,7 @@ class Simulator:
     """
 
     def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1, schedule: str = "auto"):
-        self.model = build_model(scene, _device(device), world_count)
+        self.model = build_model(scene, find_device(device), world_count)
         self.state = initial_state(self.model)
         self.schedule = make_schedule(self.model, schedule)
         self.frame_number = 0
@@ -138,7 +138,12 @@ def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
     return np.array(row, dtype=np.float32)
 
 
-def _device(name: str | None) -> wp.Device:
+def find_device(name: str | None) -> wp.Device:
+    """The Warp device of that name; the GPU where there is one, when missing.
+
+    Raises:
+        InputError: there is no such device.
+    """
     try:
         return wp.get_device(name) if name else wp.get_preferred_device()
     except ValueError:
