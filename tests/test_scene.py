@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import cube, quad_sphere
+from meshes import cube, grid, quad_sphere
 
 from balloon_warp import InputError, Simulator, bundled_scenes, load_scene
 from balloon_warp.mesh.obj import write_obj
@@ -163,6 +163,14 @@ def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float):
         return points / factor
 
     np.testing.assert_allclose(motion(scale), motion(1.0), atol=1e-3)
+
+
+def test_an_open_mesh_is_held_at_its_border_unless_that_is_all_of_it(tmp_path: Path):
+    write_obj(tmp_path / "sheet.obj", grid(3, 3))
+    write_obj(tmp_path / "strip.obj", grid(3, 1))
+    inner = {5, 6, 9, 10}
+    assert set(load_scene(tmp_path / "sheet.obj").balloon[0].fixed) == set(range(16)) - inner
+    assert load_scene(tmp_path / "strip.obj").balloon[0].fixed == []
 
 
 def test_strings_find_the_highest_and_lowest_particle():
