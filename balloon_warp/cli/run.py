@@ -17,14 +17,15 @@ from balloon_warp.scene.overrides import parse_override
 def run(
     scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Stage to write: .usdc, .usda or .usd. [default: SCENE.usdc]")
+        Path | None,
+        typer.Option("--output", "-o", help="Stage to write: .usdc, .usda or .usd; SCENE.usdc if not given."),
     ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render a picture beside the stage, too.")] = False,
     overrides: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ... [default: the GPU if there is one]")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate a scene, or any mesh, and write it as animated USD."""
