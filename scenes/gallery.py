@@ -1,0 +1,25 @@
+"""Makes the README's pictures again: python -m balloon_warp.scenes.gallery docs/pictures"""
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from balloon_warp import animate, bundled_scenes, load_scene, render_stage
+
+SIZE = (640, 360)
+SAMPLES = 16
+
+
+def main(folder: Path) -> None:
+    """Simulate each bundled scene and write its picture into the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as stages:
+        for name in bundled_scenes():
+            stage = Path(stages) / f"{name}.usdc"
+            animate(load_scene(name), stage)
+            render_stage(stage, folder / f"{name}.png", size=SIZE, samples=SAMPLES)
+            print(f"wrote {folder / name}.png")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/pictures"))
