@@ -48,7 +48,8 @@ def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDAr
     if len(colors) == count:
         return colors
     if len(colors) == element_counts.sum() and count:
-        return np.add.reduceat(colors, np.cumsum(element_counts) - element_counts) / element_counts[:, None]
+        sums = np.add.reduceat(colors, np.cumsum(element_counts) - element_counts)
+        return (sums / element_counts[:, None]).astype(np.float32)
     plain = colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)
     return np.tile(plain.astype(np.float32), (count, 1))
 
