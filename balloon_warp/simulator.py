@@ -9,7 +9,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.device import pick_device
+from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.health import find_non_finite
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Scene
@@ -50,7 +51,7 @@ class Simulator:
     """
 
     def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1):
-        self.model = build_model(scene, _device(device), world_count)
+        self.model = build_model(scene, pick_device(device), world_count)
         self.state = initial_state(self.model)
         self.schedule = ScatterSchedule(self.model)
         self.frame_number = 0
@@ -124,11 +125,3 @@ def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
     """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
     row = array[world].numpy() if array.shape[1] else np.zeros((0, 3))  # Warp does not slice an empty array
     return np.array(row, dtype=np.float32)
-
-
-def _device(name: str | None) -> wp.Device:
-    try:
-        return wp.get_device(name) if name else wp.get_preferred_device()
-    except ValueError:
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise InputError(f"--device {name}: no such device; this machine has {known}") from None
