@@ -44,7 +44,8 @@ def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDAr
     if diffuse is not None:
         return np.tile(np.asarray(diffuse, np.float32), (count, 1))
     display = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance("displayColor")
-    colors = np.asarray(display.ComputeFlattened() if display else [], np.float32).reshape(-1, 3)
+    authored = display.ComputeFlattened() if display else None
+    colors = np.asarray([] if authored is None else authored, np.float32).reshape(-1, 3)
     if len(colors) == count:
         return colors
     if len(colors) == element_counts.sum() and count:
