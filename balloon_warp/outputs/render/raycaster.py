@@ -8,7 +8,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
 from balloon_warp.device import pick_device
 from balloon_warp.kernels import raycast
 from balloon_warp.kernels.raycast_shapes import Shapes
@@ -52,7 +51,7 @@ class RayCaster:
     ):
         self._stage, self._center, self._size, self._samples = stage, center, size, samples
         self._width, self._height = picture_size
-        self.device = _device(device)
+        self.device = pick_device(device)
         self._bands = 1 if self.device.is_cuda else min(threads or os.cpu_count() or 1, self._height)
         self._mesh: wp.Mesh | None = None
         self._bvh: wp.Bvh | None = None
@@ -167,11 +166,3 @@ class RayCaster:
 
     def _array(self, values: NDArray, dtype: Callable = wp.vec3) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)
-
-
-def _device(name: str | None) -> wp.Device:
-    try:
-        return wp.get_device(name) if name else wp.get_preferred_device()
-    except ValueError:
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise InputError(f"--device {name}: no such device; this machine has {known}") from None
