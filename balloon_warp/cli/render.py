@@ -16,7 +16,7 @@ def render(
     stage: Annotated[Path, typer.Argument(help="A USD stage: one of ours, or any with meshes in it.")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Picture to write: .png, .gif or .mp4; STAGE.png if not given."),
+        typer.Option("--output", "-o", help="Picture: .png, .gif or .mp4; STAGE.png if not given."),
     ] = None,
     frame: Annotated[
         int | None, typer.Option(help="Frame for a .png; if not given, the one that the stage names, else the last.")
