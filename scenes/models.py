@@ -16,9 +16,9 @@ MODELS = {"squirrel": squirrel, "turtle": turtle, "pillow": pillow, "bowl": bowl
 
 
 def make_model(name: str) -> PolygonMesh:
-    """The model of that name, in meters, y up, standing on y = 0, its points rounded to 1e-5 m."""
+    """The model of that name, in meters, y up, standing on y = 0 above the origin, its points rounded to 1e-5 m."""
     mesh = MODELS[name]()
-    points = mesh.points - [0.0, mesh.points[:, 1].min(), 0.0]
+    points = mesh.points - [0.0, mesh.points[:, 1].min(), mesh.points[:, 2].mean()]
     # + 0.0 turns -0.0 into 0.0
     return replace(mesh, points=np.round(points, 5) + 0.0, name=name)
 
