@@ -18,7 +18,7 @@ def main(folder: Path) -> None:
             stage = Path(stages) / f"{name}.usdc"
             animate(load_scene(name), stage)
             render_stage(stage, folder / f"{name}.png", size=SIZE, samples=SAMPLES)
-            print(f"wrote {folder / name}.png")
+            print(f"wrote {folder / name}.png", flush=True)
 
 
 if __name__ == "__main__":
