@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.health import find_non_finite
-from balloon_warp.model import build_model, initial_state
+from balloon_warp.model import Model, Vary, build_model, initial_state
 from balloon_warp.scene import Scene
 from balloon_warp.schedules import ScatterSchedule
 
-_HEALTHY = np.iinfo(np.int32).max
+HEALTHY = np.iinfo(np.int32).max
+"""no particle of a world is bad"""
 
 
 @dataclass(frozen=True)
@@ -45,17 +46,31 @@ class Simulator:
         scene: what to simulate.
         device: a Warp device such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
         world_count: how many copies of the scene.
+        vary: what differs between the worlds: dotted paths as in overrides, and arrays of shape (world_count,), such as
+            {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
 
     Raises:
-        InputError: the scene's meshes, particles or step are wrong, or there is no such device.
+        InputError: the scene's meshes, particles or step are wrong, a varied value is, the worlds do not fit into the
+            device's memory, or there is no such device.
     """
 
-    def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1):
-        self.model = build_model(scene, pick_device(device), world_count)
+    def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1, vary: Vary | None = None):
+        self._begin(build_model(scene, pick_device(device), world_count, vary))
+
+    @classmethod
+    def of_model(cls, model: Model) -> Self:
+        """A simulator of a model that is laid out already."""
+        simulator = cls.__new__(cls)
+        simulator._begin(model)
+        return simulator
+
+    def _begin(self, model: Model) -> None:
+        self.model = model
         self.state = initial_state(self.model)
         self.schedule = ScatterSchedule(self.model)
         self.frame_number = 0
-        self._first_bad_particle = wp.full(world_count, _HEALTHY, dtype=wp.int32, device=self.model.device)
+        self.first_bad_particle = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
+        """of each world, the lowest particle that was ever at no finite place, or `HEALTHY`, shape (world_count,)"""
 
     def run(self, world: int = 0) -> Iterator[Frame]:
         """The frames of one world: the start, then as many as the scene asks for.
@@ -74,15 +89,19 @@ class Simulator:
         Raises:
             BlowUpError: the simulation left the finite numbers.
         """
-        wp.capture_launch(self._frame_graph)
-        self.frame_number += 1
-        bad = self._first_bad_particle.numpy()
-        if (bad != _HEALTHY).any():
-            world = int(np.argmax(bad != _HEALTHY))
+        self.advance()
+        bad = self.first_bad_particle.numpy()
+        if (bad != HEALTHY).any():
+            world = int(np.argmax(bad != HEALTHY))
             raise BlowUpError(
                 f"the simulation blew up in frame {self.frame_number}, world {world}: particle {bad[world]} is no "
                 "longer at a finite place; more substeps, more damping or softer springs help"
             )
+
+    def advance(self) -> None:
+        """Advance every world by one frame, those that blew up, too."""
+        wp.capture_launch(self._frame_graph)
+        self.frame_number += 1
 
     def read_frame(self, world: int = 0) -> Frame:
         """Copy one world to the host."""
@@ -116,7 +135,7 @@ class Simulator:
                 find_non_finite,
                 self.state.points.shape,
                 inputs=[self.state.points],
-                outputs=[self._first_bad_particle],
+                outputs=[self.first_bad_particle],
             )
         return capture.graph
 
