@@ -53,17 +53,29 @@ def vary_parameters(parameters: Parameters, scene: Scene, world_count: int, vary
     """
     places = _places(scene)
     varied = dict(parameters)
-    for path, given in vary.items():
-        if path not in places:
-            override_scene(scene, [(path, np.ravel(given).tolist()[0])])  # says so where there is no such path
-            raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
-        values = _checked(scene, path, given, world_count)
+    for path, values in check_vary(scene, world_count, vary).items():
         for name, index in places[path]:
             if varied[name] is parameters[name]:
                 varied[name] = np.repeat(parameters[name], world_count, axis=0)
             target = varied[name][(slice(None), *index)]
             target[...] = values.reshape(-1, *([1] * (target.ndim - 1)))
     return varied
+
+
+def check_vary(scene: Scene, world_count: int, vary: Vary) -> dict[str, NDArray[np.float64]]:
+    """The varied values as arrays of shape (world_count,), all of them fit for the scene.
+
+    Raises:
+        InputError: as `vary_parameters`.
+    """
+    places = _places(scene)
+    checked = {}
+    for path, given in vary.items():
+        if path not in places:
+            override_scene(scene, [(path, np.ravel(given).tolist()[0])])  # says so where there is no such path
+            raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
+        checked[path] = _checked(scene, path, given, world_count)
+    return checked
 
 
 def _checked(scene: Scene, path: str, given: ArrayLike, world_count: int) -> NDArray[np.float64]:

@@ -1,0 +1,34 @@
+"""What every stage of ours says of itself, and how its prims are called."""
+
+import itertools
+from collections.abc import Iterable
+
+from pxr import Tf, Usd, UsdGeom
+
+from balloon_warp.scene import Scene
+
+RESERVED = ("Ground", "Looks", "Spheres", "Strings", "NetForces", "Prototypes")
+"""what no balloon is called"""
+
+
+def describe_stage(stage: Usd.Stage, scene: Scene) -> None:
+    """The default prim /World, up axis, units and time."""
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    UsdGeom.SetStageUpAxis(stage, scene.up_axis)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetTimeCodesPerSecond(scene.frames_per_second)
+    stage.SetFramesPerSecond(scene.frames_per_second)
+    stage.SetStartTimeCode(0)
+    layer = stage.GetRootLayer()
+    layer.comment = scene.description
+    if scene.picture_frame is not None:
+        layer.customLayerData = {"balloonWarp": {"pictureFrame": scene.picture_frame}}
+
+
+def prim_names(names: Iterable[str]) -> list[str]:
+    """A valid prim name for each balloon's name, all different."""
+    chosen: list[str] = []
+    for name in map(Tf.MakeValidIdentifier, names):
+        numbered = (f"{name}_{number}" for number in itertools.count(1))
+        chosen.append(next(free for free in itertools.chain([name], numbered) if free not in (*RESERVED, *chosen)))
+    return chosen
