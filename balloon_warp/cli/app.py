@@ -5,6 +5,7 @@ import sys
 import typer
 from rich.console import Console
 
+from balloon_warp.cli.batch import batch
 from balloon_warp.cli.inspect import inspect
 from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
@@ -18,7 +19,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, scenes, inspect, remesh, render):
+for command in (run, batch, scenes, inspect, remesh, render):
     app.command()(command)
 
 

@@ -6,9 +6,8 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-from rich.text import Text
 
+from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import parse_override
@@ -35,7 +34,7 @@ def run(
     quiet_warp()
     from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
 
-    with _progress() as progress:
+    with frame_progress() as progress:
         task = progress.add_task(name, total=loaded.frames)
         summary = animate(
             loaded,
@@ -56,25 +55,3 @@ def run(
     console.print(f"wrote {summary.output}")
     if summary.picture:
         console.print(f"wrote {summary.picture}")
-
-
-class _FrameRate(ProgressColumn):
-    """Frames a second, once there are any."""
-
-    def render(self, task: Task) -> Text:
-        return Text(f"{task.speed:.0f} frames/s" if task.speed else "")
-
-
-def _progress() -> Progress:
-    """A bar with frames a second and the time left, on a terminal; nothing in a pipe."""
-    console = Console(stderr=True)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _FrameRate(),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not console.is_terminal,
-        transient=True,
-    )

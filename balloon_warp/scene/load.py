@@ -26,6 +26,12 @@ def scene_name(source: str | Path) -> str:
     return Path(source).stem
 
 
+def find_mesh(name: str, source: str | Path) -> Path:
+    """A mesh file that a command names: in the current folder, or beside the scene's file."""
+    path = Path(name)
+    return path if path.exists() else bundled_scenes().get(str(source), Path(source)).parent / path
+
+
 def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
     """Load a scene.
 

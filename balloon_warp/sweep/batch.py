@@ -10,12 +10,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.model import lay_out
 from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.scene import Scene
-from balloon_warp.simulator import Simulator, find_device
+from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.recorder import MEASURES, Recorder, picked_bytes, record_bytes
@@ -82,7 +83,7 @@ def run_batch(
     vary, folder, chosen = vary or {}, Path(folder), np.unique(np.asarray(export, dtype=np.int64))
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
-    target = find_device(device)
+    target = pick_device(device)
     groups = plan_groups(scene, world_count, vary)
     _require_memory(target, groups, chosen, scene)
     simulators = [Simulator.of_model(lay_out(group.plan, target)) for group in groups]

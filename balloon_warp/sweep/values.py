@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.scene.load import find_mesh
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,12 @@ Choice = Range | list[float] | list[str]
 """a range, sampled; or a list, cycled"""
 
 
-def parse_vary(text: str) -> tuple[str, Choice]:
+def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
     """Split `PATH=LOW:HIGH` or `PATH=VALUE,VALUE,...`; only meshes are given by words.
+
+    Args:
+        text: what follows `--vary`.
+        scene_source: the scene that the command names; meshes are sought beside its file, too.
 
     Raises:
         InputError: the text has neither form.
@@ -33,7 +38,7 @@ def parse_vary(text: str) -> tuple[str, Choice]:
     values = [word.strip() for word in words.split(",")]
     if all(path.split(".")) and all(values):
         if path.split(".")[-1] == "mesh":
-            return path, values
+            return path, [str(find_mesh(value, scene_source)) for value in values]
         ends = words.split(":")
         numbers = [_number(word) for word in (ends if len(ends) == 2 else values)]
         if None not in numbers:

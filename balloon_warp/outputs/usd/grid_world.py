@@ -41,7 +41,7 @@ class GridWorld:
         world = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef, "Xform")
         _set(world, "xformOp:translate", Types.Double3, Gf.Vec3d(*shift.tolist()))
         _set(world, "xformOpOrder", Types.TokenArray, Vt.TokenArray(["xformOp:translate"]), Sdf.VariabilityUniform)
-        names = prim_names(shape.name for shape in plan.shapes)
+        names = prim_names((shape.name for shape in plan.shapes), prototypes.other_names)
         self._balloons = [
             _animated(
                 _referring(world, name, prototypes.balloon(plan, number)),

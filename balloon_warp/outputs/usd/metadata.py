@@ -1,7 +1,7 @@
 """What every stage of ours says of itself, and how its prims are called."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from pxr import Tf, Usd, UsdGeom
 
@@ -25,10 +25,12 @@ def describe_stage(stage: Usd.Stage, scene: Scene) -> None:
         layer.customLayerData = {"balloonWarp": {"pictureFrame": scene.picture_frame}}
 
 
-def prim_names(names: Iterable[str]) -> list[str]:
-    """A valid prim name for each balloon's name, all different."""
+def prim_names(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:
+    """A valid prim name for each balloon's name, all different, and none of those that are taken."""
     chosen: list[str] = []
     for name in map(Tf.MakeValidIdentifier, names):
         numbered = (f"{name}_{number}" for number in itertools.count(1))
-        chosen.append(next(free for free in itertools.chain([name], numbered) if free not in (*RESERVED, *chosen)))
+        chosen.append(
+            next(free for free in itertools.chain([name], numbered) if free not in (*RESERVED, *taken, *chosen))
+        )
     return chosen

@@ -21,14 +21,15 @@ class Prototypes:
         stage.CreateClassPrim(HOME)
         scene = plans[0].scene
         meshes = {_key(plan, number): shape.mesh for plan in plans for number, shape in enumerate(plan.shapes)}
-        names = prim_names(mesh.name for mesh in meshes.values())
+        self.spheres = [HOME.AppendChild(f"Sphere_{number}") for number in range(len(scene.sphere))]
+        self.strings = [HOME.AppendChild(f"String_{number}") for number in range(len(scene.string))]
+        self.other_names = [path.name for path in (*self.spheres, *self.strings)]
+        names = prim_names((mesh.name for mesh in meshes.values()), self.other_names)
         self._balloons = {key: HOME.AppendChild(name) for key, name in zip(meshes, names, strict=True)}
         for key, mesh in meshes.items():
             define_balloon(stage, self._balloons[key], mesh, key[0], scene.balloon[key[0]].color)
-        self.spheres = [HOME.AppendChild(f"Sphere_{number}") for number in range(len(scene.sphere))]
         for number, path in enumerate(self.spheres):
             define_sphere(stage, path, scene.sphere[number], number)
-        self.strings = [HOME.AppendChild(f"String_{number}") for number in range(len(scene.string))]
         self.string_widths = [
             define_string(stage, path, plans[0].shapes[string.balloon].mesh).GetWidthsAttr().Get()
             for path, string in zip(self.strings, scene.string, strict=True)
