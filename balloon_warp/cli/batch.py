@@ -69,8 +69,8 @@ def batch(
     )
     if summary.unhealthy_worlds:
         console.print(
-            f"[yellow]warning:[/] {summary.unhealthy_worlds:,} worlds blew up and stay at their last good frame; more "
-            "substeps, more damping or softer springs help"
+            f"[yellow]warning:[/] {summary.unhealthy_worlds:,} of {summary.worlds:,} worlds blew up and stay at their "
+            "last good frame; more substeps, more damping or softer springs help"
         )
     for path in [*summary.table, *([summary.stage] if summary.stage else [])]:
         console.print(f"wrote {path}")

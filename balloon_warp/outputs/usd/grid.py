@@ -56,10 +56,14 @@ class GridWriter:
     def _define_worlds(self) -> None:
         plans = [group.plan for group in self.groups]
         scene = plans[0].scene
-        numbers = np.sort(np.concatenate([group.worlds for group in self.groups]))
+        members = sorted(
+            (world, number, row)
+            for number, group in enumerate(self.groups)
+            for world, row in zip(group.worlds.tolist(), group.rows.tolist(), strict=True)
+        )
         lowest, highest = world_bounds(plans)
         side = ROOM * float(np.max((highest - lowest)[list(horizontal_axes(scene.up_axis))]))
-        shifts = grid_shifts(len(numbers), side, scene.up_axis)
+        shifts = grid_shifts(len(members), side, scene.up_axis)
         stage = Usd.Stage.Open(self._layer)
         describe_stage(stage, scene)
         prototypes = Prototypes(stage, plans)
@@ -67,17 +71,12 @@ class GridWriter:
             half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
             define_square(stage, Sdf.Path("/World/Ground"), 0.5 * (lowest + highest), half, scene)
         del stage  # it would follow each change of the layer
-        root, digits = self._layer.GetPrimAtPath("/World"), len(str(numbers[-1]))
-        self._worlds: list[list[GridWorld]] = []
+        root, digits = self._layer.GetPrimAtPath("/World"), len(str(members[-1][0]))
+        self._worlds: list[list[GridWorld]] = [[] for _ in self.groups]
         with Sdf.ChangeBlock():
-            for group in self.groups:
-                places = zip(group.worlds, shifts[np.searchsorted(numbers, group.worlds)], group.rows, strict=True)
-                self._worlds.append(
-                    [
-                        GridWorld(root, f"World_{world:0{digits}d}", shift, prototypes, group.plan, row)
-                        for world, shift, row in places
-                    ]
-                )
+            for shift, (world, number, row) in zip(shifts, members, strict=True):
+                name = f"World_{world:0{digits}d}"
+                self._worlds[number].append(GridWorld(root, name, shift, prototypes, plans[number], row))
 
     def write(
         self,
