@@ -84,7 +84,8 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, cap
         (["--vary", "balloon.mass=-2:-1"], "balloon.0.mass: must be greater than 0"),
         (["--vary", "frames=1,2"], "frames: cannot differ between worlds; what can is gravity, balloon.mass"),
         (["--export", "64"], "--export 64: there is no world 64, the batch has worlds 0 to 63"),
-        (["--worlds", "0"], "--worlds 0: expected at least 1"),
+        (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
+        (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
     ],
 )
 def test_a_mistake_gets_one_sentence_and_status_2(

@@ -4,6 +4,7 @@ import csv
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from balloon_warp.outputs.usd import grid
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.scene.overrides import override_scene
+from balloon_warp.sweep.groups import plan_groups
 
 FRAMES, WORLDS = 5, 5
 RADII = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
@@ -148,7 +150,7 @@ def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
     """In the layer itself only the prototypes have faces and materials; each world composes them."""
     with_faces, with_materials = [], []
 
-    def look(path: Sdf.Path) -> None:
+    def look(path: Any) -> None:
         if path.name == "faceVertexIndices":
             with_faces.append(path.GetPrimPath().name)
         if path.name == "material:binding" and path.GetPrimPath().HasPrefix("/World/World_1"):
@@ -162,7 +164,7 @@ def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
         np.testing.assert_array_equal(prim.GetFaceVertexIndicesAttr().Get(), mesh.face_vertex_indices)
         assert prim.GetSubdivisionSchemeAttr().Get() == "none"
     for prim in stage.Traverse():
-        if prim.IsA(UsdGeom.Gprim):
+        if UsdGeom.Gprim(prim):
             assert UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0], prim.GetPath()
 
 
@@ -172,7 +174,7 @@ def test_extents_hold_at_every_sample(stage: Usd.Stage):
         if (boundable := UsdGeom.Boundable(prim)) and prim.GetName() != "Ground":
             for time_code in range(FRAMES + 1):
                 computed = UsdGeom.Boundable.ComputeExtentFromPlugins(boundable, Usd.TimeCode(time_code))
-                np.testing.assert_allclose(boundable.GetExtentAttr().Get(time_code), computed, atol=1e-6)
+                np.testing.assert_allclose(boundable.GetExtentAttr().Get(time_code), np.array(computed), atol=1e-6)
                 checked += 1
     assert checked == 3 * 4 * (FRAMES + 1)  # two balloons, a sphere and a string in each of three worlds
 
@@ -274,14 +276,29 @@ def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complain
     arguments = {"folder": "out", "world_count": 5, "vary": {}} | change
     arguments["folder"] = tmp_path / arguments["folder"]
     with pytest.raises(InputError, match=complaint):
-        run_batch(scene(), **arguments, device="cpu", on_frame=pytest.fail)
+        run_batch(scene(), **arguments, device="cpu", on_frame=never)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def never(frame: int) -> None:
+    raise AssertionError(f"frame {frame} was simulated")
 
 
 def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path]):
     vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
     with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
         run_batch(scene(), "unused", 5, vary, device="cpu")
+
+
+def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
+    """Whatever is in its group, a world is stepped alike."""
+    automatic = scene(substeps="auto")
+    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [0.1, 0.1, 0.02]}
+    alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
+    groups = plan_groups(automatic, 3, vary)
+    assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]
+    assert [group.plan.substeps for group in groups] == [max(one[0].plan.substeps for one in alone)] * 2
+    assert len({one[0].plan.substeps for one in alone}) == 3
 
 
 def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

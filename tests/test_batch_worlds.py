@@ -158,9 +158,8 @@ def test_many_worlds_are_planned_without_a_loop_over_them():
     """A quarter of a second on one core; a loop over the worlds would take a minute."""
     worlds = 65_536
     draw = np.random.default_rng(0).uniform(0.1, 1.0, worlds)
-    vary = dict.fromkeys(
-        ("balloon.mass", "balloon.stiffness.shear", "balloon.inflation.k_normal", "sphere.0.position.1"), draw
-    )
+    paths = ["balloon.mass", "balloon.stiffness.shear", "balloon.inflation.k_normal", "sphere.0.position.1"]
+    vary: dict[str, np.ndarray] = dict.fromkeys(paths, draw)
     began = time.perf_counter()
     plan = plan_model(everything().model_copy(update={"substeps": "auto"}), worlds, vary)
     assert time.perf_counter() - began < 5.0

@@ -1,12 +1,12 @@
 """Worlds of a batch grouped by mesh: one topology is one model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -15,8 +15,8 @@ from balloon_warp.model.parameters import check_vary
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
-BatchVary = Mapping[str, ArrayLike | Sequence[str | Path | PolygonMesh]]
-"""a dotted path of the scene and its value in each world; a mesh, as in "balloon.mesh", may differ, too"""
+BatchVary = Mapping[str, Any]
+"""a dotted path of the scene, and a number for each world; for the path of a mesh, a file or a PolygonMesh for each"""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary) -> list[Group]:
     if world_count < 1:
         raise InputError(f"--worlds {world_count}: expected at least 1")
     meshes = {path: _mesh_column(path, values, world_count) for path, values in vary.items() if _is_mesh(path)}
-    scalars = check_vary(scene, world_count, {path: vary[path] for path in vary if path not in meshes})  # type: ignore
+    scalars = check_vary(scene, world_count, {path: vary[path] for path in vary if path not in meshes})
     members: dict[tuple[Any, ...], list[int]] = {}
     for world in range(world_count):
         members.setdefault(tuple(_identity(column[world]) for column in meshes.values()), []).append(world)
@@ -62,7 +62,7 @@ def vary_columns(vary: BatchVary) -> dict[str, NDArray]:
     """What varies as columns of a table: numbers, and the meshes' names, shape (world_count,)."""
     return {
         path: np.array([_label(value) for value in values]) if _is_mesh(path) else np.asarray(values, dtype=np.float64)
-        for path, values in vary.items()  # type: ignore
+        for path, values in vary.items()
     }
 
 
@@ -70,7 +70,7 @@ def _is_mesh(path: str) -> bool:
     return path.startswith("balloon.") and path.endswith(".mesh")
 
 
-def _mesh_column(path: str, values: Any, world_count: int) -> list[str | Path | PolygonMesh]:
+def _mesh_column(path: str, values: Any, world_count: int) -> list[Path | PolygonMesh]:
     column = list(values)
     if len(column) != world_count:
         raise InputError(f"{path}: expected a mesh for each of {world_count} worlds (got {len(column)})")

@@ -134,5 +134,7 @@ def picked_bytes(plan: ModelPlan) -> int:
 
 def _copy(array: wp.array) -> Any:
     """On the host; on the CPU `numpy()` alone is a view of what goes on changing."""
-    values = array.numpy() if array.size else np.zeros((*array.shape, 3), dtype=np.float32)
-    return values.copy() if array.device.is_cpu else values
+    if not array.size:
+        return np.zeros((*array.shape, 3), dtype=np.float32)
+    on_cpu = wp.get_device(array.device).is_cpu
+    return array.numpy().copy() if on_cpu else array.numpy()

@@ -53,31 +53,29 @@ def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
     )
 
 
-def spread(
-    choices: dict[str, Choice], world_count: int, seed: int = 0, grid: bool = False
-) -> dict[str, NDArray[np.float64] | list[str]]:
-    """A value for each world.
+def spread(choices: dict[str, Choice], world_count: int, seed: int = 0, grid: bool = False) -> dict[str, NDArray]:
+    """A value for each world, as arrays of shape (world_count,).
 
     Lists are cycled: world w takes value w modulo the list's length. Ranges are sampled uniformly, each from a stream
     of its own, so that a world's value depends on the seed, the path and its number alone; or, with `grid`, are divided
     evenly, ends included: world w takes point w modulo the number of points of the product of all ranges, the first
     range varying fastest, with about as many points on each range and no more points than worlds.
     """
+    worlds = np.arange(world_count)
     ranges = {path: choice for path, choice in choices.items() if isinstance(choice, Range)}
     sides = _grid_sides(len(ranges), world_count)
-    places = np.unravel_index(np.arange(world_count) % math.prod(sides), sides, order="F") if ranges else ()
+    places = np.unravel_index(worlds % math.prod(sides), sides, order="F") if ranges else ()
     in_grid = dict(zip(ranges, zip(sides, places, strict=True), strict=True))
-    values: dict[str, NDArray[np.float64] | list[str]] = {}
+    values: dict[str, NDArray] = {}
     for path, choice in choices.items():
-        if isinstance(choice, Range) and grid:
+        if not isinstance(choice, Range):
+            values[path] = np.array(choice)[worlds % len(choice)]
+        elif grid:
             side, place = in_grid[path]
             values[path] = np.linspace(choice.low, choice.high, side)[place]
-        elif isinstance(choice, Range):
-            stream = np.random.default_rng([seed, zlib.crc32(path.encode())])
-            values[path] = stream.uniform(choice.low, choice.high, world_count)
         else:
-            cycled = [choice[world % len(choice)] for world in range(world_count)]
-            values[path] = cycled if isinstance(cycled[0], str) else np.array(cycled, dtype=np.float64)
+            stream = np.random.default_rng([seed, zlib.crc32(path.encode())])
+            values[path] = stream.uniform(choice.low, choice.high, len(worlds))
     return values
 
 
