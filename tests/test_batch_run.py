@@ -17,6 +17,7 @@ from balloon_warp.model import memory
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.outputs.usd import grid
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
+from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.sweep.groups import plan_groups
@@ -35,7 +36,7 @@ def scene(**fields) -> Scene:
         "description": "one of each",
         "balloon": balloons,
         "sphere": [Sphere(position=(0, 4, 0), radius=0.3)],
-        "string": [String(anchor=(0, 0, 0), length=1.5)],
+        "string": [String(anchor=(0, 0, 0), length=1.5), String(anchor=(4, 0, 0), balloon=1, particle=6)],
         "ground": Ground(),
         "frames": FRAMES,
         "frames_per_second": 30,
@@ -55,11 +56,11 @@ def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def vary(meshes: list[Path]) -> dict:
-    """Two meshes in turn, which makes two groups of worlds, and a radius and a mass of its own for each world."""
+    """Two meshes in turn, which makes two groups of worlds, and a radius and a length of its own for each world."""
     return {
         "balloon.0.mesh": [meshes[world % 2] for world in range(WORLDS)],
         "sphere.0.radius": RADII,
-        "balloon.mass": np.linspace(0.1, 0.2, WORLDS),
+        "string.1.length": np.linspace(1.0, 3.0, WORLDS),
     }
 
 
@@ -92,7 +93,7 @@ def stage(written: Path) -> Usd.Stage:
 
 def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarray], meshes: list[Path]):
     measures = ["volume", "area", "center_height", "largest_stretch", "kinetic_energy", "sphere_0_height", "health"]
-    assert list(table) == ["world", "frame", "time", "balloon.0.mesh", "sphere.0.radius", "balloon.mass", *measures]
+    assert list(table) == ["world", "frame", "time", "balloon.0.mesh", "sphere.0.radius", "string.1.length", *measures]
     np.testing.assert_array_equal(table["world"], list(range(WORLDS)) * (FRAMES + 1))
     np.testing.assert_array_equal(table["frame"], np.repeat(np.arange(FRAMES + 1), WORLDS))
     np.testing.assert_array_equal(table["time"], table["frame"] / 30)
@@ -176,7 +177,7 @@ def test_extents_hold_at_every_sample(stage: Usd.Stage):
                 computed = UsdGeom.Boundable.ComputeExtentFromPlugins(boundable, Usd.TimeCode(time_code))
                 np.testing.assert_allclose(boundable.GetExtentAttr().Get(time_code), np.array(computed), atol=1e-6)
                 checked += 1
-    assert checked == 3 * 4 * (FRAMES + 1)  # two balloons, a sphere and a string in each of three worlds
+    assert checked == 3 * 5 * (FRAMES + 1)  # two balloons, a sphere and two strings in each of three worlds
 
 
 def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
@@ -193,6 +194,15 @@ def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
     ground = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground")).GetExtentAttr().Get()
     assert (np.array(ground[0])[[0, 2]] < np.min(footprints, axis=(0, 1))).all()
     assert (np.array(ground[1])[[0, 2]] > np.max(footprints, axis=(0, 1))).all()
+
+
+def test_strings_hang_by_their_own_lengths_from_anchor_to_particle(stage: Usd.Stage, vary: dict):
+    for world in (1, 2, 4):
+        box = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0_1")).GetPointsAttr()
+        string = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/World_{world}/String_1")).GetPointsAttr()
+        for time_code in range(FRAMES + 1):
+            expected = string_curve((4, 0, 0), box.Get(time_code)[6], vary["string.1.length"][world], (0, 1, 0), 0.0)
+            np.testing.assert_array_equal(string.Get(time_code), expected)
 
 
 @pytest.mark.parametrize(("up_axis", "flat"), [("Y", 1), ("Z", 2)])
@@ -284,10 +294,10 @@ def never(frame: int) -> None:
     raise AssertionError(f"frame {frame} was simulated")
 
 
-def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path]):
+def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path: Path):
     vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
     with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
-        run_batch(scene(), "unused", 5, vary, device="cpu")
+        run_batch(scene(), tmp_path, 5, vary, device="cpu")
 
 
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
@@ -301,12 +311,29 @@ def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
     assert len({one[0].plan.substeps for one in alone}) == 3
 
 
-def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """All groups and the table count: what fits is between one world and all of them."""
-    monkeypatch.setattr(memory, "free_memory", lambda device: 30_000)
-    with pytest.raises(InputError, match=r"^40 worlds do not fit: .* enough for [1-9] worlds$"):
-        run_batch(scene(), tmp_path / "out", 40, device="cpu", export=range(40))
-    assert list(tmp_path.iterdir()) == []
+def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
+    tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
+):
+    """All groups count, what is exported, and the table: in each case the rest alone would fit."""
+    groups = plan_groups(scene(), 40, {"balloon.0.mesh": meshes * 20})
+    models = sum(len(group.worlds) * memory.world_bytes(group.plan) for group in groups)
+    table = 40 * 4 * (FRAMES + 1) * 7  # six measures and the health
+
+    def refused(usable: float, fitting: int, **arguments: Any) -> None:
+        monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
+        with pytest.raises(InputError, match=rf"^40 worlds do not fit: .* enough for {fitting} worlds$"):
+            run_batch(arguments.pop("scene", scene()), tmp_path / "out", 40, device="cpu", **arguments)
+        assert list(tmp_path.iterdir()) == []
+
+    sums = 40 * 2 * 32 * 40 + 40 * 4 * 6
+    varied = {"balloon.0.mesh": meshes * 20}
+    needed = models + table + sums
+    refused(0.6 * needed, 24, vary=varied)
+    exported = 5 * (2 * 12 * (56 + 8) + 12) * 40  # on the device, and four frames under way
+    one = 40 * memory.world_bytes(plan_groups(scene(), 1, {})[0].plan) + table + sums
+    refused(0.7 * (one + exported), 28, export=range(40))
+    assert 0.7 * (one + exported) > one
+    refused(2.0 * one, 40 * 2 * one // (one + 4 * 7 * 40 * 100_000), scene=scene(frames=100_000 + FRAMES))
 
 
 def test_jobs_run_in_order_off_the_main_thread_and_only_so_many_wait():

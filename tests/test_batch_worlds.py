@@ -27,7 +27,7 @@ def everything() -> Scene:
     ramp = Inflation(k_normal=[(0.0, 0.5), (0.05, 1.0), (0.1, 2.0)])
     balloons = [
         Balloon(mesh=quad_sphere(3), helium=3.0, inflation=ramp),
-        Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=Inflation(k_normal=0.4)),
+        Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=Inflation(k_normal=[(0.0, 0.1), (0.05, 0.4)])),
     ]
     return Scene(
         balloon=balloons,
@@ -87,6 +87,7 @@ def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
         ("balloon.inflation.k_normal", (0.0, 3.0)),
         ("balloon.0.inflation.k_normal.1.1", (0.2, 3.0)),
         ("balloon.0.inflation.k_normal.2.1", (0.2, 3.0)),
+        ("balloon.1.inflation.k_normal.1.1", (0.2, 3.0)),
         ("sphere.mass", (0.2, 20.0)),
         ("sphere.0.radius", (0.25, 0.45)),
         ("sphere.0.penalty", (0.5, 20.0)),

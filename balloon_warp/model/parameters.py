@@ -116,10 +116,8 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
         # As in overrides, a number takes the place of all keyframes, and a keyframe's value has a path of its own.
         yield f"balloon.{number}.inflation.k_normal", ("keyframe_values", (number, slice(None)))
         if isinstance(balloon.inflation.k_normal, list):
-            last = len(balloon.inflation.k_normal) - 1
-            for key in range(last + 1):
-                repeats = slice(key, None if key == last else key + 1)  # a short list is padded by its last keyframe
-                yield f"balloon.{number}.inflation.k_normal.{key}.1", ("keyframe_values", (number, repeats))
+            for key in range(len(balloon.inflation.k_normal)):
+                yield f"balloon.{number}.inflation.k_normal.{key}.1", ("keyframe_values", (number, key))
     for number in range(len(scene.sphere)):
         for field in ("mass", "radius", "penalty"):
             yield f"sphere.{number}.{field}", (f"sphere_{field}", (number,))

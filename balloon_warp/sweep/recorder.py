@@ -124,7 +124,7 @@ class Recorder:
 
 def record_bytes(plan: ModelPlan) -> int:
     """Device memory that a world takes for its measures."""
-    return 48 * LANES * len(plan.shapes) + 4 * (len(MEASURES) + len(plan.scene.sphere))
+    return 40 * LANES * len(plan.shapes) + 4 * (len(MEASURES) + len(plan.scene.sphere))
 
 
 def picked_bytes(plan: ModelPlan) -> int:
