@@ -326,7 +326,7 @@ def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
     def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
         assert usable < needed
         monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
-        with pytest.raises(InputError, match="^40 worlds do not fit: ") as refusal:
+        with pytest.raises(InputError, match=r"^40 worlds do not fit: ") as refusal:
             run_batch(scene, tmp_path / "out", 40, device="cpu", **arguments)
         fitting = int(str(refusal.value).split()[-2])
         assert fitting == pytest.approx(40 * usable / needed, abs=1)  # rounded down
