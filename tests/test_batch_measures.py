@@ -141,7 +141,8 @@ def test_a_world_that_blows_up_stays_at_its_last_good_frame_and_the_others_go_on
         old, new, good = (getattr(one, name) for one in (before, after, expected))
         frozen, living = (1, [0, 2]) if name == "measures" else (0, [1])
         np.testing.assert_array_equal(new[frozen], old[frozen])
-        np.testing.assert_array_equal(new[living], good[living])
+        # on a GPU atomic adds round in any order; a neighbour's blow-up would show as far more
+        np.testing.assert_allclose(new[living], good[living], rtol=1e-5, atol=1e-5)
         assert not np.array_equal(new[living], old[living])
 
 
