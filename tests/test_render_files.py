@@ -1,6 +1,8 @@
 """Picture files, and what is said when none can be made."""
 
+import errno
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from pxr import Usd, UsdGeom
 from render_stages import add_ground, add_mesh, add_sphere, new_stage, quad_sphere
 
 from balloon_warp.errors import InputError, MissingExtraError
+from balloon_warp.outputs.files import whole_file
 from balloon_warp.outputs.render import render, render_stage
 
 SMALL = {"size": (64, 36), "samples": 1, "device": "cpu"}
@@ -89,6 +92,43 @@ def test_a_write_that_fails_leaves_the_old_file(stage: Path, tmp_path: Path, mon
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "stage.usda"]
 
 
+def full_disk(_: Path) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def usd_failure(folder: Path) -> None:
+    Usd.Stage.Open(str(folder / "none.usda"))  # raises one of USD's own exceptions
+
+
+@pytest.mark.parametrize("fail", [full_disk, usd_failure])
+def test_a_write_that_fails_gets_a_sentence(fail: Callable[[Path], None], tmp_path: Path):
+    def write_half() -> None:
+        with whole_file(tmp_path / "a.usda") as temporary:
+            temporary.write_text("half a st")
+            fail(tmp_path)
+
+    with pytest.raises(InputError, match=r"a\.usda: cannot be written: "):
+        write_half()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_files_error_is_not_blamed_on_the_output(tmp_path: Path):
+    with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a.png"):
+        (tmp_path / "none").read_bytes()
+
+
+def test_the_longest_names_can_be_written(stage: Path, tmp_path: Path):
+    output = tmp_path / ("x" * 251 + ".png")  # 255 bytes, the most that file systems take
+    render_stage(stage, output, **SMALL)
+    assert output.stat().st_size > 0
+
+
+@pytest.mark.skipif(not Path("/proc/version").exists(), reason="needs a folder that takes no files whoever asks")
+def test_a_folder_that_takes_no_files_is_refused_before_any_work(stage: Path):
+    with pytest.raises(InputError, match=r"/proc/a\.png: cannot be written: "):
+        render_stage(stage, "/proc/a.png", on_frame=lambda *_: pytest.fail("a frame was drawn"), **SMALL)
+
+
 @pytest.mark.parametrize(
     ("output", "options", "sentence"),
     [
@@ -98,6 +138,10 @@ def test_a_write_that_fails_leaves_the_old_file(stage: Path, tmp_path: Path, mon
         ("a.gif", {"frame": 3}, r"frame: 3 for a \.gif, which shows all frames; expected a \.png"),
         ("a.png", {"samples": 0}, "samples: 0 rays a pixel; expected at least 1"),
         ("a.png", {"size": (0, 10)}, "size: a picture of 0x10 pixels; expected at least 1x1"),
+        ("a.png", {"size": (8193, 10)}, "size: a picture of 8193x10 pixels; expected at most 8192x8192"),
+        ("a.png", {"samples": 10**9}, "samples: 1000000000 rays a pixel; expected at most 4096"),
+        ("x" * 252 + ".png", {}, "cannot be written: File name too long"),
+        ("a:SDF_FORMAT_ARGS:b.png", {}, "expected a name without it"),
         ("a.png", {"device": "cuda:99"}, "cuda:99: no such device; this machine has cpu"),
     ],
 )

@@ -47,7 +47,7 @@ def render(
 
 
 def _parse_size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
+    match = re.fullmatch(r"(\d{1,12})[xX](\d{1,12})", text)
     if not match:
         raise InputError(f"size: {text!r}; expected WIDTHxHEIGHT in pixels, such as 960x540")
     return int(match[1]), int(match[2])
