@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.files import check_writable
+from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 
@@ -45,6 +47,7 @@ def animate(
     picture: str | Path | None = None,
     device: str | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
+    on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
     """Simulate a scene and write it.
 
@@ -55,13 +58,18 @@ def animate(
         picture: an image to render from the stage; .png, .gif or .mp4.
         device: a Warp device; the GPU where there is one, when missing.
         on_frame: told the number of each frame when it is written.
+        on_warning: told what is odd about a mesh, in a sentence.
 
     Raises:
         InputError: the scene cannot be simulated or an output cannot be written; nothing is written then.
         BlowUpError: the simulation left the finite numbers; nothing is written then.
     """
     began = time.perf_counter()
+    _check_outputs(scene, Path(output), Path(picture) if picture else None)
     simulator = Simulator(scene, device)
+    for shape in simulator.model.shapes:
+        for warning in shape.mesh.warnings:
+            on_warning(f"{shape.name}: {warning}")
     with StageWriter(output, simulator.model) as stage:
         for frame in simulator.run():
             stage.write(frame)
@@ -86,3 +94,15 @@ def animate(
         wall_seconds=round(seconds, 3),
         particle_substeps_per_second=round(model.particle_count * model.substeps * scene.frames / seconds),
     )
+
+
+def _check_outputs(scene: Scene, output: Path, picture: Path | None) -> None:
+    """Before any work: that both files can be written, and that neither is a mesh of the scene."""
+    check_writable(output, STAGE_SUFFIXES)
+    if picture:
+        from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
+
+        check_writable(picture, PICTURE_SUFFIXES)
+    for balloon in scene.balloon:
+        if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == output.resolve():
+            raise InputError(f"{output}: is the mesh of the scene; expected another name for the stage, with -o")

@@ -28,6 +28,16 @@ SUMMARY_KEYS = [
 ]
 
 
+ONE_FACE = """#usda 1.0
+def Mesh "face"
+{
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+}
+"""
+
+
 def balloon_warp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "balloon_warp", *arguments],
@@ -95,6 +105,7 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["run", "ball.obj", "--set", "substeps=1"], "substeps: 1 are too few for these springs and masses"),
         (["run", "ball.obj", "--device", "cuda:77"], "--device cuda:77: no such device; this machine has cpu"),
         (["run", "ball.obj", "-o", "nowhere/out.usdc"], "nowhere/out.usdc: the folder nowhere does not exist"),
+        (["run", "ball.usda", "-o", "ball.usda"], "ball.usda: is the mesh of the scene; expected another name"),
         (["run", "ball.obj", "-o", "out.png"], "out.png: cannot write .png; expected .usdc, .usda, .usd"),
         (["inspect", "missing.obj"], "missing.obj: "),
         (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: expected a name that ends in .obj"),
@@ -105,6 +116,7 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
 def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, arguments: list[str], sentence: str):
     (ball / "broken.obj").write_text("v 1 2\nf 1 1 1\n")
     (ball / "ball.txt").write_text("not a mesh")
+    (ball / "ball.usda").write_text(ONE_FACE)
     (ball / "bad.toml").write_text("frames = 0\n[[balloon]]\nmesh = 'ball.obj'\n")
     before = {path: path.read_bytes() for path in ball.iterdir()}
     done = balloon_warp(ball, *arguments)
@@ -119,9 +131,9 @@ def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, arguments: list[st
 def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
     """Forces beyond float32: stable springs, but nothing to hold the balloon."""
     write_obj(tmp_path / "box.obj", cube())
-    done = balloon_warp(tmp_path, "run", "box.obj", "--device", "cpu", "--set", "balloon.inflation.k_normal=1e37")
+    done = balloon_warp(tmp_path, "run", "box.obj", "--device", "cpu", "--set", "balloon.inflation.k_normal=9e11")
     assert done.returncode == 1
-    assert "error: the simulation blew up in frame 1, world 0: particle 0 is no longer at a finite place" in done.stderr
+    assert "error: the simulation blew up in frame 2, world 0: particle 0 is no longer at a finite place" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["box.obj"]
 
 

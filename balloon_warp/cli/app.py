@@ -1,6 +1,8 @@
 """The commands, and what happens when one fails."""
 
 import sys
+from importlib import metadata
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -13,6 +15,13 @@ from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
 
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(metadata.version("balloon-warp"))
+        raise typer.Exit
+
+
 app = typer.Typer(
     help="Simulate balloons: any mesh in, animated USD out.",
     no_args_is_help=True,
@@ -21,6 +30,15 @@ app = typer.Typer(
 )
 for command in (run, batch, scenes, inspect, remesh, render):
     app.command()(command)
+
+
+@app.callback()
+def balloon_warp(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and stop.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Simulate balloons: any mesh in, animated USD out."""
 
 
 def main() -> None:

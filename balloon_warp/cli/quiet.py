@@ -1,6 +1,7 @@
 """Warp's own messages, kept off a user's terminal."""
 
 import os
+import tempfile
 
 
 def quiet_warp() -> None:
@@ -13,6 +14,9 @@ def quiet_warp() -> None:
     with open(os.devnull, "wb") as nowhere:
         os.dup2(nowhere.fileno(), 2)
         try:
+            wp.init()
+        except OSError:  # no home to cache kernels in, as in a locked-down container
+            wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="balloon-warp-")
             wp.init()
         finally:
             os.dup2(standard_error, 2)

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
@@ -30,12 +31,13 @@ def run(
     """Simulate a scene, or any mesh, and write it as animated USD."""
     loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
     name = scene_name(scene)
-    stage = output or Path(f"{name}.usdc")
+    stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     quiet_warp()
     from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
 
+    warnings = Console(stderr=True, highlight=False, soft_wrap=True)
     with frame_progress() as progress:
-        task = progress.add_task(name, total=loaded.frames)
+        task = progress.add_task(escape(name), total=loaded.frames)
         summary = animate(
             loaded,
             stage,
@@ -43,6 +45,7 @@ def run(
             picture=stage.with_suffix(".png") if picture else None,
             device=device,
             on_frame=lambda number: progress.update(task, completed=number),
+            on_warning=lambda sentence: warnings.print(f"[yellow]warning:[/] {escape(sentence)}"),
         )
     if as_json:
         print(json.dumps(summary.as_json()))
@@ -50,8 +53,9 @@ def run(
     console = Console(highlight=False, soft_wrap=True)
     console.print(
         f"{summary.scene}: {summary.particles:,} particles, {summary.springs:,} springs, {summary.frames} frames of "
-        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {summary.device} ({summary.schedule})"
+        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {summary.device} ({summary.schedule})",
+        markup=False,
     )
-    console.print(f"wrote {summary.output}")
-    if summary.picture:
-        console.print(f"wrote {summary.picture}")
+    for path in (summary.output, summary.picture):
+        if path:
+            console.print(f"wrote {path}", markup=False)

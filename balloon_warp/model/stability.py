@@ -13,6 +13,8 @@ from balloon_warp.scene import Scene
 
 AUTO_MARGIN = 0.8
 """the part of the stable step that `substeps = "auto"` takes"""
+MOST_SUBSTEPS = 100_000
+"""in a frame; a scene that asks for more is a mistake"""
 _CHUNK = 10_000_000
 """loads looked at together, to bound the memory"""
 
@@ -38,7 +40,7 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
         peak = _peak_sums(constants, _unit_sums(shape, [particle for _, particle in strings]))
         squared_frequency = np.maximum(2.0 * peak / mass, 1.0e-12)
         rate = parameters["damping"][:, number] / mass
-        steps.append(float(np.min((np.sqrt(rate**2 + 4.0 * squared_frequency) - rate) / squared_frequency)))
+        steps.append(float(np.min(4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate))))
     return min(steps)
 
 
@@ -49,8 +51,13 @@ def choose_substeps(scene: Scene, stable: float) -> int:
         InputError: the scene asks for fewer than are stable.
     """
     frame_seconds = 1.0 / scene.frames_per_second
+    if not frame_seconds <= MOST_SUBSTEPS * AUTO_MARGIN * stable:
+        raise InputError(
+            f"substeps: these springs, masses and damping are stable up to a step of {stable:.2e} s, which makes more "
+            f"than {MOST_SUBSTEPS:,} in a frame; expected softer springs, more mass or more frames per second"
+        )
     if scene.substeps == "auto":
-        return ceil(frame_seconds / (AUTO_MARGIN * stable))
+        return max(ceil(frame_seconds / (AUTO_MARGIN * stable)), 1)
     if frame_seconds / scene.substeps > stable:
         raise InputError(
             f"substeps: {scene.substeps} are too few for these springs and masses, which are stable up to a step of "

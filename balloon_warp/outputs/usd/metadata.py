@@ -22,7 +22,7 @@ def describe_stage(stage: Usd.Stage, scene: Scene) -> None:
     layer = stage.GetRootLayer()
     layer.comment = scene.description
     if scene.picture_frame is not None:
-        layer.customLayerData = {"balloonWarp": {"pictureFrame": scene.picture_frame}}
+        layer.customLayerData = {"balloonWarp": {"pictureFrame": min(scene.picture_frame, scene.frames)}}
 
 
 def prim_names(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:

@@ -58,9 +58,9 @@ class StageWriter:
     def _define_prims(self) -> list[BalloonPrim | SpherePrim | StringPrim | NetForcesPrim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
-        if model.scene.ground:
-            define_ground(stage, Sdf.Path("/World/Ground"), model)
         balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
+        if model.scene.ground:  # after the balloons: who reads a stage's first mesh wants a balloon
+            define_ground(stage, Sdf.Path("/World/Ground"), model)
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]
