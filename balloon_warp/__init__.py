@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from balloon_warp.scene import Scene, bundled_scenes, load_scene
     from balloon_warp.simulator import Frame, Simulator
     from balloon_warp.springs import build_springs
+    from balloon_warp.sweep.batch import run_batch
 
 __all__ = [
     "BlowUpError",
@@ -41,6 +42,7 @@ __all__ = [
     "load_scene",
     "remesh",
     "render_stage",
+    "run_batch",
 ]
 
 _HOMES = {
@@ -55,6 +57,7 @@ _HOMES = {
     "scene": ("Scene", "bundled_scenes", "load_scene"),
     "simulator": ("Frame", "Simulator"),
     "springs": ("build_springs",),
+    "sweep.batch": ("run_batch",),
 }
 
 # In a source tree kernels/ and scenes/ stand beside this folder; an installed package has them inside.

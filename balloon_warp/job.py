@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.files import check_writable
+from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 
@@ -46,6 +48,7 @@ def animate(
     device: str | None = None,
     schedule: str = "auto",
     on_frame: Callable[[int], None] = lambda number: None,
+    on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
     """Simulate a scene and write it.
 
@@ -57,13 +60,18 @@ def animate(
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
         on_frame: told the number of each frame when it is written.
+        on_warning: told what is odd about a mesh, in a sentence.
 
     Raises:
         InputError: the scene cannot be simulated or an output cannot be written; nothing is written then.
         BlowUpError: the simulation left the finite numbers; nothing is written then.
     """
     began = time.perf_counter()
+    _check_outputs(scene, Path(output), Path(picture) if picture else None)
     simulator = Simulator(scene, device, schedule=schedule)
+    for shape in simulator.model.shapes:
+        for warning in shape.mesh.warnings:
+            on_warning(f"{shape.name}: {warning}")
     with StageWriter(output, simulator.model) as stage:
         for frame in simulator.run():
             stage.write(frame)
@@ -88,3 +96,15 @@ def animate(
         wall_seconds=round(seconds, 3),
         particle_substeps_per_second=round(model.particle_count * model.substeps * scene.frames / seconds),
     )
+
+
+def _check_outputs(scene: Scene, output: Path, picture: Path | None) -> None:
+    """Before any work: that both files can be written, and that neither is a mesh of the scene."""
+    check_writable(output, STAGE_SUFFIXES)
+    if picture:
+        from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
+
+        check_writable(picture, PICTURE_SUFFIXES)
+    for balloon in scene.balloon:
+        if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == output.resolve():
+            raise InputError(f"{output}: is the mesh of the scene; expected another name for the stage, with -o")

@@ -3,20 +3,22 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.device import pick_device
+from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.health import find_non_finite
-from balloon_warp.model import build_model, initial_state
+from balloon_warp.model import Model, Vary, build_model, initial_state
 from balloon_warp.scene import Scene
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.readout import ForceReader
 
-_HEALTHY = np.iinfo(np.int32).max
+HEALTHY = np.iinfo(np.int32).max
+"""no particle of a world is bad"""
 
 
 @dataclass(frozen=True)
@@ -45,18 +47,39 @@ class Simulator:
         scene: what to simulate.
         device: a Warp device such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
         world_count: how many copies of the scene.
+        vary: what differs between the worlds: dotted paths as in overrides, and arrays of shape (world_count,), such as
+            {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
         schedule: how the work is laid out: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
 
     Raises:
-        InputError: the scene's meshes, particles or step are wrong, or there is no such device or schedule.
+        InputError: the scene's meshes, particles or step are wrong, a varied value is, the worlds do not fit into the
+            device's memory, or there is no such device or schedule.
     """
 
-    def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1, schedule: str = "auto"):
-        self.model = build_model(scene, find_device(device), world_count)
+    def __init__(
+        self,
+        scene: Scene,
+        device: str | None = None,
+        world_count: int = 1,
+        vary: Vary | None = None,
+        schedule: str = "auto",
+    ):
+        self._begin(build_model(scene, pick_device(device), world_count, vary), schedule)
+
+    @classmethod
+    def of_model(cls, model: Model) -> Self:
+        """A simulator of a model that is laid out already."""
+        simulator = cls.__new__(cls)
+        simulator._begin(model, "auto")
+        return simulator
+
+    def _begin(self, model: Model, schedule: str) -> None:
+        self.model = model
         self.state = initial_state(self.model)
         self.schedule = make_schedule(self.model, schedule)
         self.frame_number = 0
-        self._first_bad_particle = wp.full(world_count, _HEALTHY, dtype=wp.int32, device=self.model.device)
+        self.first_bad_particle = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
+        """of each world, the lowest particle that was ever at no finite place, or `HEALTHY`, shape (world_count,)"""
 
     def run(self, world: int = 0) -> Iterator[Frame]:
         """The frames of one world: the start, then as many as the scene asks for.
@@ -75,18 +98,22 @@ class Simulator:
         Raises:
             BlowUpError: the simulation left the finite numbers.
         """
+        self.advance()
+        bad = self.first_bad_particle.numpy()
+        if (bad != HEALTHY).any():
+            world = int(np.argmax(bad != HEALTHY))
+            raise BlowUpError(
+                f"the simulation blew up in frame {self.frame_number}, world {world}: particle {bad[world]} is no "
+                "longer at a finite place; more substeps, more damping or softer springs help"
+            )
+
+    def advance(self) -> None:
+        """Advance every world by one frame, those that blew up, too."""
         if self.schedule.capturable:
             wp.capture_launch(self._frame_graph)
         else:
             self._advance_frame()
         self.frame_number += 1
-        bad = self._first_bad_particle.numpy()
-        if (bad != _HEALTHY).any():
-            world = int(np.argmax(bad != _HEALTHY))
-            raise BlowUpError(
-                f"the simulation blew up in frame {self.frame_number}, world {world}: particle {bad[world]} is no "
-                "longer at a finite place; more substeps, more damping or softer springs help"
-            )
 
     def read_frame(self, world: int = 0) -> Frame:
         """Copy one world to the host."""
@@ -127,7 +154,7 @@ class Simulator:
             find_non_finite,
             self.state.points.shape,
             inputs=[self.state.points],
-            outputs=[self._first_bad_particle],
+            outputs=[self.first_bad_particle],
             device=self.model.device,
         )
 
@@ -136,16 +163,3 @@ def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
     """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
     row = array[world].numpy() if array.shape[1] else np.zeros((0, 3))  # Warp does not slice an empty array
     return np.array(row, dtype=np.float32)
-
-
-def find_device(name: str | None) -> wp.Device:
-    """The Warp device of that name; the GPU where there is one, when missing.
-
-    Raises:
-        InputError: there is no such device.
-    """
-    try:
-        return wp.get_device(name) if name else wp.get_preferred_device()
-    except ValueError:
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise InputError(f"--device {name}: no such device; this machine has {known}") from None

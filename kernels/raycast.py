@@ -2,7 +2,7 @@
 
 1. `cast_pixels` adds up a pixel's samples. It keeps what the key light and the sky would add if nothing stood in their
    way apart from how much of each gets there, which is what few samples make noisy.
-2. `smooth_light` blurs those two shares over neighbours that lie on the same surface, rows first, then columns.
+2. `smooth_light` blurs those two shares over neighbors that lie on the same surface, rows first, then columns.
 3. `develop` puts the light together and turns it into the bytes of an sRGB picture.
 
 Rows are dealt out to bands, so that CPU threads can share a picture: a band's thread `row` stands for the picture's row
@@ -11,17 +11,24 @@ Rows are dealt out to bands, so that CPU threads can share a picture: a band's t
 
 import warp as wp
 
-from balloon_warp.kernels.raycast_shapes import GROUND, NOTHING, Hit, Shapes, first_hit
-from balloon_warp.kernels.raycast_studio import Studio, backdrop, luminance, mix, reflected, sky_irradiance
+from balloon_warp.kernels.raycast_film import srgb_byte, tone
+from balloon_warp.kernels.raycast_shapes import LINE, NOTHING, SURFACE, Shapes, first_hit
+from balloon_warp.kernels.raycast_studio import Studio, backdrop, luminance
+from balloon_warp.kernels.raycast_surface import (
+    EPSILON,
+    FAR,
+    Answer,
+    ground_answer,
+    ground_fade,
+    key_share,
+    line_answer,
+    sky_share,
+    surface_answer,
+)
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
-FAR = wp.constant(1.0e4)
-EPSILON = wp.constant(1.0e-3)
-"""how far from a surface rays start, in sizes of the action"""
-REACH = wp.constant(0.7)
-"""how far away a thing can be that still dims the sky's light"""
-LAYERS = wp.constant(5)
+LAYERS = wp.constant(3)
 """how many translucent walls one looks through"""
 
 
@@ -36,51 +43,6 @@ class Camera:
 
 
 @wp.func
-def translucency(finish: wp.vec3):
-    """How much a wall acts as thin rubber, 0 to 1, from its opacity."""
-    return wp.clamp(8.0 * (1.0 - finish[1]), 0.0, 1.0)
-
-
-@wp.func
-def tangent_frame(normal: wp.vec3):
-    """Two unit vectors across a unit vector."""
-    helper = wp.where(wp.abs(normal[1]) < 0.9, wp.vec3(0.0, 1.0, 0.0), wp.vec3(1.0, 0.0, 0.0))
-    right = wp.normalize(wp.cross(helper, normal))
-    return right, wp.cross(normal, right)
-
-
-@wp.func
-def key_share(shapes: Shapes, studio: Studio, hit: Hit, disc: wp.vec2):
-    """The share of the key light, by color, that comes through from one point of it."""
-    across = studio.key_spread * (disc[0] * studio.key_right + disc[1] * studio.key_up)
-    blocker = first_hit(shapes, hit.point + EPSILON * hit.normal, wp.normalize(studio.key + across), FAR)
-    if blocker.kind == NOTHING:
-        return wp.vec3(1.0)
-    return 0.3 * translucency(blocker.finish) * blocker.color
-
-
-@wp.func
-def sky_share(shapes: Shapes, hit: Hit, disc: wp.vec2):
-    """The share of the sky's light, by color, along one direction; what stands there adds some of its own color."""
-    right, forward = tangent_frame(hit.normal)
-    up = wp.sqrt(wp.max(1.0 - wp.dot(disc, disc), 0.0))
-    direction = wp.normalize(disc[0] * right + disc[1] * forward + up * hit.normal)
-    blocker = first_hit(shapes, hit.point + EPSILON * hit.normal, direction, REACH)
-    if blocker.kind == NOTHING:
-        return wp.vec3(1.0)
-    bounce = 0.45 * blocker.color
-    if blocker.kind == GROUND:
-        bounce = 0.35 * blocker.color
-    return mix(bounce, wp.vec3(1.0), blocker.distance / REACH)
-
-
-@wp.func
-def ground_fade(point: wp.vec3):
-    """How far the ground has turned into the backdrop: a studio's paper sweep has no horizon."""
-    return wp.smoothstep(1.0, 6.0, wp.sqrt(point[0] * point[0] + point[2] * point[2]))
-
-
-@wp.func
 def with_one(share: wp.vec3):
     """A share and its weight, to be summed."""
     return wp.vec4(share[0], share[1], share[2], 1.0)
@@ -90,17 +52,6 @@ def with_one(share: wp.vec3):
 def mean_share(summed: wp.vec4):
     """The share from a weighted sum of shares and weights."""
     return wp.vec3(summed[0], summed[1], summed[2]) / wp.max(summed[3], 1.0e-9)
-
-
-@wp.func
-def srgb_byte(light: float):
-    """Narkowicz's fit of the ACES filmic curve, then the sRGB transfer function (IEC 61966-2-1)."""
-    shown = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)
-    shown = wp.clamp(shown, 0.0, 1.0)
-    encoded = 12.92 * shown
-    if shown > 0.0031308:
-        encoded = 1.055 * wp.pow(shown, 1.0 / 2.4) - 0.055
-    return wp.uint8(255.0 * encoded + 0.5)
 
 
 @wp.kernel
@@ -150,38 +101,20 @@ def cast_pixels(
             if hit.kind == NOTHING:
                 sum_plain += wp.cw_mul(weight, behind)
                 break
-            key = wp.vec3()
-            sky = wp.vec3()
-            through = wp.vec3()
-            toward_key = wp.dot(hit.normal, studio.key)
-            if hit.kind == GROUND:
+            answer = Answer()
+            if hit.kind == SURFACE:
+                answer = surface_answer(hit, studio, direction, shapes.ground_color)
+            elif hit.kind == LINE:
+                answer = line_answer(hit, studio, direction, shapes.ground_color)
+            else:
+                answer = ground_answer(hit, studio)
                 fade = ground_fade(hit.point)
                 sum_plain += fade * wp.cw_mul(weight, behind)
                 weight *= 1.0 - fade
-                key = wp.max(toward_key, 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
-                sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, shapes.ground_color))
-            else:
-                facing = -wp.dot(hit.normal, direction)
-                fresnel = 0.04 + 0.96 * wp.pow(1.0 - facing, 5.0)
-                rubber = translucency(hit.finish)
-                # At the silhouette light has crossed more of the dyed rubber.
-                dye = mix(hit.color, wp.cw_mul(hit.color, hit.color), 0.5 * rubber * (1.0 - facing) * (1.0 - facing))
-                key = (1.0 - fresnel) * wp.max(toward_key, 0.0) * wp.cw_mul(dye, studio.key_radiance)
-                sky = (1.0 - fresnel) * wp.cw_mul(dye, sky_irradiance(hit.normal, shapes.ground_color))
-                # Light that entered elsewhere leaves everywhere, most of it right opposite the key light.
-                inner = 0.10 + 0.22 * wp.smoothstep(0.2, -1.0, toward_key)
-                sky += rubber * inner * wp.cw_mul(wp.cw_mul(dye, studio.key_radiance), mix(wp.vec3(1.0), dye, 0.5))
-                if layer == 0:
-                    gloss = wp.max(hit.finish[2], 1.0 - hit.finish[0])
-                    roughness = hit.finish[0] * (1.0 - 0.9 * hit.finish[2])
-                    mirrored = direction + 2.0 * facing * hit.normal
-                    sum_plain += (
-                        wp.cw_mul(weight, reflected(studio, mirrored, roughness, shapes.ground_color)) * fresnel * gloss
-                    )
-                through = 0.35 * rubber * facing * mix(wp.vec3(1.0), dye, 0.9)
+            key = wp.cw_mul(weight, answer.key)
+            sky = wp.cw_mul(weight, answer.sky)
+            sum_plain += wp.cw_mul(weight, answer.lights)
             if layer == 0:
-                key = wp.cw_mul(weight, key)
-                sky = wp.cw_mul(weight, sky)
                 sum_key += key
                 sum_sky += sky
                 bright = luminance(key)
@@ -192,9 +125,9 @@ def cast_pixels(
                     sum_sky_share += bright * with_one(sky_share(shapes, hit, disc))
             else:
                 # Behind a wall nobody will miss a shadow: what is there gets a share of the light.
-                sum_plain += wp.cw_mul(weight, 0.7 * sky + 0.4 * key)
-            weight = wp.cw_mul(weight, through)
-            if luminance(weight) < 0.01:
+                sum_plain += 0.7 * sky + 0.4 * key
+            weight = wp.cw_mul(weight, answer.through)
+            if luminance(weight) < 0.03:
                 break
             origin = hit.point + EPSILON * direction
             layer += 1
@@ -259,12 +192,13 @@ def develop(
     # out
     picture: wp.array3d[wp.uint8],
 ):
-    """A thread a (row of the band, column): light together, filmic tone curve, sRGB bytes."""
+    """A thread a (row of the band, column): light together, tone curve, sRGB bytes."""
     band_row, column = wp.tid()
     row = band + band_row * band_count
     light = plain[row, column]
     light += wp.cw_mul(key_light[row, column], mean_share(key_shares[row, column]))
     light += wp.cw_mul(sky_light[row, column], mean_share(sky_shares[row, column]))
-    picture[row, column, 0] = srgb_byte(light[0])
-    picture[row, column, 1] = srgb_byte(light[1])
-    picture[row, column, 2] = srgb_byte(light[2])
+    shown = tone(light)
+    picture[row, column, 0] = srgb_byte(shown[0])
+    picture[row, column, 1] = srgb_byte(shown[1])
+    picture[row, column, 2] = srgb_byte(shown[2])

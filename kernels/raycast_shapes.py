@@ -43,7 +43,8 @@ class Hit:
 
 NOTHING = wp.constant(0)
 SURFACE = wp.constant(1)
-GROUND = wp.constant(2)
+LINE = wp.constant(2)
+GROUND = wp.constant(3)
 
 
 @wp.func
@@ -139,7 +140,8 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
             hit.normal = wp.normalize(smooth)
     capsule, distance = nearest_capsule(shapes, origin, direction, hit.distance)
     if capsule >= 0:
-        hit.kind = SURFACE
+        is_ball = shapes.begins[capsule] == shapes.ends[capsule]
+        hit.kind = wp.where(is_ball, SURFACE, LINE)
         hit.distance = distance
         hit.normal = capsule_normal(shapes, capsule, origin + distance * direction)
         hit.color = shapes.capsule_colors[capsule]

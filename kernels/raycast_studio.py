@@ -36,16 +36,16 @@ def luminance(color: wp.vec3):
 @wp.func
 def backdrop(height: float, across: float):
     """What the camera sees behind everything: a warm paper sweep. Both arguments run from -1 to 1 over the picture."""
-    light = mix(wp.vec3(1.08, 1.00, 0.90), wp.vec3(0.80, 0.84, 0.88), wp.smoothstep(-0.6, 1.3, height))
+    light = mix(wp.vec3(0.90, 0.86, 0.80), wp.vec3(0.86, 0.83, 0.80), wp.smoothstep(-0.6, 1.3, height))
     corner = across * across + 0.6 * height * height
-    return light * (1.0 - 0.16 * wp.smoothstep(0.3, 1.9, corner))
+    return light * (1.0 - 0.12 * wp.smoothstep(0.2, 1.8, corner))
 
 
 @wp.func
 def sky_irradiance(normal: wp.vec3, ground_color: wp.vec3):
     """Diffuse light from all around, softboxes apart, on a surface that nothing shadows."""
-    from_sky = mix(wp.vec3(0.36, 0.37, 0.40), wp.vec3(0.48, 0.48, 0.48), 0.5 + 0.5 * normal[1])
-    return mix(0.45 * ground_color, from_sky, wp.smoothstep(-1.0, 0.7, normal[1]))
+    from_sky = mix(wp.vec3(0.26, 0.27, 0.30), wp.vec3(0.36, 0.36, 0.36), 0.5 + 0.5 * normal[1])
+    return mix(0.34 * ground_color, from_sky, wp.smoothstep(-1.0, 0.7, normal[1]))
 
 
 @wp.func
@@ -63,17 +63,18 @@ def panel(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half
 
 
 @wp.func
-def reflected(studio: Studio, direction: wp.vec3, roughness: float, ground_color: wp.vec3):
-    """What a surface of some roughness mirrors from a direction."""
-    blur = 0.035 + 0.9 * roughness * roughness
-    floor = mix(0.42 * ground_color, 0.75 * ground_color, wp.smoothstep(-0.7, 0.0, direction[1]))
-    sky = mix(wp.vec3(0.62, 0.61, 0.60), wp.vec3(0.80, 0.82, 0.85), wp.smoothstep(0.0, 0.9, direction[1]))
+def mirrored_room(direction: wp.vec3, roughness: float, ground_color: wp.vec3):
+    """What a surface of some roughness mirrors from a direction, the lights apart."""
+    floor = mix(0.34 * ground_color, 0.7 * ground_color, wp.smoothstep(-0.7, 0.0, direction[1]))
+    sky = mix(wp.vec3(0.60, 0.59, 0.58), wp.vec3(0.85, 0.88, 0.92), wp.smoothstep(0.0, 0.9, direction[1]))
     soft = 0.12 + 0.5 * roughness
-    light = mix(floor, sky, wp.smoothstep(-soft, soft, direction[1]))
-    light += wp.vec3(22.0, 21.5, 20.6) * panel(
-        direction, studio.key, studio.key_right, studio.key_up, wp.vec2(0.30, 0.42), blur
-    )
-    light += wp.vec3(7.0, 7.3, 7.8) * panel(
-        direction, studio.rim, studio.rim_right, studio.rim_up, wp.vec2(0.14, 0.70), blur
-    )
-    return light
+    return mix(floor, sky, wp.smoothstep(-soft, soft, direction[1]))
+
+
+@wp.func
+def mirrored_lights(studio: Studio, direction: wp.vec3, roughness: float):
+    """What a surface of some roughness mirrors of the two lights."""
+    blur = 0.07 + 0.9 * roughness * roughness
+    key = panel(direction, studio.key, studio.key_right, studio.key_up, wp.vec2(0.30, 0.42), blur)
+    rim = panel(direction, studio.rim, studio.rim_right, studio.rim_up, wp.vec2(0.14, 0.70), blur)
+    return key * wp.vec3(30.0, 29.3, 28.2) + rim * wp.vec3(8.0, 8.3, 8.8)

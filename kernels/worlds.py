@@ -8,3 +8,14 @@ def spread_over_worlds(rows: wp.array2d[wp.vec3], every: wp.array2d[wp.vec3]):
     """A thread a (world, item): a copy of its row, or of the one row that all worlds share."""
     world, item = wp.tid()
     every[world, item] = rows[world % rows.shape[0], item]
+
+
+@wp.kernel(enable_backward=False)
+def pick_healthy_worlds(
+    every: wp.array2d[wp.vec3], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.vec3]
+):
+    """A thread a (chosen world, item): a copy of it; of a world that is not healthy, the last good copy stays."""
+    place, item = wp.tid()
+    world = chosen[place]
+    if healthy[world] == 1:
+        picked[place, item] = every[world, item]

@@ -41,6 +41,12 @@ def round_cone(points: Points, a: ArrayLike, b: ArrayLike, radius_a: float, radi
     return np.where(foot < 0.0, end_a, np.where(foot > length * cosine, end_b, side))
 
 
+def torus(points: Points, center: ArrayLike, radius: float, tube_radius: float) -> Distances:
+    """A ring about the y axis."""
+    x, y, z = (points - np.asarray(center)).T
+    return np.hypot(np.hypot(x, z) - radius, y) - tube_radius
+
+
 def smooth_union(blend: float, *distances: Distances) -> Distances:
     """The union of solids, with fillets about as wide as `blend`."""
 

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.surface_nets import surface_nets
-from balloon_warp.scenes.model_solids import ellipsoid, mirrored, round_cone, smooth_union, tube
+from balloon_warp.scenes.model_solids import ellipsoid, mirrored, round_cone, smooth_union, torus, tube
 
-CELL = 0.0265
+CELL = 0.0275
 
 
 def turtle() -> PolygonMesh:
@@ -17,18 +17,21 @@ def turtle() -> PolygonMesh:
 
 def _distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
     both = mirrored(points)
-    dome = ellipsoid(points, (0.0, 0.11, -0.06), (0.275, 0.235, 0.335))
-    belly = 0.085 - points[:, 1]
-    shell = -smooth_union(0.05, -dome, -belly)
-    rim = ellipsoid(points, (0.0, 0.115, -0.06), (0.325, 0.035, 0.385))
-    neck = tube(points, [(0.0, 0.13, 0.22), (0.0, 0.17, 0.34), (0.0, 0.25, 0.42)], [0.06, 0.042, 0.042])
+    # Round in a space that is shorter along the animal.
+    oval = points * [1.0, 1.0, 0.84]
+    dome = ellipsoid(oval, (0.0, 0.09, -0.06), (0.29, 0.27, 0.29))
+    belly = 0.075 - points[:, 1]
+    shell = smooth_union(0.02, -smooth_union(0.04, -dome, -belly), torus(oval, (0.0, 0.115, -0.06), 0.285, 0.042))
+    neck = tube(points, [(0.0, 0.14, 0.22), (0.0, 0.17, 0.34), (0.0, 0.26, 0.42)], [0.06, 0.046, 0.046])
     head = smooth_union(
-        0.03,
-        ellipsoid(points, (0.0, 0.285, 0.45), (0.085, 0.08, 0.095)),
-        ellipsoid(points, (0.0, 0.265, 0.51), (0.06, 0.05, 0.07)),
+        0.05,
+        ellipsoid(points, (0.0, 0.31, 0.44), (0.10, 0.092, 0.10)),
+        ellipsoid(points, (0.0, 0.28, 0.505), (0.075, 0.06, 0.075)),
     )
-    flat = both * [1.0, 1.8, 1.0]
-    front = round_cone(flat, (0.23, 0.15, 0.16), (0.40, 0.09, 0.30), 0.065, 0.08)
-    back = round_cone(flat, (0.20, 0.15, -0.30), (0.30, 0.09, -0.42), 0.055, 0.065)
-    tail = round_cone(points, (0.0, 0.10, -0.40), (0.0, 0.07, -0.50), 0.04, 0.015)
-    return smooth_union(0.03, shell, rim, smooth_union(0.03, neck, head), front, back, tail)
+    # Flippers are wider than thick.
+    flat = both * [1.0, 1.7, 1.0]
+    front = tube(flat, [(0.18, 0.18, 0.18), (0.32, 0.15, 0.29), (0.44, 0.08, 0.24)], [0.06, 0.078, 0.045])
+    back = tube(flat, [(0.16, 0.17, -0.28), (0.25, 0.13, -0.42), (0.31, 0.08, -0.49)], [0.06, 0.07, 0.045])
+    tail = round_cone(points, (0.0, 0.11, -0.38), (0.0, 0.085, -0.51), 0.055, 0.028)
+    animal = smooth_union(0.03, shell, neck, front, back, tail)
+    return smooth_union(0.03, animal, head)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -16,9 +17,10 @@ MODELS = {"squirrel": squirrel, "turtle": turtle, "pillow": pillow, "bowl": bowl
 
 
 def make_model(name: str) -> PolygonMesh:
-    """The model of that name, in meters, y up, standing on y = 0, its points rounded to 1e-5 m."""
-    mesh = MODELS[name]()
-    points = mesh.points - [0.0, mesh.points[:, 1].min(), 0.0]
+    """The model of that name, in meters, y up, standing on y = 0 above the origin, its points rounded to 1e-5 m."""
+    with wp.ScopedDevice("cpu"):  # the same vertices in the same order, whatever the machine
+        mesh = MODELS[name]()
+    points = mesh.points - [0.0, mesh.points[:, 1].min(), mesh.points[:, 2].mean()]
     # + 0.0 turns -0.0 into 0.0
     return replace(mesh, points=np.round(points, 5) + 0.0, name=name)
 

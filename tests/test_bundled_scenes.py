@@ -150,9 +150,12 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
     assert size[1] < 0.3 * size[0]
 
 
-@pytest.mark.parametrize("name", ["squirrel_inflate", "turtle_inflate", "bowl_to_sphere", "squirrel_tether"])
-def test_quiet_scenes_come_to_rest(name: str):
-    """No particle flutters when the inflation has been constant for a while: none faster than its balloon's size a
-    second or so, where an unstable scene has particles at tens of meters a second."""
+@pytest.mark.parametrize(
+    "name", ["squirrel_inflate", "turtle_inflate", "bowl_to_sphere", "squirrel_tether", "net_forces", "squirrel_squish"]
+)
+def test_scenes_do_not_flutter(name: str):
+    """When the action is over, hardly any particle changes its velocity from frame to frame by more than a quarter of
+    a meter a second; fluttering, as with cached normals, it is meters a second."""
     _, frames = played(name)
-    assert np.linalg.norm(frames[-1].velocities[0], axis=1).max() < 3.0
+    change = np.linalg.norm(frames[-1].velocities[0] - frames[-2].velocities[0], axis=1)
+    assert np.percentile(change, 90) < 0.25

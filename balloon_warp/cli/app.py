@@ -1,10 +1,13 @@
 """The commands, and what happens when one fails."""
 
 import sys
+from importlib import metadata
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from balloon_warp.cli.batch import batch
 from balloon_warp.cli.bench import bench
 from balloon_warp.cli.inspect import inspect
 from balloon_warp.cli.remesh import remesh
@@ -13,14 +16,30 @@ from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
 
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(metadata.version("balloon-warp"))
+        raise typer.Exit
+
+
 app = typer.Typer(
     help="Simulate balloons: any mesh in, animated USD out.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, scenes, inspect, remesh, render, bench):
+for command in (run, batch, scenes, inspect, remesh, render, bench):
     app.command()(command)
+
+
+@app.callback()
+def balloon_warp(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and stop.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Simulate balloons: any mesh in, animated USD out."""
 
 
 def main() -> None:

@@ -19,11 +19,11 @@ def bench(
     """Measure how fast the schedules are, side by side with Newton where it is installed."""
     quiet_warp()
     from balloon_warp.benchmarks.run import run_cases
-    from balloon_warp.simulator import find_device
+    from balloon_warp.device import pick_device
 
     console = Console(highlight=False)
     results = []
-    for result in run_cases(find_device(device), quick):
+    for result in run_cases(pick_device(device), quick):
         console.print(f"{result.case} ({result.schedule}): {result.rate:.3g}", style="dim")
         results.append(result)
     table = Table(box=None, pad_edge=False)

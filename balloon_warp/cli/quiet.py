@@ -1,8 +1,23 @@
 """Warp's own messages, kept off a user's terminal."""
 
+import os
+import tempfile
+
 
 def quiet_warp() -> None:
-    """Leave only errors: no banner, no word of each kernel compiled, none about a missing GPU."""
+    """Start Warp with only its errors shown: no banner, no word of each kernel compiled, none about a missing GPU."""
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
+    # Warp's native library says on standard error itself, whatever the level, that there is no GPU.
+    standard_error = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            wp.init()
+        except OSError:  # no home to cache kernels in, as in a locked-down container
+            wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="balloon-warp-")
+            wp.init()
+        finally:
+            os.dup2(standard_error, 2)
+            os.close(standard_error)

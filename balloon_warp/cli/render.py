@@ -15,14 +15,15 @@ from balloon_warp.errors import InputError
 def render(
     stage: Annotated[Path, typer.Argument(help="A USD stage: one of ours, or any with meshes in it.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Picture to write: .png, .gif or .mp4. [default: STAGE.png]")
+        Path | None,
+        typer.Option("--output", "-o", help="Picture: .png, .gif or .mp4; STAGE.png if not given."),
     ] = None,
     frame: Annotated[
-        int | None, typer.Option(help="Frame for a .png. [default: the one that the stage names, else the last]")
+        int | None, typer.Option(help="Frame for a .png; if not given, the one that the stage names, else the last.")
     ] = None,
     size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size in pixels.")] = "960x540",
     samples: Annotated[int, typer.Option(help="Rays a pixel.")] = 4,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ... [default: the GPU if there is one]")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
 ) -> None:
     """Make a picture or an animation of a stage."""
     pixels = _parse_size(size)
@@ -46,7 +47,7 @@ def render(
 
 
 def _parse_size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
+    match = re.fullmatch(r"(\d{1,12})[xX](\d{1,12})", text)
     if not match:
         raise InputError(f"size: {text!r}; expected WIDTHxHEIGHT in pixels, such as 960x540")
     return int(match[1]), int(match[2])

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-from rich.text import Text
+from rich.markup import escape
 
+from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import parse_override
@@ -17,14 +17,15 @@ from balloon_warp.scene.overrides import parse_override
 def run(
     scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Stage to write: .usdc, .usda or .usd. [default: SCENE.usdc]")
+        Path | None,
+        typer.Option("--output", "-o", help="Stage to write: .usdc, .usda or .usd; SCENE.usdc if not given."),
     ] = None,
     picture: Annotated[bool, typer.Option("--picture", help="Render a picture beside the stage, too.")] = False,
     overrides: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ... [default: the GPU if there is one]")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     schedule: Annotated[
         str, typer.Option(help="How the work is laid out: auto, scatter, gather, block or lanes.")
     ] = "auto",
@@ -33,12 +34,13 @@ def run(
     """Simulate a scene, or any mesh, and write it as animated USD."""
     loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
     name = scene_name(scene)
-    stage = output or Path(f"{name}.usdc")
+    stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     quiet_warp()
     from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
 
-    with _progress() as progress:
-        task = progress.add_task(name, total=loaded.frames)
+    warnings = Console(stderr=True, highlight=False, soft_wrap=True)
+    with frame_progress() as progress:
+        task = progress.add_task(escape(name), total=loaded.frames)
         summary = animate(
             loaded,
             stage,
@@ -47,6 +49,7 @@ def run(
             device=device,
             schedule=schedule,
             on_frame=lambda number: progress.update(task, completed=number),
+            on_warning=lambda sentence: warnings.print(f"[yellow]warning:[/] {escape(sentence)}"),
         )
     if as_json:
         print(json.dumps(summary.as_json()))
@@ -54,30 +57,9 @@ def run(
     console = Console(highlight=False, soft_wrap=True)
     console.print(
         f"{summary.scene}: {summary.particles:,} particles, {summary.springs:,} springs, {summary.frames} frames of "
-        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {summary.device} ({summary.schedule})"
+        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {summary.device} ({summary.schedule})",
+        markup=False,
     )
-    console.print(f"wrote {summary.output}")
-    if summary.picture:
-        console.print(f"wrote {summary.picture}")
-
-
-class _FrameRate(ProgressColumn):
-    """Frames a second, once there are any."""
-
-    def render(self, task: Task) -> Text:
-        return Text(f"{task.speed:.0f} frames/s" if task.speed else "")
-
-
-def _progress() -> Progress:
-    """A bar with frames a second and the time left, on a terminal; nothing in a pipe."""
-    console = Console(stderr=True)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _FrameRate(),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not console.is_terminal,
-        transient=True,
-    )
+    for path in (summary.output, summary.picture):
+        if path:
+            console.print(f"wrote {path}", markup=False)

@@ -1,7 +1,9 @@
 """What is simulated: the model (fixed) and the state (changes)."""
 
-from balloon_warp.model.build import build_model
+from balloon_warp.model.build import build_model, lay_out
 from balloon_warp.model.model import Model
+from balloon_warp.model.parameters import Vary
+from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.state import State, initial_state
 
-__all__ = ["Model", "State", "build_model", "initial_state"]
+__all__ = ["Model", "ModelPlan", "State", "Vary", "build_model", "initial_state", "lay_out", "plan_model"]

@@ -8,9 +8,18 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.orientation import oriented_outward
+from balloon_warp.mesh.placement import place_mesh
+from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.scene import Balloon, Scene
 from balloon_warp.springs import Springs, build_springs
+
+LEAST_SIZE, LARGEST_SIZE = 1.0e-6, 1.0e9
+"""of a balloon [m]"""
+LEAST_SIZE_OVER_DISTANCE = 1.0e-4
+"""a balloon's size over its distance from the origin: float32 then resolves a thousandth of it"""
 
 
 @dataclass(frozen=True)
@@ -31,16 +40,13 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
     """Read, place and string the balloon's mesh.
 
     Raises:
-        InputError: the mesh cannot be read, or a fixed particle is not in it.
+        InputError: the mesh cannot be read, its size or place is too much for float32, or a fixed particle is not in
+            it.
     """
     mesh = load_mesh(balloon.mesh) if isinstance(balloon.mesh, Path) else balloon.mesh
-    placed = replace(
-        mesh,
-        points=_place(mesh, balloon, scene),
-        up_axis=scene.up_axis,
-        meters_per_unit=1.0,
-        name=balloon.name or mesh.name,
-    )
+    placed = place_mesh(mesh, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
+    _check_size(placed, balloon.mesh if isinstance(balloon.mesh, Path) else mesh.name)
+    placed = _outward(replace(placed, name=balloon.name or mesh.name))
     springs = build_springs(placed)
     draws = np.random.default_rng(balloon.stiffness.seed).uniform(-1.0, 1.0, len(springs.pairs))
     return BalloonShape(
@@ -52,23 +58,26 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
     )
 
 
-def _place(mesh: PolygonMesh, balloon: Balloon, scene: Scene) -> NDArray[np.float64]:
-    points = mesh.points * (mesh.meters_per_unit * balloon.scale)
-    if mesh.up_axis != scene.up_axis:
-        points = points @ (_rotation(0, 90.0) if scene.up_axis == "Z" else _rotation(0, -90.0)).T
-    for axis, degrees in enumerate(balloon.rotation):
-        points = points @ _rotation(axis, degrees).T
-    return points + np.array(balloon.position)
+def _outward(mesh: PolygonMesh) -> PolygonMesh:
+    """A closed mesh with its faces wound outward: inflation follows their normals."""
+    edges = mesh_edges(mesh)
+    if not is_closed(edges) or (len(inconsistent_edges(edges)) == 0 and signed_volume(mesh) >= 0.0):
+        return mesh
+    return replace(
+        oriented_outward(mesh), warnings=(*mesh.warnings, "Faces that were wound inward have been turned outward.")
+    )
 
 
-def _rotation(axis: int, degrees: float) -> NDArray[np.float64]:
-    """Matrix of a right-handed rotation about a coordinate axis."""
-    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    matrix = np.eye(3)
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    matrix[first, first] = matrix[second, second] = cosine
-    matrix[first, second], matrix[second, first] = -sine, sine
-    return matrix
+def _check_size(mesh: PolygonMesh, source: object) -> None:
+    """Refuse what float32 cannot simulate: positions far from the origin for their size, and extreme sizes."""
+    points = mesh.points[mesh.face_vertex_indices]
+    size, reach = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
+    if not LEAST_SIZE <= size <= LARGEST_SIZE:
+        raise InputError(f"{source}: is {size:g} m large; expected {LEAST_SIZE:g} to {LARGEST_SIZE:g} m")
+    if size < LEAST_SIZE_OVER_DISTANCE * reach:
+        raise InputError(
+            f"{source}: is {size:g} m large and {reach:g} m from the origin, too far for 32-bit numbers; move it closer"
+        )
 
 
 def _mass_shares(mesh: PolygonMesh, balloon: Balloon) -> NDArray[np.float64]:

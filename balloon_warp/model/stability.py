@@ -1,20 +1,26 @@
 """The largest step at which symplectic Euler stays stable on a spring network."""
 
 from collections.abc import Sequence
-from math import ceil, sqrt
+from math import ceil
 
 import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
 
 AUTO_MARGIN = 0.8
 """the part of the stable step that `substeps = "auto"` takes"""
+MOST_SUBSTEPS = 100_000
+"""in a frame; a scene that asks for more is a mistake"""
+_CHUNK = 10_000_000
+"""loads looked at together, to bound the memory"""
 
 
-def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int]) -> float:
-    """A step [s] that is stable for every balloon of the scene.
+def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters) -> float:
+    """A step [s] that is stable for every balloon in every world.
 
     An undamped network is stable for h < 2 / omega_max, and by Gershgorin's theorem omega_max^2 is at most twice the
     largest sum of spring constants at a particle over its mass. Damping at the rate g [1/s], taken explicitly as the
@@ -22,21 +28,19 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
 
     Args:
         held: the particle that each string of the scene holds, numbered within its balloon.
+        parameters: of all worlds.
     """
     steps = []
-    for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
-        by_kind = np.array([balloon.stiffness.structural, balloon.stiffness.shear, balloon.stiffness.flexion])
-        constants = by_kind[shape.springs.kind] * shape.stiffness_scale
-        sums = np.bincount(shape.springs.pairs[:, 0], constants, shape.mesh.vertex_count)
-        sums += np.bincount(shape.springs.pairs[:, 1], constants, shape.mesh.vertex_count)
-        for string, particle in zip(scene.string, held, strict=True):
-            if string.balloon == number:
-                sums[particle] += 0.5 * string.stiffness  # its other end is fixed
-        moves = shape.mass_share > 0.0
-        masses = balloon.mass * shape.mass_share[moves]
-        squared_frequency = float(np.max(2.0 * sums[moves] / masses, initial=1.0e-12))
-        rate = balloon.damping / balloon.mass
-        steps.append((sqrt(rate * rate + 4.0 * squared_frequency) - rate) / squared_frequency)
+    for number, shape in enumerate(shapes):
+        strings = [(n, held[n]) for n, string in enumerate(scene.string) if string.balloon == number]
+        constants = _beside(
+            parameters["stiffness"][:, number], parameters["string_stiffness"][:, [string for string, _ in strings]]
+        )
+        mass = parameters["mass"][:, number]
+        peak = _peak_sums(constants, _unit_sums(shape, [particle for _, particle in strings]))
+        squared_frequency = np.maximum(2.0 * peak / mass, 1.0e-12)
+        rate = parameters["damping"][:, number] / mass
+        steps.append(float(np.min(4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate))))
     return min(steps)
 
 
@@ -47,11 +51,43 @@ def choose_substeps(scene: Scene, stable: float) -> int:
         InputError: the scene asks for fewer than are stable.
     """
     frame_seconds = 1.0 / scene.frames_per_second
+    if not frame_seconds <= MOST_SUBSTEPS * AUTO_MARGIN * stable:
+        raise InputError(
+            f"substeps: these springs, masses and damping are stable up to a step of {stable:.2e} s, which makes more "
+            f"than {MOST_SUBSTEPS:,} in a frame; expected softer springs, more mass or more frames per second"
+        )
     if scene.substeps == "auto":
-        return ceil(frame_seconds / (AUTO_MARGIN * stable))
+        return max(ceil(frame_seconds / (AUTO_MARGIN * stable)), 1)
     if frame_seconds / scene.substeps > stable:
         raise InputError(
             f"substeps: {scene.substeps} are too few for these springs and masses, which are stable up to a step of "
             f'{stable:.2e} s: at least {ceil(frame_seconds / stable)} are needed, or "auto"'
         )
     return scene.substeps
+
+
+def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:
+    """The sum of spring constants at each particle that moves, over its part of the mass, for a constant of 1 of one
+    kind of spring, or of one string: shape (distinct particles, 3 + strings)."""
+    particles, pairs = shape.mesh.vertex_count, shape.springs.pairs
+    columns = []
+    for kind in range(3):
+        scale = np.where(shape.springs.kind == kind, shape.stiffness_scale, 0.0)
+        columns.append(np.bincount(pairs[:, 0], scale, particles) + np.bincount(pairs[:, 1], scale, particles))
+    for particle in held:
+        columns.append(np.where(np.arange(particles) == particle, 0.5, 0.0))  # its other end is fixed
+    moves = shape.mass_share > 0.0
+    return np.unique(np.stack(columns, axis=1)[moves] / shape.mass_share[moves, None], axis=0)
+
+
+def _peak_sums(constants: NDArray[np.float64], unit_sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The largest sum over the particles, shape (worlds,)."""
+    worlds_at_once = max(_CHUNK // max(len(unit_sums), 1), 1)
+    chunks = np.split(constants, range(worlds_at_once, len(constants), worlds_at_once))
+    return np.concatenate([np.max(chunk @ unit_sums.T, axis=1, initial=0.0) for chunk in chunks])
+
+
+def _beside(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Columns of both; one row in either stands for all worlds."""
+    worlds = max(len(left), len(right))
+    return np.concatenate([np.broadcast_to(part, (worlds, part.shape[1])) for part in (left, right)], axis=1)

@@ -19,20 +19,51 @@ def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
         raise InputError(
             f"{path}: cannot write {path.suffix or 'a file without a suffix'}; expected {', '.join(suffixes)}"
         )
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; expected a file name")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path}: the folder {path.parent} cannot be written to")
+    if ":SDF_FORMAT_ARGS:" in str(path):
+        raise InputError(f"{path}: USD takes :SDF_FORMAT_ARGS: for the start of options; expected a name without it")
+    try:
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: the folder {path.parent} does not exist")
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; expected a file name")
+        # Only trying tells: a folder may let the superuser in and still take no files.
+        probe = _temporary(path)
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`, of the same suffix, that takes its place when the block ends well."""
-    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
+    """A temporary path beside `path`, of the same suffix, that takes its place when the block ends well.
+
+    Raises:
+        InputError: the block, or the end of it, failed to write the file.
+    """
+    temporary = _temporary(path)
     try:
         yield temporary
         os.replace(temporary, path)
+    except OSError as error:
+        if error.filename is not None and Path(error.filename) != temporary:
+            raise  # another file's
+        reason = error.strerror or str(error).partition("\n")[0]
+        raise InputError(f"{path}: cannot be written: {reason}") from error
+    except RuntimeError as error:
+        if not _is_from_usd(error):
+            raise
+        raise InputError(f"{path}: cannot be written: USD failed to save it; is the disk full?") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    """Without the name itself, which may be as long as names can be."""
+    return path.with_name(f".{secrets.token_hex(4)}.partial{path.suffix}")
+
+
+def _is_from_usd(error: RuntimeError) -> bool:
+    from pxr import Tf  # loads USD: only once something failed
+
+    return isinstance(error, Tf.ErrorException)

@@ -3,34 +3,66 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.placement import place_mesh
+from balloon_warp.mesh.topology import border_edges, mesh_edges
+from balloon_warp.scene.schema import Balloon
 
 
-def scene_table_around(path: Path) -> dict[str, Any]:
+def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dict[str, Any]:
     """A scene's table for the mesh in `path`.
 
-    Gravity grows with the mesh's size, so that a mesh in centimeters moves as one in meters does: with masses and
-    spring constants alike, forces, lengths and accelerations all scale together.
+    Accelerations and k_normal grow with the mesh's size, so that a mesh in centimeters moves as one in meters does:
+    with masses and spring constants alike, forces, lengths and accelerations all scale together.
+
+    A closed mesh falls a little, onto the floor. An open one is held at its border: its inflation, which nothing
+    balances there, would drive it away.
+
+    Args:
+        balloon: how the mesh is to be placed.
+        up_axis: "Y" or "Z"; the mesh's own when missing.
 
     Raises:
-        InputError: the mesh cannot be read.
+        InputError: the mesh cannot be read, or has no size.
     """
     mesh = load_mesh(path)
-    points = mesh.points[mesh.face_vertex_indices] * mesh.meters_per_unit
+    up_axis = up_axis or mesh.up_axis
+    placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
+    points = placed.points[placed.face_vertex_indices]
     lowest, highest = points.min(axis=0), points.max(axis=0)
     size = float((highest - lowest).max())
-    up = "XYZ".index(mesh.up_axis)
+    if size == 0.0:
+        raise InputError(f"{path}: all its vertices stand at one place; expected a mesh with some size")
     return {
         "description": f"{path.name} inflates above a floor",
-        "up_axis": mesh.up_axis,
+        "up_axis": up_axis,
         "gravity": 9.81 * size,
         "frames": 120,
+        "normals": "fresh",
         "balloon": [
             {
                 "mesh": path.resolve(),
-                "damping": 0.3,
-                "inflation": {"k_normal": [[0.0, 0.0], [1.0, 0.25 * size]]},
+                "mass": 2.0,
+                "helium": 8.0 * size,
+                "damping": 20.0,
+                "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
+                "inflation": {"k_normal": [[0.2, 0.0], [1.5, 4.0 * size]]},
+                "fixed": _border(mesh).tolist(),
             }
         ],
-        "ground": {"height": float(lowest[up]) - 0.1 * size},
+        "ground": {"height": float(lowest["XYZ".index(up_axis)]) - 0.05 * size},
     }
+
+
+def _border(mesh: PolygonMesh) -> NDArray[np.integer]:
+    """The particles on open borders; where that is all of them, those of the first face."""
+    edges = mesh_edges(mesh)
+    border = np.unique(edges.ends[border_edges(edges)])
+    if len(border) < len(np.unique(mesh.face_vertex_indices)):
+        return border
+    return np.unique(mesh.face_vertex_indices[: mesh.face_vertex_counts[0]])

@@ -26,6 +26,12 @@ def scene_name(source: str | Path) -> str:
     return Path(source).stem
 
 
+def find_mesh(name: str, source: str | Path) -> Path:
+    """A mesh file that a command names: in the current folder, or beside the scene's file."""
+    path = Path(name)
+    return path if path.exists() else bundled_scenes().get(str(source), Path(source)).parent / path
+
+
 def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
     """Load a scene.
 
@@ -42,9 +48,21 @@ def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
         raise InputError(
             f"{source}: no such scene or file; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         )
-    table = _read_toml(path) if path.suffix.lower() == ".toml" else scene_table_around(path)
+    overrides = [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in overrides]
+    if path.suffix.lower() == ".toml":
+        table = _read_toml(path)
+    else:
+        bare: dict[str, Any] = {"balloon": [{"mesh": path.resolve()}]}
+        apply_overrides(bare, overrides)
+        placed = check_scene(bare, path)
+        table = scene_table_around(path, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
     apply_overrides(table, overrides)
     return check_scene(table, path)
+
+
+def _mesh_beside(value: Any) -> Any:
+    """A mesh that an override names is sought in the current folder first, then beside the scene's file."""
+    return Path(value).resolve() if isinstance(value, str) and Path(value).is_file() else value
 
 
 def check_scene(table: dict[str, Any], path: Path) -> Scene:
@@ -71,5 +89,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a scene file: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is nested too deeply for a scene file") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: is not valid TOML: {error}") from None

@@ -4,7 +4,11 @@ import tomllib
 from collections.abc import Iterable
 from typing import Any
 
+from pydantic import ValidationError
+
 from balloon_warp.errors import InputError
+from balloon_warp.scene.complaint import complaint
+from balloon_warp.scene.schema import Scene
 
 Override = tuple[str, Any]
 """a dotted path, and the value to put there"""
@@ -59,3 +63,20 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
             place[name] = value
     else:
         raise InputError(f"{path}: cannot be set, {name!r} is asked of a plain value")
+
+
+def override_scene(scene: Scene, overrides: Iterable[Override]) -> Scene:
+    """A scene with other values at some paths. A mesh file is taken as it is given, not sought beside a scene file.
+
+    Raises:
+        InputError: names the path or field that is wrong.
+    """
+    meshes = [balloon.mesh for balloon in scene.balloon]
+    table = scene.model_dump(mode="json", exclude_none=True, exclude={"balloon": {"__all__": {"mesh"}}})
+    for balloon, mesh in zip(table["balloon"], meshes, strict=True):
+        balloon["mesh"] = mesh
+    apply_overrides(table, overrides)
+    try:
+        return Scene.model_validate(table)
+    except ValidationError as error:
+        raise InputError(complaint(error, Scene)) from None

@@ -1,17 +1,28 @@
 """The scene schema: every field, its unit, its default and its bounds. SI units throughout."""
 
 import itertools
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, InstanceOf, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, InstanceOf, model_validator
+from pydantic_core import PydanticCustomError
 
 from balloon_warp.mesh import PolygonMesh
 
-Vector = tuple[float, float, float]
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Keyframe = tuple[NonNegative, float]
+
+def _not_tiny(value: float) -> float:
+    """What is divided by must not vanish in float32, nor its square."""
+    if value < 1e-12:
+        raise PydanticCustomError("tiny", "Input should be at least 1e-12")
+    return value
+
+
+Real = Annotated[float, Field(gt=-1e12, lt=1e12)]
+Positive = Annotated[float, Field(gt=0, lt=1e12), AfterValidator(_not_tiny)]
+NonNegative = Annotated[float, Field(ge=0, lt=1e12)]
+Vector = tuple[Real, Real, Real]
+Keyframe = tuple[NonNegative, Real]
 """a time [s] and the value at that time"""
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 
@@ -40,8 +51,9 @@ class Stiffness(Table):
 class Inflation(Table):
     """The paper's inflation: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N]."""
 
-    k_normal: float | Annotated[list[Keyframe], Field(min_length=1)] = 0.2
-    """a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last"""
+    k_normal: Real | Annotated[list[Keyframe], Field(min_length=1)] = 0.2
+    """a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last.
+    Keyframes are at least a frame apart."""
 
     @property
     def keyframes(self) -> list[Keyframe]:
@@ -71,7 +83,7 @@ class Balloon(Table):
     """factor on the mesh's size, before `rotation`"""
     mass: Positive = 0.1
     """of the whole balloon, shared alike by its particles [kg]"""
-    helium: float = 0.0
+    helium: Real = 0.0
     """lift for each kilogram of balloon, against gravity's 9.81 [N/kg]"""
     damping: NonNegative = 0.1
     """drag of the whole balloon for each m/s, shared like the mass [N s/m]"""
@@ -117,7 +129,7 @@ class String(Table):
 class Ground(Table):
     """A plane across the up axis."""
 
-    height: float = 0.0
+    height: Real = 0.0
     """[m]"""
     friction: NonNegative = 0.5
     """Coulomb's coefficient, for balloons"""
@@ -131,19 +143,19 @@ class Scene(Table):
     description: str = ""
     """one line, shown by `balloon-warp scenes`"""
     up_axis: Literal["Y", "Z"] = "Y"
-    gravity: float = 9.81
+    gravity: Real = 9.81
     """[m/s^2], down the up axis"""
     frames: Annotated[int, Field(ge=1)] = 120
     """how many frames follow the start"""
     frames_per_second: Positive = 60.0
-    substeps: Annotated[int, Field(ge=1)] | Literal["auto"] = "auto"
+    substeps: Annotated[int, Field(ge=1, le=100_000)] | Literal["auto"] = "auto"
     """integration steps in a frame; "auto" takes as many as stability asks"""
     normals: Literal["cached", "fresh"] = "cached"
     """normals and areas of the inflation: refreshed once a frame (the paper), or every substep"""
     net_forces: bool = False
     """write the net force on each particle into the stage, as curves"""
     picture_frame: Annotated[int, Field(ge=0)] | None = None
-    """the frame that a picture of this scene shows; the last when missing"""
+    """the frame that a picture of this scene shows; the last when missing or past the end"""
     balloon: Annotated[list[Balloon], Field(min_length=1)]
     sphere: list[Sphere] = []
     string: list[String] = []
@@ -162,6 +174,12 @@ class Scene(Table):
                     f"string.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
                     f"(got {string.balloon})"
                 )
-        if self.picture_frame is not None and self.picture_frame > self.frames:
-            raise ValueError(f"picture_frame: must be at most frames, {self.frames} (got {self.picture_frame})")
+        for number, balloon in enumerate(self.balloon):
+            times = [time for time, _ in balloon.inflation.keyframes]
+            shortest = min((later - earlier for earlier, later in itertools.pairwise(times)), default=math.inf)
+            if shortest * self.frames_per_second < 1.0 - 1e-6:
+                raise ValueError(
+                    f"balloon.{number}.inflation.k_normal: keyframes must be at least a frame apart, "
+                    f"{1.0 / self.frames_per_second:g} s (got {shortest:g} s)"
+                )
         return self

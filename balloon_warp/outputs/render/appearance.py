@@ -44,11 +44,13 @@ def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDAr
     if diffuse is not None:
         return np.tile(np.asarray(diffuse, np.float32), (count, 1))
     display = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance("displayColor")
-    colors = np.asarray(display.ComputeFlattened() if display else [], np.float32).reshape(-1, 3)
+    authored = display.ComputeFlattened() if display else None
+    colors = np.asarray([] if authored is None else authored, np.float32).reshape(-1, 3)
     if len(colors) == count:
         return colors
     if len(colors) == element_counts.sum() and count:
-        return np.add.reduceat(colors, np.cumsum(element_counts) - element_counts) / element_counts[:, None]
+        sums = np.add.reduceat(colors, np.cumsum(element_counts) - element_counts)
+        return (sums / element_counts[:, None]).astype(np.float32)
     plain = colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)
     return np.tile(plain.astype(np.float32), (count, 1))
 

@@ -1,6 +1,7 @@
 """Picture files: PNG for one frame, GIF and MP4 for many."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,11 @@ from PIL import Image
 from balloon_warp.errors import MissingExtraError
 
 PICTURE_SUFFIXES = (".png", ".gif", ".mp4")
+DITHER = 6.0
+"""8-bit steps that a color is moved by, at most half of it up or down, before it gets the palette's nearest"""
 Picture = NDArray[np.uint8]
 """sRGB, shape (height, width, 3)"""
+_BAYER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) + 0.5) / 16.0
 
 
 def write_png(path: Path, picture: Picture) -> None:
@@ -20,20 +24,33 @@ def write_png(path: Path, picture: Picture) -> None:
 
 
 def write_gif(path: Path, pictures: Iterable[Picture], frame_seconds: float) -> None:
-    """Write an endless animation; GIF counts time in hundredths of a second."""
-    palette: Image.Image | None = None
-    frames = []
-    for picture in pictures:
-        palette = palette or Image.fromarray(picture).quantize(255, method=Image.Quantize.MEDIANCUT)
-        frames.append(_with_palette(picture, palette))
-    frames[0].save(
-        path, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 * frame_seconds), loop=0
+    """Write an endless animation with one palette; GIF counts time in hundredths of a second."""
+    pictures = list(pictures)
+    palette = _common_palette(pictures)
+    first, *others = [_dithered(picture, palette) for picture in pictures]
+    first.save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=others,
+        duration=round(1000 * frame_seconds),
+        loop=0,
+        optimize=False,
     )
 
 
-def _with_palette(picture: Picture, palette: Image.Image) -> Image.Image:
-    """The nearest colors of a palette, with ordered dither: unlike error diffusion it leaves still parts still."""
-    return Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+def _common_palette(pictures: list[Picture]) -> Image.Image:
+    """255 colors for all pictures, from every fourth pixel each way of a dozen of them."""
+    some = pictures[:: max(1, len(pictures) // 12)]
+    mosaic = np.concatenate([picture[::4, ::4] for picture in some])
+    return Image.fromarray(mosaic).quantize(255, method=Image.Quantize.MEDIANCUT, kmeans=2)
+
+
+def _dithered(picture: Picture, palette: Image.Image) -> Image.Image:
+    """A picture in a palette's colors. Ordered dither, unlike error diffusion, leaves alone what does not move."""
+    rows, columns = np.indices(picture.shape[:2]) % len(_BAYER)
+    shifted = picture + DITHER * (_BAYER[rows, columns, None] - 0.5)
+    return Image.fromarray(shifted.clip(0, 255).astype(np.uint8)).quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def write_mp4(path: Path, pictures: Iterable[Picture], frames_per_second: float) -> None:
@@ -56,14 +73,13 @@ def write_mp4(path: Path, pictures: Iterable[Picture], frames_per_second: float)
     writer.close()
 
 
-def require_ffmpeg():
+def require_ffmpeg() -> Callable:
     """imageio-ffmpeg's writer.
 
     Raises:
         MissingExtraError: imageio-ffmpeg is not installed.
     """
     try:
-        from imageio_ffmpeg import write_frames
+        return import_module("imageio_ffmpeg").write_frames
     except ImportError:
         raise MissingExtraError("an .mp4 needs ffmpeg: pip install 'balloon-warp[video]'") from None
-    return write_frames

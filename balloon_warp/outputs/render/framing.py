@@ -41,8 +41,9 @@ def frame_action(stage: RenderStage, frames: list[int], aspect: float) -> Framin
     looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int))
     for frame in (frames[place] for place in looked_at):
         capsules = stage.capsules(frame)
-        radii = np.concatenate([capsules.radii, capsules.radii, *(np.zeros(m.point_count) for m in stage.meshes)])
-        centers = np.concatenate([capsules.begins, capsules.ends, *stage.points(frame)])
+        used = [points[mesh.used] for points, mesh in zip(stage.points(frame), stage.meshes, strict=True)]
+        centers = np.concatenate([capsules.begins, capsules.ends, *used])
+        radii = np.concatenate([capsules.radii, capsules.radii, *(np.zeros(len(points)) for points in used)])
         fit.include(centers, radii)
         lower = np.minimum(lower, (centers - radii[:, None]).min(axis=0))
         upper = np.maximum(upper, (centers + radii[:, None]).max(axis=0))

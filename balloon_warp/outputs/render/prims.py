@@ -38,6 +38,7 @@ class MeshPrim:
             raise InputError(f"{prim.GetPath()}: its faces do not fit its {len(points)} points")
         whole = np.repeat(counts, counts) >= 3
         self.point_count = len(points)
+        self.used = np.unique(indices[whole])
         self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]))
         self.colors = self.surface.refined(read_colors(self._mesh, np.ones(len(points), np.int32)))
         self.finish = read_finish(prim)

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.device import pick_device
 from balloon_warp.kernels import raycast
 from balloon_warp.kernels.raycast_shapes import Shapes
 from balloon_warp.outputs.render.camera import Camera
@@ -33,6 +34,9 @@ class RayCaster:
         samples: rays a pixel.
         device: a Warp device; the GPU where there is one, when missing.
         threads: CPU threads; all cores when missing. The picture does not depend on it.
+
+    Raises:
+        InputError: there is no such device.
     """
 
     def __init__(
@@ -47,7 +51,7 @@ class RayCaster:
     ):
         self._stage, self._center, self._size, self._samples = stage, center, size, samples
         self._width, self._height = picture_size
-        self.device = wp.get_device(device)
+        self.device = pick_device(device)
         self._bands = 1 if self.device.is_cuda else min(threads or os.cpu_count() or 1, self._height)
         self._mesh: wp.Mesh | None = None
         self._bvh: wp.Bvh | None = None
@@ -79,7 +83,7 @@ class RayCaster:
         self._launch(raycast.smooth_light, [*noisy, *surface, radius, 0, 1], smooth)
         self._launch(raycast.smooth_light, [*smooth, *surface, radius, 1, 0], noisy)
         self._launch(raycast.develop, [*light, *noisy], [self._picture])
-        return self._picture.numpy()
+        return np.array(self._picture.numpy(), np.uint8)  # a copy: on the CPU the next picture would change a view
 
     def _launch(self, kernel: wp.Kernel, inputs: list, outputs: list) -> None:
         """Each band on a thread of its own, since a launch on the CPU uses one core and frees the GIL."""
@@ -122,10 +126,10 @@ class RayCaster:
     def _allocate(self) -> None:
         shape = (self._height, self._width)
         with wp.ScopedDevice(self.device):
-            vectors = [wp.empty(shape, dtype=wp.vec3) for _ in range(5)]
+            vectors = [wp.zeros(shape, dtype=wp.vec3) for _ in range(5)]
             self._plain, self._key, self._sky, self._places, self._normals = vectors
-            self._shares = [wp.empty(shape, dtype=wp.vec4) for _ in range(4)]
-            self._picture = wp.empty((*shape, 3), dtype=wp.uint8)
+            self._shares = [wp.zeros(shape, dtype=wp.vec4) for _ in range(4)]
+            self._picture = wp.zeros((*shape, 3), dtype=wp.uint8)
             self._pixel_samples = wp.array(spread_points(self._samples), dtype=wp.vec2)
             self._disc_samples = wp.array(disc_points(self._samples), dtype=wp.vec2)
             wp.load_module(raycast, device=self.device)

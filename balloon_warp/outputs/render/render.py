@@ -19,6 +19,9 @@ from balloon_warp.outputs.render.stage_reader import RenderStage
 
 GIF_FRAMES_PER_SECOND = 20.0
 GIF_MOST_FRAMES = 120
+MOST_PIXELS = 8_192
+"""to a side: a picture of this width and height takes about 9 GB of memory while it is made"""
+MOST_SAMPLES = 4_096
 LEAST_LINE_PIXELS = 1.3
 """lines are drawn no thinner than this in the middle of the action, or they would break up"""
 
@@ -70,8 +73,12 @@ def render_stage(
 def _check_request(suffix: str, frame: int | None, size: tuple[int, int], samples: int) -> None:
     if min(size) < 1:
         raise InputError(f"size: a picture of {size[0]}x{size[1]} pixels; expected at least 1x1")
+    if max(size) > MOST_PIXELS:
+        raise InputError(f"size: a picture of {size[0]}x{size[1]} pixels; expected at most {MOST_PIXELS}x{MOST_PIXELS}")
     if samples < 1:
         raise InputError(f"samples: {samples} rays a pixel; expected at least 1")
+    if samples > MOST_SAMPLES:
+        raise InputError(f"samples: {samples} rays a pixel; expected at most {MOST_SAMPLES}")
     if suffix == ".mp4":
         require_ffmpeg()
         if size[0] % 2 or size[1] % 2:

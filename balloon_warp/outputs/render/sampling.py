@@ -8,13 +8,10 @@ TILE = 4
 
 
 def spread_points(count: int) -> NDArray[np.float64]:
-    """Well-spread points in the unit square, shape (count, 2).
-
-    The R2 sequence of Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
-    """
-    plastic = 1.32471795724474602596
-    steps = np.array([1.0 / plastic, 1.0 / plastic**2])
-    return np.modf(0.5 + np.arange(count)[:, None] * steps)[0]
+    """Well-spread points in the unit square, shape (count, 2): a lattice sheared by the golden ratio."""
+    numbers = np.arange(count)
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    return np.stack([(numbers + 0.5) / count, np.modf(0.5 + numbers * golden)[0]], axis=1)
 
 
 def disc_points(samples: int) -> NDArray[np.float32]:

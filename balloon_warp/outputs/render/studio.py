@@ -11,7 +11,7 @@ KEY = (-0.62, 1.0, 0.62)
 """toward the key light: to the right, up, and back toward the camera"""
 RIM = (0.95, 0.28, -0.15)
 """toward the strip light"""
-KEY_RADIANCE = (1.30, 1.25, 1.17)
+KEY_RADIANCE = (1.06, 1.02, 0.96)
 KEY_SPREAD = 0.15
 
 

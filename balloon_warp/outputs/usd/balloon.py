@@ -5,13 +5,27 @@ from dataclasses import replace
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, paint
+from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, paint
 from balloon_warp.simulator import Frame
 
 MEASURES = ("volume", "area", "pressure")
 """per-frame attributes under `userProperties:`, in m^3, m^2 and Pa"""
+
+
+def define_balloon(
+    stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: int, color: Color | None
+) -> UsdGeom.Mesh:
+    """The mesh's topology, and its material: of the color, or the palette's for this number; no points yet."""
+    prim = UsdGeom.Mesh.Define(stage, path)
+    prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
+    prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    prim.CreateDoubleSidedAttr(True)
+    paint(prim, color or BALLOON_COLORS[number % len(BALLOON_COLORS)], roughness=0.2, opacity=0.92, clearcoat=1.0)
+    return prim
 
 
 class BalloonPrim:
@@ -20,13 +34,7 @@ class BalloonPrim:
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
         self.mesh = model.shapes[number].mesh
-        self.prim = UsdGeom.Mesh.Define(stage, path)
-        self.prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(self.mesh.face_vertex_counts))
-        self.prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(self.mesh.face_vertex_indices))
-        self.prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        self.prim.CreateDoubleSidedAttr(True)
-        color = model.scene.balloon[number].color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
-        paint(self.prim, color, roughness=0.2, opacity=0.92, clearcoat=1.0)
+        self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
         self._measures = {
             name: self.prim.GetPrim().CreateAttribute(f"userProperties:{name}", Sdf.ValueTypeNames.Double, custom=True)
             for name in MEASURES

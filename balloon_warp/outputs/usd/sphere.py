@@ -4,7 +4,18 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import SPHERE_COLORS, paint
+from balloon_warp.scene import Sphere
 from balloon_warp.simulator import Frame
+
+
+def define_sphere(stage: Usd.Stage, path: Sdf.Path, sphere: Sphere, number: int) -> UsdGeom.XformOp:
+    """A sphere and its material; returns the translate that moves it."""
+    prim = UsdGeom.Sphere.Define(stage, path)
+    prim.CreateRadiusAttr(sphere.radius)
+    prim.CreateExtentAttr([Gf.Vec3f(-sphere.radius), Gf.Vec3f(sphere.radius)])
+    translate = prim.AddTranslateOp()
+    paint(prim, sphere.color or SPHERE_COLORS[number % len(SPHERE_COLORS)], roughness=0.3)
+    return translate
 
 
 class SpherePrim:
@@ -12,12 +23,8 @@ class SpherePrim:
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
-        sphere = model.scene.sphere[number]
-        self.prim = UsdGeom.Sphere.Define(stage, path)
-        self.prim.CreateRadiusAttr(sphere.radius)
-        self.prim.CreateExtentAttr([Gf.Vec3f(-sphere.radius), Gf.Vec3f(sphere.radius)])
-        self._translate = self.prim.AddTranslateOp()
-        paint(self.prim, sphere.color or SPHERE_COLORS[number % len(SPHERE_COLORS)], roughness=0.3)
+        self._translate = define_sphere(stage, path, model.scene.sphere[number], number)
+        self.prim = UsdGeom.Sphere(stage.GetPrimAtPath(path))
 
     def write(self, frame: Frame) -> None:
         self._translate.Set(Gf.Vec3d(*frame.sphere_positions[self.number].tolist()), frame.number)

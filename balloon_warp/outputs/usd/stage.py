@@ -1,17 +1,17 @@
 """The stage as a whole: its metadata, and a prim for each thing in the scene."""
 
-import itertools
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from pxr import Sdf, Tf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from balloon_warp.model import Model
 from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.ground import define_ground
+from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
@@ -38,7 +38,7 @@ class StageWriter:
 
     def __enter__(self) -> Self:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
-        self._describe()
+        describe_stage(self.stage, self.model.scene)
         self._prims = self._define_prims()
         return self
 
@@ -55,24 +55,12 @@ class StageWriter:
             self.stage.GetRootLayer().Save()
         self._file.__exit__(kind, error, traceback)
 
-    def _describe(self) -> None:
-        scene, layer = self.model.scene, self.stage.GetRootLayer()
-        self.stage.SetDefaultPrim(UsdGeom.Xform.Define(self.stage, "/World").GetPrim())
-        UsdGeom.SetStageUpAxis(self.stage, scene.up_axis)
-        UsdGeom.SetStageMetersPerUnit(self.stage, 1.0)
-        self.stage.SetTimeCodesPerSecond(scene.frames_per_second)
-        self.stage.SetFramesPerSecond(scene.frames_per_second)
-        self.stage.SetStartTimeCode(0)
-        layer.comment = scene.description
-        if scene.picture_frame is not None:
-            layer.customLayerData = {"balloonWarp": {"pictureFrame": scene.picture_frame}}
-
     def _define_prims(self) -> list[BalloonPrim | SpherePrim | StringPrim | NetForcesPrim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
-        if model.scene.ground:
-            define_ground(stage, Sdf.Path("/World/Ground"), model)
         balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
+        if model.scene.ground:  # after the balloons: who reads a stage's first mesh wants a balloon
+            define_ground(stage, Sdf.Path("/World/Ground"), model)
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]
@@ -91,10 +79,5 @@ class StageWriter:
 
     def _balloon_paths(self) -> list[Sdf.Path]:
         """A path for each balloon, after its name, all different."""
-        names: list[str] = []
-        for shape in self.model.shapes:
-            name = Tf.MakeValidIdentifier(shape.name)
-            taken = {"Ground", "Looks", "Spheres", "Strings", "NetForces", *names}
-            numbered = (f"{name}_{number}" for number in itertools.count(1))
-            names.append(next(free for free in itertools.chain([name], numbered) if free not in taken))
+        names = prim_names([shape.name for shape in self.model.shapes])
         return [Sdf.Path(f"/World/{name}") for name in names]

@@ -1,13 +1,21 @@
 """A string in the stage."""
 
 import numpy as np
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.lines import define_lines, write_lines
 from balloon_warp.outputs.usd.material import STRING_COLOR, paint
 from balloon_warp.outputs.usd.string_curve import POINT_COUNT, string_curve
 from balloon_warp.simulator import Frame
+
+
+def define_string(stage: Usd.Stage, path: Sdf.Path, held: PolygonMesh) -> UsdGeom.BasisCurves:
+    """A curve as thin as suits the mesh that it holds; no points yet."""
+    curve = define_lines(stage, path, [POINT_COUNT], width=0.008 * float(np.ptp(held.points, axis=0).max()))
+    paint(curve, STRING_COLOR, roughness=0.8)
+    return curve
 
 
 class StringPrim:
@@ -18,9 +26,7 @@ class StringPrim:
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
         self.length = float(model.string_length.numpy()[0, number])
-        held = model.shapes[self.string.balloon].mesh
-        self.prim = define_lines(stage, path, [POINT_COUNT], width=0.008 * float(np.ptp(held.points, axis=0).max()))
-        paint(self.prim, STRING_COLOR, roughness=0.8)
+        self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
 
     def write(self, frame: Frame) -> None:
         end = frame.points[self.string.balloon][self.particle]

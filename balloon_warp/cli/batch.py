@@ -1,0 +1,76 @@
+"""`balloon-warp batch`"""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from balloon_warp.cli.progress import frame_progress
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.scene.load import load_scene, scene_name
+from balloon_warp.scene.overrides import parse_override
+
+
+def batch(
+    scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
+    worlds: Annotated[int, typer.Option(help="How many worlds.")] = 64,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH=LOW:HIGH|VALUE,...",
+            help="What differs: a range is sampled, --vary balloon.inflation.k_normal=0:8, a list is cycled, "
+            "--vary sphere.0.mass=1,10,100 or --vary balloon.mesh=a.obj,b.obj",
+        ),
+    ] = None,
+    grid: Annotated[bool, typer.Option("--grid", help="Divide the ranges evenly instead of sampling them.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
+    export: Annotated[
+        str, typer.Option(metavar="all|none|0,5,9", help="The worlds that are written as animated USD, too.")
+    ] = "none",
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder to write into; SCENE_batch if not given.")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all worlds: --set balloon.mass=0.2"),
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
+) -> None:
+    """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
+    loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
+    name = scene_name(scene)
+    quiet_warp()
+    from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
+    from balloon_warp.sweep.values import parse_export, parse_vary, spread
+
+    choices = dict(parse_vary(text, scene) for text in vary or [])
+    with frame_progress() as progress:
+        task = progress.add_task(name, total=loaded.frames)
+        summary = run_batch(
+            loaded,
+            output or Path(f"{name}_batch"),
+            worlds,
+            spread(choices, worlds, seed=seed, grid=grid),
+            export=parse_export(export, worlds),
+            name=name,
+            device=device,
+            on_frame=lambda number: progress.update(task, completed=number),
+        )
+    if as_json:
+        print(json.dumps(summary.as_json()))
+        return
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(
+        f"{summary.scene}: {summary.worlds:,} worlds, {summary.particles:,} particles, {summary.frames} frames of "
+        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {summary.device} ({summary.schedule})"
+    )
+    if summary.unhealthy_worlds:
+        console.print(
+            f"[yellow]warning:[/] {summary.unhealthy_worlds:,} of {summary.worlds:,} worlds blew up and stay at their "
+            "last good frame; more substeps, more damping or softer springs help"
+        )
+    for path in [*summary.table, *([summary.stage] if summary.stage else [])]:
+        console.print(f"wrote {path}")

@@ -1,0 +1,18 @@
+"""The choice of a Warp device by name."""
+
+import warp as wp
+
+from balloon_warp.errors import InputError
+
+
+def pick_device(name: str | None) -> wp.Device:
+    """The device of that name, such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
+
+    Raises:
+        InputError: there is no such device.
+    """
+    try:
+        return wp.get_device(name) if name else wp.get_preferred_device()
+    except ValueError:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise InputError(f"--device {name}: no such device; this machine has {known}") from None

@@ -1,0 +1,40 @@
+"""Where a mesh stands in the world."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+
+def place_mesh(
+    mesh: PolygonMesh,
+    up_axis: str,
+    scale: float = 1.0,
+    rotation: Sequence[float] = (0.0, 0.0, 0.0),
+    position: Sequence[float] = (0.0, 0.0, 0.0),
+) -> PolygonMesh:
+    """The mesh in meters, turned to the up axis ("Y" or "Z"), then scaled, rotated and moved.
+
+    Args:
+        rotation: about x, then y, then z [degrees].
+        position: where the mesh's origin goes [m].
+    """
+    points = mesh.points * (mesh.meters_per_unit * scale)
+    if mesh.up_axis != up_axis:
+        points = points @ (_rotation(0, 90.0) if up_axis == "Z" else _rotation(0, -90.0)).T
+    for axis, degrees in enumerate(rotation):
+        points = points @ _rotation(axis, degrees).T
+    return replace(mesh, points=points + np.array(position), up_axis=up_axis, meters_per_unit=1.0)
+
+
+def _rotation(axis: int, degrees: float) -> NDArray[np.float64]:
+    """Matrix of a right-handed rotation about a coordinate axis."""
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    matrix = np.eye(3)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    matrix[first, first] = matrix[second, second] = cosine
+    matrix[first, second], matrix[second, first] = -sine, sine
+    return matrix

@@ -1,0 +1,134 @@
+"""The parameters that may differ between worlds: where each stands in the scene, and in the model."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Scene
+from balloon_warp.scene.overrides import override_scene
+
+Parameters = dict[str, NDArray[np.float64]]
+"""arrays by their names in `Model`; the leading dimension is world_count, or 1 for all worlds alike"""
+Vary = Mapping[str, ArrayLike]
+"""a dotted path of the scene, as in overrides, and its value in each world, shape (world_count,)"""
+Place = tuple[str, tuple[int | slice, ...]]
+"""an array of `Parameters`, and an index into each world's part of it"""
+
+KINDS = ("structural", "shear", "flexion")
+
+
+def scene_parameters(scene: Scene, string_lengths: Sequence[float]) -> Parameters:
+    """What the scene says, alike in all worlds.
+
+    Args:
+        string_lengths: of the scene's strings [m], the missing ones filled in.
+    """
+    balloons, spheres = scene.balloon, scene.sphere
+    keyframes = [balloon.inflation.keyframes for balloon in balloons]
+    longest = max(len(keys) for keys in keyframes)
+    return {
+        "stiffness": np.array([[[getattr(balloon.stiffness, kind) for kind in KINDS] for balloon in balloons]]),
+        "mass": np.array([[balloon.mass for balloon in balloons]]),
+        "helium": np.array([[balloon.helium for balloon in balloons]]),
+        "damping": np.array([[balloon.damping for balloon in balloons]]),
+        "keyframe_values": np.array([[[v for _, v in keys + keys[-1:] * (longest - len(keys))] for keys in keyframes]]),
+        "initial_sphere_positions": np.array([sphere.position for sphere in spheres]).reshape(1, -1, 3),
+        "initial_sphere_velocities": np.array([sphere.velocity for sphere in spheres]).reshape(1, -1, 3),
+        "sphere_mass": np.array([[sphere.mass for sphere in spheres]]),
+        "sphere_radius": np.array([[sphere.radius for sphere in spheres]]),
+        "sphere_penalty": np.array([[sphere.penalty for sphere in spheres]]),
+        "string_length": np.array([string_lengths], dtype=np.float64),
+        "string_stiffness": np.array([[string.stiffness for string in scene.string]]),
+        "gravity": np.array([scene.gravity]),
+    }
+
+
+def vary_parameters(parameters: Parameters, scene: Scene, world_count: int, vary: Vary) -> Parameters:
+    """The parameters with a value for each world where `vary` has them.
+
+    Raises:
+        InputError: names the path, and the world whose value the scene's schema refuses; or what can vary.
+    """
+    places = _places(scene)
+    varied = dict(parameters)
+    for path, values in check_vary(scene, world_count, vary).items():
+        for name, index in places[path]:
+            if varied[name] is parameters[name]:
+                varied[name] = np.repeat(parameters[name], world_count, axis=0)
+            target = varied[name][(slice(None), *index)]
+            target[...] = values.reshape(-1, *([1] * (target.ndim - 1)))
+    return varied
+
+
+def check_vary(scene: Scene, world_count: int, vary: Vary) -> dict[str, NDArray[np.float64]]:
+    """The varied values as arrays of shape (world_count,), all of them fit for the scene.
+
+    Raises:
+        InputError: as `vary_parameters`.
+    """
+    places = _places(scene)
+    checked = {}
+    for path, given in vary.items():
+        if path not in places:
+            override_scene(scene, [(path, np.ravel(given).tolist()[0])])  # says so where there is no such path
+            raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
+        checked[path] = _checked(scene, path, given, world_count)
+    return checked
+
+
+def _checked(scene: Scene, path: str, given: ArrayLike, world_count: int) -> NDArray[np.float64]:
+    """The values of one path, each fit for the scene: bounds are intervals, so the extremes speak for all."""
+    try:
+        values = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: expected a number for each world (got {str(given)[:60]})") from None
+    if values.shape != (world_count,):
+        raise InputError(f"{path}: expected a value for each of {world_count} worlds (got shape {values.shape})")
+    wild = ~np.isfinite(values)
+    for world in [wild.argmax()] if wild.any() else [values.argmin(), values.argmax()]:
+        try:
+            override_scene(scene, [(path, float(values[world]))])
+        except InputError as mistake:
+            raise InputError(f"{mistake}, in world {world}") from None
+    return values
+
+
+def _places(scene: Scene) -> dict[str, list[Place]]:
+    """By path: `balloon.0.mass` is one place, `balloon.mass` one for each balloon."""
+    places: dict[str, list[Place]] = {}
+    for path, place in _numbered_places(scene):
+        table, _, rest = path.partition(".")
+        places.setdefault(path, []).append(place)
+        if rest:
+            places.setdefault(f"{table}.{rest.partition('.')[2]}", []).append(place)
+    return places
+
+
+def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
+    yield "gravity", ("gravity", ())
+    for number, balloon in enumerate(scene.balloon):
+        for field in ("mass", "helium", "damping"):
+            yield f"balloon.{number}.{field}", (field, (number,))
+        for kind, name in enumerate(KINDS):
+            yield f"balloon.{number}.stiffness.{name}", ("stiffness", (number, kind))
+        # As in overrides, a number takes the place of all keyframes, and a keyframe's value has a path of its own.
+        yield f"balloon.{number}.inflation.k_normal", ("keyframe_values", (number, slice(None)))
+        if isinstance(balloon.inflation.k_normal, list):
+            for key in range(len(balloon.inflation.k_normal)):
+                yield f"balloon.{number}.inflation.k_normal.{key}.1", ("keyframe_values", (number, key))
+    for number in range(len(scene.sphere)):
+        for field in ("mass", "radius", "penalty"):
+            yield f"sphere.{number}.{field}", (f"sphere_{field}", (number,))
+        for axis in range(3):
+            yield f"sphere.{number}.position.{axis}", ("initial_sphere_positions", (number, axis))
+            yield f"sphere.{number}.velocity.{axis}", ("initial_sphere_velocities", (number, axis))
+    for number in range(len(scene.string)):
+        for field in ("length", "stiffness"):
+            yield f"string.{number}.{field}", (f"string_{field}", (number,))
+
+
+def _summary(places: Mapping[str, list[Place]]) -> list[str]:
+    """The paths without the numbers of balloons, spheres and strings."""
+    return [path for path in places if not path.split(".")[1:2] or not path.split(".")[1].isdecimal()]

@@ -1,0 +1,106 @@
+"""Worlds of a batch in one stage, side by side."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd
+
+from balloon_warp.model import ModelPlan
+from balloon_warp.outputs.files import whole_file
+from balloon_warp.outputs.usd.grid_layout import ROOM, grid_shifts, horizontal_axes, world_bounds
+from balloon_warp.outputs.usd.grid_world import GridWorld
+from balloon_warp.outputs.usd.ground import SIZES, define_square
+from balloon_warp.outputs.usd.metadata import describe_stage
+from balloon_warp.outputs.usd.prototypes import Prototypes
+
+SAVE_BYTES = 64 * 2**20
+"""time samples that are kept in memory before they are added to the file"""
+
+
+@dataclass(frozen=True)
+class GridGroup:
+    """Chosen worlds of the same meshes."""
+
+    plan: ModelPlan
+    rows: NDArray[np.integer]
+    """their numbers in the plan, shape (chosen,)"""
+    worlds: NDArray[np.integer]
+    """their numbers in the whole batch, shape (chosen,)"""
+
+
+class GridWriter:
+    """Writes frames of the chosen worlds into a stage, which appears at `path` when the `with` block ends well.
+
+    The file grows as frames come: saving a .usdc again adds to it, and frees the samples' memory. A run that is killed
+    leaves nothing at `path`.
+    """
+
+    def __init__(self, path: Path, groups: Sequence[GridGroup]):
+        self.path, self.groups = path, groups
+        self._unsaved_bytes = 0
+
+    def __enter__(self) -> Self:
+        with ExitStack() as files:
+            self._layer = Sdf.Layer.CreateNew(str(files.enter_context(whole_file(self.path))))
+            files.push(self._save)
+            self._define_worlds()
+            self._file = files.pop_all()
+        return self
+
+    def _define_worlds(self) -> None:
+        plans = [group.plan for group in self.groups]
+        scene = plans[0].scene
+        members = sorted(
+            (world, number, row)
+            for number, group in enumerate(self.groups)
+            for world, row in zip(group.worlds.tolist(), group.rows.tolist(), strict=True)
+        )
+        lowest, highest = world_bounds(plans)
+        side = ROOM * float(np.max((highest - lowest)[list(horizontal_axes(scene.up_axis))]))
+        shifts = grid_shifts(len(members), side, scene.up_axis)
+        stage = Usd.Stage.Open(self._layer)
+        describe_stage(stage, scene)
+        prototypes = Prototypes(stage, plans)
+        if scene.ground:
+            half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
+            define_square(stage, Sdf.Path("/World/Ground"), 0.5 * (lowest + highest), half, scene)
+        del stage  # it would follow each change of the layer
+        root, digits = self._layer.GetPrimAtPath("/World"), len(str(members[-1][0]))
+        self._worlds: list[list[GridWorld]] = [[] for _ in self.groups]
+        with Sdf.ChangeBlock():
+            for shift, (world, number, row) in zip(shifts, members, strict=True):
+                name = f"World_{world:0{digits}d}"
+                self._worlds[number].append(GridWorld(root, name, shift, prototypes, plans[number], row))
+
+    def write(
+        self,
+        number: int,
+        group: int,
+        points: NDArray[np.float32],
+        velocities: NDArray[np.float32],
+        sphere_positions: NDArray[np.float32],
+    ) -> None:
+        """Author a frame of one group: arrays of shape (chosen, particle_count, 3) twice, (chosen, sphere_count, 3)."""
+        with Sdf.ChangeBlock():
+            for place, world in enumerate(self._worlds[group]):
+                world.write(number, points[place], velocities[place], sphere_positions[place])
+            self._layer.endTimeCode = number
+        self._unsaved_bytes += points.nbytes + velocities.nbytes
+        if self._unsaved_bytes > SAVE_BYTES:
+            self._layer.Save()
+            self._unsaved_bytes = 0
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._file.__exit__(kind, error, traceback)
+
+    def _save(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self._layer.Save()

@@ -1,0 +1,41 @@
+"""Where each world of a batch stands in the stage: cells of one size, in rows and columns around the origin."""
+
+from collections.abc import Sequence
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.model import ModelPlan
+
+ROOM = 2.0
+"""a cell's side, as a multiple of the largest world's width at the start"""
+
+
+def horizontal_axes(up_axis: str) -> tuple[int, int]:
+    """The axes of a row and of a column of worlds."""
+    return (0, 2) if up_axis == "Y" else (0, 1)
+
+
+def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The box [m] around balloons, spheres and anchors of every world at the start: its lowest and highest corner."""
+    clouds = []
+    for plan in plans:
+        clouds += [shape.mesh.points for shape in plan.shapes]
+        clouds += [np.array([string.anchor for string in plan.scene.string]).reshape(-1, 3)]
+        centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]
+        clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3)]
+    points = np.concatenate(clouds)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def grid_shifts(world_count: int, side: float, up_axis: str) -> NDArray[np.float64]:
+    """How far each world is moved [m]: row by row, the whole grid centered, shape (world_count, 3)."""
+    columns = ceil(sqrt(world_count))
+    rows = ceil(world_count / columns)
+    column, row = np.arange(world_count) % columns, np.arange(world_count) // columns
+    across, along = horizontal_axes(up_axis)
+    shifts = np.zeros((world_count, 3))
+    shifts[:, across] = side * (column - 0.5 * (columns - 1))
+    shifts[:, along] = side * (row - 0.5 * (rows - 1))
+    return shifts

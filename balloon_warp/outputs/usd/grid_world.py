@@ -1,0 +1,119 @@
+"""One world of a batch in the stage: prims that refer to the prototypes, and their time samples.
+
+Authored in Sdf, on the layer itself: the stage's own functions look up the composed prim at each call.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, UsdGeom, Vt
+
+from balloon_warp.model import ModelPlan
+from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.prototypes import Prototypes
+from balloon_warp.outputs.usd.string_curve import string_curve
+
+Types = Sdf.ValueTypeNames
+
+
+class GridWorld:
+    """Prims of one world.
+
+    Args:
+        parent: the prim that the worlds stand under.
+        name: of the world's prim.
+        shift: where the world stands [m], shape (3,).
+        plan: what the world is made of.
+        row: the world's number in that plan.
+    """
+
+    def __init__(
+        self,
+        parent: Sdf.PrimSpec,
+        name: str,
+        shift: NDArray[np.float64],
+        prototypes: Prototypes,
+        plan: ModelPlan,
+        row: int,
+    ):
+        self.plan, self.layer = plan, parent.layer
+        world = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef, "Xform")
+        _set(world, "xformOp:translate", Types.Double3, Gf.Vec3d(*shift.tolist()))
+        _set(world, "xformOpOrder", Types.TokenArray, Vt.TokenArray(["xformOp:translate"]), Sdf.VariabilityUniform)
+        names = prim_names((shape.name for shape in plan.shapes), prototypes.other_names)
+        self._balloons = [
+            _animated(
+                _referring(world, name, prototypes.balloon(plan, number)),
+                {"points": Types.Point3fArray, "velocities": Types.Vector3fArray, "extent": Types.Float3Array},
+            )
+            for number, name in enumerate(names)
+        ]
+        self._spheres = []
+        for number, path in enumerate(prototypes.spheres):
+            sphere = _referring(world, path.name, path)
+            radius = self._parameter("sphere_radius", row)[number]
+            if radius != plan.scene.sphere[number].radius:
+                _set(sphere, "radius", Types.Double, radius)
+                _set(sphere, "extent", Types.Float3Array, Vt.Vec3fArray([Gf.Vec3f(-radius), Gf.Vec3f(radius)]))
+            self._spheres += _animated(sphere, {"xformOp:translate": Types.Double3})
+        self._strings = [
+            _animated(_referring(world, path.name, path), {"points": Types.Point3fArray, "extent": Types.Float3Array})
+            for path in prototypes.strings
+        ]
+        self._string_lengths = self._parameter("string_length", row)
+        self._string_widths = prototypes.string_widths
+
+    def write(
+        self,
+        time: float,
+        points: NDArray[np.float32],
+        velocities: NDArray[np.float32],
+        sphere_positions: NDArray[np.float32],
+    ) -> None:
+        """Author a frame's samples, from arrays of shape (particle_count, 3) twice, and (sphere_count, 3)."""
+        begin = 0
+        for shape, (point_path, velocity_path, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
+            own = slice(begin, begin + shape.mesh.vertex_count)
+            places = Vt.Vec3fArray.FromNumpy(points[own])
+            self.layer.SetTimeSample(point_path, time, places)
+            self.layer.SetTimeSample(velocity_path, time, Vt.Vec3fArray.FromNumpy(velocities[own]))
+            self.layer.SetTimeSample(extent_path, time, UsdGeom.PointBased.ComputeExtent(places))
+            begin = own.stop
+        for path, position in zip(self._spheres, sphere_positions.tolist(), strict=True):
+            self.layer.SetTimeSample(path, time, Gf.Vec3d(*position))
+        for number, (point_path, extent_path) in enumerate(self._strings):
+            places = Vt.Vec3fArray.FromNumpy(self._string_curve(number, points))
+            extent = UsdGeom.Curves.ComputeExtent(places, self._string_widths[number])
+            self.layer.SetTimeSample(point_path, time, places)
+            self.layer.SetTimeSample(extent_path, time, extent)
+
+    def _string_curve(self, number: int, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        scene = self.plan.scene
+        string = scene.string[number]
+        before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[: string.balloon])
+        end = points[before + self.plan.held[number]]
+        ground = scene.ground.height if scene.ground else -np.inf
+        return string_curve(string.anchor, end, self._string_lengths[number], scene.up, ground)
+
+    def _parameter(self, name: str, row: int) -> list[float]:
+        values = self.plan.parameters[name]
+        return values[row % len(values)].tolist()
+
+
+def _referring(parent: Sdf.PrimSpec, name: str, prototype: Sdf.Path) -> Sdf.PrimSpec:
+    """A prim that is what the prototype is."""
+    prim = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef)
+    prim.referenceList.Prepend(Sdf.Reference(primPath=prototype))
+    return prim
+
+
+def _set(
+    prim: Sdf.PrimSpec, name: str, kind: Sdf.ValueTypeName, value: Any, how: Sdf.Variability = Sdf.VariabilityVarying
+) -> None:
+    Sdf.AttributeSpec(prim, name, kind, how).default = value
+
+
+def _animated(prim: Sdf.PrimSpec, attributes: dict[str, Sdf.ValueTypeName]) -> list[Sdf.Path]:
+    """Attributes that will get time samples; returns their paths."""
+    return [Sdf.AttributeSpec(prim, name, kind).path for name, kind in attributes.items()]

@@ -1,0 +1,45 @@
+"""What the worlds of a batch share in the stage: topology, materials, widths. Each world refers to it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pxr import Sdf, Usd
+
+from balloon_warp.model import ModelPlan
+from balloon_warp.outputs.usd.balloon import define_balloon
+from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.sphere import define_sphere
+from balloon_warp.outputs.usd.string import define_string
+
+HOME = Sdf.Path("/World/Prototypes")
+
+
+class Prototypes:
+    """Abstract prims: one for each balloon's mesh, or each of its meshes, one for each sphere and for each string."""
+
+    def __init__(self, stage: Usd.Stage, plans: Sequence[ModelPlan]):
+        stage.CreateClassPrim(HOME)
+        scene = plans[0].scene
+        meshes = {_key(plan, number): shape.mesh for plan in plans for number, shape in enumerate(plan.shapes)}
+        self.spheres = [HOME.AppendChild(f"Sphere_{number}") for number in range(len(scene.sphere))]
+        self.strings = [HOME.AppendChild(f"String_{number}") for number in range(len(scene.string))]
+        self.other_names = [path.name for path in (*self.spheres, *self.strings)]
+        names = prim_names((mesh.name for mesh in meshes.values()), self.other_names)
+        self._balloons = {key: HOME.AppendChild(name) for key, name in zip(meshes, names, strict=True)}
+        for key, mesh in meshes.items():
+            define_balloon(stage, self._balloons[key], mesh, key[0], scene.balloon[key[0]].color)
+        for number, path in enumerate(self.spheres):
+            define_sphere(stage, path, scene.sphere[number], number)
+        self.string_widths = [
+            define_string(stage, path, plans[0].shapes[string.balloon].mesh).GetWidthsAttr().Get()
+            for path, string in zip(self.strings, scene.string, strict=True)
+        ]
+
+    def balloon(self, plan: ModelPlan, number: int) -> Sdf.Path:
+        """The prototype of a balloon of this plan."""
+        return self._balloons[_key(plan, number)]
+
+
+def _key(plan: ModelPlan, number: int) -> tuple[int, Path | int]:
+    mesh = plan.scene.balloon[number].mesh
+    return number, mesh if isinstance(mesh, Path) else id(mesh)

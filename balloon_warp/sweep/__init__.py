@@ -1,0 +1,1 @@
+"""Many worlds at once: what differs between them, and what is read from them."""

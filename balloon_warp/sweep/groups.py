@@ -1,0 +1,85 @@
+"""Worlds of a batch grouped by mesh: one topology is one model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import ModelPlan, plan_model
+from balloon_warp.model.parameters import check_vary
+from balloon_warp.scene import Scene
+from balloon_warp.scene.overrides import override_scene
+
+BatchVary = Mapping[str, Any]
+"""a dotted path of the scene, and a number for each world; for the path of a mesh, a file or a PolygonMesh for each"""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Worlds of the same meshes."""
+
+    plan: ModelPlan
+    worlds: NDArray[np.int64]
+    """their numbers in the batch, ascending"""
+
+    def those_of(self, chosen: NDArray[np.integer]) -> NDArray[np.integer]:
+        """The chosen worlds of this group, by their numbers in the batch."""
+        return self.worlds[self.rows_of(chosen)]
+
+    def rows_of(self, chosen: NDArray[np.integer]) -> NDArray[np.integer]:
+        """The chosen worlds of this group, by their numbers in its plan."""
+        return np.flatnonzero(np.isin(self.worlds, chosen))
+
+
+def plan_groups(scene: Scene, world_count: int, vary: BatchVary) -> list[Group]:
+    """Plan a model for each set of meshes. All take the same step, which suits the stiffest world.
+
+    Raises:
+        InputError: as `plan_model`.
+    """
+    if world_count < 1:
+        raise InputError(f"--worlds {world_count}: expected at least 1")
+    meshes = {path: _mesh_column(path, values, world_count) for path, values in vary.items() if _is_mesh(path)}
+    scalars = check_vary(scene, world_count, {path: vary[path] for path in vary if path not in meshes})
+    members: dict[tuple[Any, ...], list[int]] = {}
+    for world in range(world_count):
+        members.setdefault(tuple(_identity(column[world]) for column in meshes.values()), []).append(world)
+    groups = []
+    for worlds in members.values():
+        own_scene = override_scene(scene, [(path, column[worlds[0]]) for path, column in meshes.items()])
+        own_values = {path: values[worlds] for path, values in scalars.items()}
+        groups.append(Group(plan_model(own_scene, len(worlds), own_values), np.array(worlds)))
+    substeps = max(group.plan.substeps for group in groups)
+    return [replace(group, plan=replace(group.plan, substeps=substeps)) for group in groups]
+
+
+def vary_columns(vary: BatchVary) -> dict[str, NDArray]:
+    """What varies as columns of a table: numbers, and the meshes' names, shape (world_count,)."""
+    return {
+        path: np.array([_label(value) for value in values]) if _is_mesh(path) else np.asarray(values, dtype=np.float64)
+        for path, values in vary.items()
+    }
+
+
+def _is_mesh(path: str) -> bool:
+    return path.startswith("balloon.") and path.endswith(".mesh")
+
+
+def _mesh_column(path: str, values: Any, world_count: int) -> list[Path | PolygonMesh]:
+    column = list(values)
+    if len(column) != world_count:
+        raise InputError(f"{path}: expected a mesh for each of {world_count} worlds (got {len(column)})")
+    return [Path(value) if isinstance(value, str) else value for value in column]
+
+
+def _identity(mesh: Path | PolygonMesh) -> Path | int:
+    return mesh if isinstance(mesh, Path) else id(mesh)
+
+
+def _label(mesh: str | Path | PolygonMesh) -> str:
+    return mesh.name if isinstance(mesh, PolygonMesh) else str(mesh)

@@ -1,0 +1,85 @@
+"""What a batch leaves behind: the table of all worlds, and the stage of the chosen ones."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.files import check_writable
+from balloon_warp.outputs.table import TableWriter
+from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
+from balloon_warp.scene import Scene
+from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
+from balloon_warp.sweep.recorder import MEASURES, Record
+
+
+class BatchOutput:
+    """Writes frames of a batch; its files appear when the `with` block ends well.
+
+    Args:
+        folder: where `table.npz`, `table.csv` and `worlds.usdc` go; made if it is not there.
+        scene: what all worlds have in common.
+        groups: the worlds.
+        chosen: those of the stage, ascending; where there are none there is no stage.
+        vary: what differs between the worlds.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path, scene: Scene, groups: list[Group], chosen: NDArray[np.integer], vary: BatchVary):
+        _prepare_folder(folder)
+        self.groups = groups
+        measures = [*MEASURES, *(f"sphere_{number}_height" for number in range(len(scene.sphere)))]
+        worlds = sum(len(group.worlds) for group in groups)
+        varied = vary_columns(vary)
+        self._table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, measures, worlds)
+        self._stage = None
+        if len(chosen):
+            in_grid = [GridGroup(group.plan, group.rows_of(chosen), group.those_of(chosen)) for group in groups]
+            self._stage = GridWriter(folder / "worlds.usdc", in_grid)
+        self._measures = np.zeros((worlds, len(measures)), dtype=np.float32)
+        self._healthy = np.ones(worlds, dtype=np.int32)
+
+    @property
+    def healthy_count(self) -> int:
+        """Worlds that are still good."""
+        return int(self._healthy.sum())
+
+    def __enter__(self) -> Self:
+        with ExitStack() as files:
+            files.enter_context(self._table)
+            if self._stage:
+                files.enter_context(self._stage)
+            self._files = files.pop_all()
+        return self
+
+    def write(self, records: list[Record]) -> None:
+        """A frame: a record of each group."""
+        for number, (group, record) in enumerate(zip(self.groups, records, strict=True)):
+            self._measures[group.worlds] = record.measures
+            self._healthy[group.worlds] = record.healthy
+            if self._stage:
+                self._stage.write(record.number, number, record.points, record.velocities, record.sphere_positions)
+        self._table.write(self._measures, self._healthy)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._files.__exit__(kind, error, traceback)
+
+
+def _prepare_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: the folder {folder.parent} does not exist") from None
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(f"{folder}: is a file; expected a folder") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    check_writable(folder / "table.npz", (".npz",))

@@ -1,0 +1,140 @@
+"""What is read from a batch after each frame: a row of measures for each world, and the shape of the chosen ones."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.measures import BalloonSums, measure_worlds, sum_balloons
+from balloon_warp.kernels.worlds import pick_healthy_worlds
+from balloon_warp.model import ModelPlan
+from balloon_warp.simulator import HEALTHY, Simulator
+
+LANES = 32
+"""threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
+MEASURES = ("volume", "area", "center_height", "largest_stretch", "kinetic_energy")
+"""[m^3], [m^2], [m], length over rest length, [J]"""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One frame of a batch, on the host. Of a world that blew up it holds the last good frame."""
+
+    number: int
+    measures: NDArray[np.float32]
+    """`MEASURES`, then the height of each sphere [m], shape (world_count, 5 + sphere_count)"""
+    healthy: NDArray[np.int32]
+    """1, or 0 from the frame on in which the world blew up, shape (world_count,)"""
+    points: NDArray[np.float32]
+    """of the chosen worlds [m], shape (chosen, particle_count, 3)"""
+    velocities: NDArray[np.float32]
+    """of the chosen worlds [m/s], shape (chosen, particle_count, 3)"""
+    sphere_positions: NDArray[np.float32]
+    """of the chosen worlds [m], shape (chosen, sphere_count, 3)"""
+
+
+class Recorder:
+    """Reads a simulator's frames.
+
+    Args:
+        simulator: what is simulated.
+        chosen: the worlds whose shape is wanted.
+    """
+
+    def __init__(self, simulator: Simulator, chosen: NDArray[np.integer]):
+        model, worlds = simulator.model, simulator.model.world_count
+        self.simulator = simulator
+
+        def zeros(shape: Any, dtype: Any) -> wp.array:
+            return wp.zeros(shape, dtype=dtype, device=model.device)
+
+        def offsets(counts: list[int]) -> wp.array:
+            return wp.array(np.cumsum([0, *counts]), dtype=wp.int32, device=model.device)
+
+        self._balloon_particles = offsets([shape.mesh.vertex_count for shape in model.shapes])
+        self._balloon_faces = offsets([shape.mesh.face_count for shape in model.shapes])
+        self._balloon_springs = offsets([shape.springs.count for shape in model.shapes])
+        self._sums = zeros((worlds, model.balloon_count, LANES), BalloonSums)
+        self._measures = zeros((worlds, len(MEASURES) + model.sphere_count), float)
+        self._healthy = wp.full(worlds, 1, dtype=wp.int32, device=model.device)
+        self._chosen = wp.array(chosen, dtype=wp.int32, device=model.device)
+        self._points = zeros((len(chosen), model.particle_count), wp.vec3)
+        self._velocities = zeros((len(chosen), model.particle_count), wp.vec3)
+        self._sphere_positions = zeros((len(chosen), model.sphere_count), wp.vec3)
+
+    def read(self) -> Record:
+        """The frame that the simulator is at."""
+        wp.capture_launch(self._graph)
+        return Record(
+            number=self.simulator.frame_number,
+            measures=_copy(self._measures),
+            healthy=_copy(self._healthy),
+            points=_copy(self._points),
+            velocities=_copy(self._velocities),
+            sphere_positions=_copy(self._sphere_positions),
+        )
+
+    @cached_property
+    def _graph(self) -> Any:
+        device = self.simulator.model.device
+        with wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
+            self._measure()
+            self._pick()
+        return capture.graph
+
+    def _measure(self) -> None:
+        model, state = self.simulator.model, self.simulator.state
+        wp.launch(
+            sum_balloons,
+            self._sums.shape,
+            inputs=[
+                *(self._balloon_particles, self._balloon_faces, self._balloon_springs),
+                *(model.particle_mass_share, model.mass, model.face_offsets, model.face_particles),
+                *(model.spring_particles, model.spring_rest_length),
+                *(state.points, state.velocities),
+            ],
+            outputs=[self._sums],
+        )
+        wp.launch(
+            measure_worlds,
+            model.world_count,
+            inputs=[
+                *(self._balloon_faces, model.face_offsets, model.face_particles, model.mass, model.up),
+                *(state.points, state.sphere_positions, self._sums),
+                *(self.simulator.first_bad_particle, HEALTHY),
+            ],
+            outputs=[self._measures, self._healthy],
+        )
+
+    def _pick(self) -> None:
+        state = self.simulator.state
+        for every, picked in (
+            (state.points, self._points),
+            (state.velocities, self._velocities),
+            (state.sphere_positions, self._sphere_positions),
+        ):
+            if picked.size:
+                wp.launch(
+                    pick_healthy_worlds, picked.shape, inputs=[every, self._healthy, self._chosen], outputs=[picked]
+                )
+
+
+def record_bytes(plan: ModelPlan) -> int:
+    """Device memory that a world takes for its measures."""
+    return 40 * LANES * len(plan.shapes) + 4 * (len(MEASURES) + len(plan.scene.sphere))
+
+
+def picked_bytes(plan: ModelPlan) -> int:
+    """Device memory that a chosen world takes."""
+    return 2 * 12 * sum(shape.mesh.vertex_count for shape in plan.shapes) + 12 * len(plan.scene.sphere)
+
+
+def _copy(array: wp.array) -> Any:
+    """On the host; on the CPU `numpy()` alone is a view of what goes on changing."""
+    if not array.size:
+        return np.zeros((*array.shape, 3), dtype=np.float32)
+    on_cpu = wp.get_device(array.device).is_cpu
+    return array.numpy().copy() if on_cpu else array.numpy()

@@ -1,0 +1,31 @@
+"""Makes the README's pictures again: python -m balloon_warp.scenes.gallery docs/pictures"""
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from balloon_warp import animate, bundled_scenes, load_scene, render_stage, run_batch
+
+SIZE = (640, 360)
+SAMPLES = 16
+
+
+def main(folder: Path) -> None:
+    """Simulate each bundled scene, and a batch, and write their pictures into the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as stages:
+        for name in bundled_scenes():
+            stage = Path(stages) / f"{name}.usdc"
+            animate(load_scene(name), stage)
+            render_stage(stage, folder / f"{name}.png", size=SIZE, samples=SAMPLES)
+            print(f"wrote {folder / name}.png", flush=True)
+        inflation = np.linspace(0.5, 8.0, 9)
+        batch = load_scene("squirrel_inflate", [("frames", 90)])
+        run_batch(batch, stages, len(inflation), {"balloon.inflation.k_normal": inflation}, export=range(9))
+        render_stage(Path(stages) / "worlds.usdc", folder / "batch.png", size=SIZE, samples=SAMPLES)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/pictures"))

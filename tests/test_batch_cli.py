@@ -1,0 +1,103 @@
+"""`balloon-warp batch` as a user types it."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+from pxr import Usd
+
+from balloon_warp.cli import main
+from balloon_warp.mesh.obj import write_obj
+
+SCENE = """
+frames = 3
+[[balloon]]
+mesh = "ball.obj"
+[[sphere]]
+position = [0, 3, 0]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "ball.toml").write_text(SCENE)
+    write_obj(tmp_path / "scenes" / "ball.obj", quad_sphere(2))
+    write_obj(tmp_path / "other.obj", quad_sphere(3))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    """Exit status of the command."""
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "scenes/ball.toml", "--device", "cpu", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def test_the_summary_is_one_object_and_the_files_are_where_it_says(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    varied = ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "sphere.0.mass=1,10,100", "--grid"]
+    assert batch(monkeypatch, "--worlds", "9", *varied, "--export", "0,5", "-o", "out", "--json") == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    summary = json.loads(captured.out)
+    assert (summary["worlds"], summary["exported_worlds"], summary["unhealthy_worlds"]) == (9, 2, 0)
+    assert (summary["scene"], summary["frames"], summary["particles"]) == ("ball", 3, 9 * 26)
+    assert summary["table"] == ["out/table.npz", "out/table.csv"]
+    with np.load(folder / "out" / "table.npz") as table:
+        np.testing.assert_array_equal(table["balloon.inflation.k_normal"][:9], np.arange(9.0))
+        np.testing.assert_array_equal(table["sphere.0.mass"][:9], [1, 10, 100] * 3)
+        volume = table["volume"].reshape(4, 9)
+    assert (np.diff(volume[-1]) > 0.0).all()  # the more a balloon is inflated, the larger it is
+    stage = Usd.Stage.Open(summary["stage"])
+    names = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()]
+    assert [name for name in names if name.startswith("World_")] == ["World_0", "World_5"]
+
+
+def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    varied = ["--worlds", "4", "--vary", "balloon.mesh=ball.obj,other.obj", "--vary", "gravity=1:9"]
+    for seed, out in (("0", "a"), ("0", "b"), ("1", "c")):
+        assert batch(monkeypatch, *varied, "--seed", seed, "-o", out) == 0
+    first, again, other = ((folder / out / "table.csv").read_text() for out in "abc")
+    assert first == again != other
+    assert first.splitlines()[2].startswith("1,0,0.0,other.obj,")
+
+
+def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    assert batch(monkeypatch, "--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
+    assert said[1].startswith("warning: 1 of 3 worlds blew up and stay at their last good frame")
+    assert said[2:] == ["wrote ball_batch/table.npz", "wrote ball_batch/table.csv"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--vary", "balloon.mass"], "--vary balloon.mass: expected PATH=LOW:HIGH with LOW below HIGH"),
+        (["--vary", "balloon.mass=-2:-1"], "balloon.0.mass: must be greater than 0"),
+        (["--vary", "frames=1,2"], "frames: cannot differ between worlds; what can is gravity, balloon.mass"),
+        (["--export", "64"], "--export 64: there is no world 64, the batch has worlds 0 to 63"),
+        (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
+        (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_and_status_2(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    sentence: str,
+):
+    assert batch(monkeypatch, *arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"error: {sentence}")
+    assert len(captured.err.splitlines()) == 1
+    assert not (folder / "ball_batch").exists()

@@ -1,0 +1,366 @@
+"""What a batch writes: the table in both forms, and the stage of the chosen worlds."""
+
+import csv
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import cube, quad_sphere
+from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdValidation
+
+from balloon_warp import InputError, Scene, Simulator, run_batch
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model import memory
+from balloon_warp.outputs.background import WAITING, Background
+from balloon_warp.outputs.usd import grid
+from balloon_warp.outputs.usd.grid_layout import grid_shifts
+from balloon_warp.outputs.usd.string_curve import string_curve
+from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.sweep.groups import plan_groups
+
+FRAMES, WORLDS = 5, 5
+RADII = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+def scene(**fields) -> Scene:
+    """A small scene with one of each."""
+    balloons = [
+        Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0),
+        Balloon(mesh=cube(), name="Sphere_0", position=(3, 0.5, 0), color=(0.1, 0.2, 0.3)),
+    ]
+    fields = {
+        "description": "one of each",
+        "balloon": balloons,
+        "sphere": [Sphere(position=(0, 4, 0), radius=0.3)],
+        "string": [String(anchor=(0, 0, 0), length=1.5), String(anchor=(4, 0, 0), balloon=1, particle=6)],
+        "ground": Ground(),
+        "frames": FRAMES,
+        "frames_per_second": 30,
+        "substeps": 40,
+    } | fields
+    return Scene(**fields)
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("meshes")
+    paths = [folder / "coarse.obj", folder / "fine, round.obj"]
+    for path, mesh in zip(paths, (quad_sphere(3), quad_sphere(4)), strict=True):
+        write_obj(path, mesh)
+    return paths
+
+
+@pytest.fixture(scope="module")
+def vary(meshes: list[Path]) -> dict:
+    """Two meshes in turn, which makes two groups of worlds, and a radius and a length of its own for each world."""
+    return {
+        "balloon.0.mesh": [meshes[world % 2] for world in range(WORLDS)],
+        "sphere.0.radius": RADII,
+        "string.1.length": np.linspace(1.0, 3.0, WORLDS),
+    }
+
+
+def alone(vary: dict, world: int) -> Simulator:
+    return Simulator(
+        override_scene(scene(), [(path, values[world]) for path, values in vary.items()]), "cpu", schedule="lanes"
+    )
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory, vary: dict) -> Path:
+    folder = tmp_path_factory.mktemp("batch") / "out"
+    summary = run_batch(scene(), folder, WORLDS, vary, export=[4, 1, 2], device="cpu", name="small")
+    assert summary.worlds == WORLDS
+    assert summary.exported_worlds == 3
+    assert summary.unhealthy_worlds == 0
+    assert summary.particles == 3 * (56 + 8) + 2 * (98 + 8)
+    assert sorted([*map(Path, summary.table), Path(str(summary.stage))]) == sorted(folder.iterdir())
+    return folder
+
+
+@pytest.fixture
+def table(written: Path) -> dict[str, np.ndarray]:
+    with np.load(written / "table.npz") as columns:
+        return dict(columns)
+
+
+@pytest.fixture
+def stage(written: Path) -> Usd.Stage:
+    return Usd.Stage.Open(str(written / "worlds.usdc"))
+
+
+def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarray], meshes: list[Path]):
+    measures = ["volume", "area", "center_height", "largest_stretch", "kinetic_energy", "sphere_0_height", "health"]
+    assert list(table) == ["world", "frame", "time", "balloon.0.mesh", "sphere.0.radius", "string.1.length", *measures]
+    np.testing.assert_array_equal(table["world"], list(range(WORLDS)) * (FRAMES + 1))
+    np.testing.assert_array_equal(table["frame"], np.repeat(np.arange(FRAMES + 1), WORLDS))
+    np.testing.assert_array_equal(table["time"], table["frame"] / 30)
+    np.testing.assert_array_equal(table["sphere.0.radius"], RADII[table["world"]])
+    np.testing.assert_array_equal(table["balloon.0.mesh"], [str(meshes[world % 2]) for world in table["world"]])
+    assert (table["health"] == 1).all()
+
+
+def test_csv_and_npz_are_the_same_to_the_last_bit(written: Path, table: dict[str, np.ndarray]):
+    with (written / "table.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == list(table)
+    assert len(rows) == WORLDS * (FRAMES + 1)
+    for name, texts in zip(header, zip(*rows, strict=True), strict=True):
+        np.testing.assert_array_equal(np.array(texts).astype(table[name].dtype), table[name])
+
+
+def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.Stage, vary: dict):
+    """Grouped by mesh or not, to the last bit on the CPU; and of the stage, the chosen worlds alone are in it."""
+    assert [p.GetName() for p in stage.GetDefaultPrim().GetChildren() if p.GetName().startswith("World_")] == [
+        "World_1",
+        "World_2",
+        "World_4",
+    ]
+    for world in range(WORLDS):
+        heights = []
+        for frame in alone(vary, world).run():
+            heights.append(frame.sphere_positions[0, 1])
+            if world in (1, 2, 4):
+                for number, name in enumerate(("ball", "Sphere_0_1")):
+                    prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/{name}"))
+                    np.testing.assert_array_equal(prim.GetPointsAttr().Get(frame.number), frame.points[number])
+                    np.testing.assert_array_equal(prim.GetVelocitiesAttr().Get(frame.number), frame.velocities[number])
+                sphere = UsdGeom.Sphere(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0"))
+                moved = sphere.GetLocalTransformation(Usd.TimeCode(frame.number)).ExtractTranslation()
+                np.testing.assert_array_equal(moved, frame.sphere_positions[0])
+        np.testing.assert_array_equal(table["sphere_0_height"][table["world"] == world], heights)
+
+
+def test_every_validator_passes(stage: Usd.Stage):
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert len(validators) >= 20
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetMessage() for error in errors] == []
+
+
+def test_stage_says_what_it_is(stage: Usd.Stage):
+    assert stage.GetDefaultPrim().GetPath() == "/World"
+    assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Y", 1.0)
+    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 30.0
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, FRAMES)
+
+
+def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
+    """In the layer itself only the prototypes have faces and materials; each world composes them."""
+    with_faces, with_materials = [], []
+
+    def look(path: Any) -> None:
+        if path.name == "faceVertexIndices":
+            with_faces.append(path.GetPrimPath().name)
+        if path.name == "material:binding" and path.GetPrimPath().HasPrefix("/World/World_1"):
+            with_materials.append(path)
+
+    stage.GetRootLayer().Traverse("/", look)
+    assert sorted(with_faces) == ["Ground", "Sphere_0_1", "ball", "ball_1"]
+    assert with_materials == []
+    for world, mesh in ((1, quad_sphere(4)), (2, quad_sphere(3)), (4, quad_sphere(3))):
+        prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/ball"))
+        np.testing.assert_array_equal(prim.GetFaceVertexIndicesAttr().Get(), mesh.face_vertex_indices)
+        assert prim.GetSubdivisionSchemeAttr().Get() == "none"
+    for prim in stage.Traverse():
+        if UsdGeom.Gprim(prim):
+            assert UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0], prim.GetPath()
+
+
+def test_extents_hold_at_every_sample(stage: Usd.Stage):
+    checked = 0
+    for prim in stage.Traverse():
+        if (boundable := UsdGeom.Boundable(prim)) and prim.GetName() != "Ground":
+            for time_code in range(FRAMES + 1):
+                computed = UsdGeom.Boundable.ComputeExtentFromPlugins(boundable, Usd.TimeCode(time_code))
+                np.testing.assert_allclose(boundable.GetExtentAttr().Get(time_code), np.array(computed), atol=1e-6)
+                checked += 1
+    assert checked == 3 * 5 * (FRAMES + 1)  # two balloons, a sphere and two strings in each of three worlds
+
+
+def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
+    boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
+    footprints = []
+    for world in (1, 2, 4):
+        sphere = UsdGeom.Sphere(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0"))
+        assert sphere.GetRadiusAttr().Get() == RADII[world]
+        box = boxes.ComputeWorldBound(stage.GetPrimAtPath(f"/World/World_{world}")).ComputeAlignedRange()
+        footprints.append([np.array(box.GetMin())[[0, 2]], np.array(box.GetMax())[[0, 2]]])
+    for first, (low, high) in enumerate(footprints):
+        for other_low, other_high in footprints[:first]:
+            assert (high < other_low).any() or (other_high < low).any()
+    ground = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground")).GetExtentAttr().Get()
+    assert (np.array(ground[0])[[0, 2]] < np.min(footprints, axis=(0, 1))).all()
+    assert (np.array(ground[1])[[0, 2]] > np.max(footprints, axis=(0, 1))).all()
+
+
+def test_strings_hang_by_their_own_lengths_from_anchor_to_particle(stage: Usd.Stage, vary: dict):
+    for world in (1, 2, 4):
+        box = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0_1")).GetPointsAttr()
+        string = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/World_{world}/String_1")).GetPointsAttr()
+        for time_code in range(FRAMES + 1):
+            expected = string_curve((4, 0, 0), box.Get(time_code)[6], vary["string.1.length"][world], (0, 1, 0), 0.0)
+            np.testing.assert_array_equal(string.Get(time_code), expected)
+
+
+@pytest.mark.parametrize(("up_axis", "flat"), [("Y", 1), ("Z", 2)])
+def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
+    shifts = grid_shifts(9, 2.0, up_axis)
+    across = np.delete(shifts, flat, axis=1)
+    np.testing.assert_array_equal(shifts[:, flat], 0.0)
+    np.testing.assert_array_equal(
+        np.unique(across, axis=0), [(2.0 * i, 2.0 * j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    )
+
+
+def test_saving_often_gives_the_same_samples(
+    written: Path, vary: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The file is added to after each frame instead of once."""
+    monkeypatch.setattr(grid, "SAVE_BYTES", 0)
+    run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
+    often, once = (Sdf.Layer.FindOrOpen(str(folder / "worlds.usdc")) for folder in (tmp_path / "out", written))
+    assert often.ExportToString() == once.ExportToString()
+
+
+def test_no_export_no_stage(tmp_path: Path):
+    summary = run_batch(scene(frames=1), tmp_path, 2, device="cpu")
+    assert summary.stage is None
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["table.csv", "table.npz"]
+
+
+def test_a_world_that_blows_up_is_marked_and_never_written(tmp_path: Path):
+    """A pull that no step is small enough for; the other world is as it is alone."""
+    vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
+    summary = run_batch(scene(), tmp_path, 2, vary, export=[0, 1], device="cpu")
+    assert summary.unhealthy_worlds == 1
+    with np.load(tmp_path / "table.npz") as table:
+        health = table["health"].reshape(FRAMES + 1, 2)
+        volume = table["volume"].reshape(FRAMES + 1, 2)
+        assert all(np.isfinite(table[name]).all() for name in table)
+    assert health[:, 0].all()
+    assert health[:, 1].tolist() == [1] + [0] * FRAMES
+    np.testing.assert_array_equal(volume[:, 1], volume[0, 1])
+    stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
+    for time_code in range(FRAMES + 1):
+        bad = UsdGeom.Mesh(stage.GetPrimAtPath("/World/World_1/ball")).GetPointsAttr()
+        np.testing.assert_array_equal(bad.Get(time_code), bad.Get(0))
+    assert np.ptp([attribute_height(stage, time_code) for time_code in (0, FRAMES)]) > 0.0
+
+
+def attribute_height(stage: Usd.Stage, time_code: int) -> float:
+    return float(
+        np.mean(np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/World/World_0/ball")).GetPointsAttr().Get(time_code)))
+    )
+
+
+def test_a_failed_batch_leaves_the_good_files(tmp_path: Path):
+    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
+    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def interrupt(frame: int) -> None:
+        if frame == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=interrupt)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"world_count": 0}, r"^--worlds 0: expected at least 1$"),
+        ({"export": [7]}, r"^export: expected worlds 0 to 4 \(got 7 to 7\)$"),
+        ({"vary": {"balloon.mesh": ["a.obj"] * 3}}, r"^balloon\.mesh: expected a mesh for each of 5 worlds \(got 3\)$"),
+        ({"vary": {"balloon.0.mesh": ["none.obj"] * 5}}, r"^none\.obj: no such file"),
+        ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: there is no balloon 7"),
+        ({"folder": "missing/out"}, r"out: the folder .*missing does not exist$"),
+        ({"folder": "file"}, r"file: is a file; expected a folder$"),
+    ],
+)
+def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complaint: str):
+    (tmp_path / "file").touch()
+    arguments = {"folder": "out", "world_count": 5, "vary": {}} | change
+    arguments["folder"] = tmp_path / arguments["folder"]
+    with pytest.raises(InputError, match=complaint):
+        run_batch(scene(), **arguments, device="cpu", on_frame=never)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def never(frame: int) -> None:
+    raise AssertionError(f"frame {frame} was simulated")
+
+
+def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path: Path):
+    vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
+    with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
+        run_batch(scene(), tmp_path, 5, vary, device="cpu")
+
+
+def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
+    """Whatever is in its group, a world is stepped alike."""
+    automatic = scene(substeps="auto")
+    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [0.1, 0.1, 0.02]}
+    alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
+    groups = plan_groups(automatic, 3, vary)
+    assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]
+    assert [group.plan.substeps for group in groups] == [max(one[0].plan.substeps for one in alone)] * 2
+    assert len({one[0].plan.substeps for one in alone}) == 3
+
+
+def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
+    tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
+):
+    """All groups count, what is exported, and the table: in each case the rest alone would fit."""
+    varied = {"balloon.0.mesh": meshes * 20}
+    one_mesh = 40 * memory.world_bytes(plan_groups(scene(), 1, {})[0].plan)
+    two_meshes = sum(20 * memory.world_bytes(group.plan) for group in plan_groups(scene(), 40, varied))
+    sums = 40 * (2 * 32 * 40 + 4 * 6)  # 32 lanes of each balloon, six measures
+    row = 40 * 4 * 7  # of the table: six measures and the health
+    table = (FRAMES + 1) * row
+    exported = 40 * 5 * (2 * 12 * (56 + 8) + 12)  # on the device, and four frames under way
+
+    def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
+        assert usable < needed
+        monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
+        with pytest.raises(InputError, match=r"^40 worlds do not fit: ") as refusal:
+            run_batch(scene, tmp_path / "out", 40, device="cpu", **arguments)
+        fitting = int(str(refusal.value).split()[-2])
+        assert fitting == pytest.approx(40 * usable / needed, abs=1)  # rounded down
+        assert list(tmp_path.iterdir()) == []
+
+    refused(0.6 * (two_meshes + sums + table), two_meshes + sums + table, scene(), vary=varied)
+    refused(one_mesh + sums + table, one_mesh + sums + table + exported, scene(), export=range(40))
+    long = scene(frames=FRAMES + 1000)
+    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, long)
+
+
+def test_jobs_run_in_order_off_the_main_thread_and_only_so_many_wait():
+    done, gate = [], threading.Event()
+
+    def job(number: int) -> None:
+        gate.wait(10.0)
+        done.append((number, threading.current_thread() is threading.main_thread()))
+
+    with Background() as background:
+        for number in range(WAITING + 1):
+            background.submit(job, number)
+        began = time.perf_counter()
+        threading.Timer(0.2, gate.set).start()
+        background.submit(job, WAITING + 1)
+        assert time.perf_counter() - began > 0.15  # it had to wait for a place
+    assert done == [(number, False) for number in range(WAITING + 2)]
+
+
+def test_an_error_of_a_job_is_raised_where_the_batch_runs():
+    with pytest.raises(OSError, match="disk full"), Background() as background:
+        background.submit(_fail)
+
+
+def _fail() -> None:
+    raise OSError("disk full")

@@ -1,0 +1,143 @@
+"""The command line as a user meets it: in a process of its own, in an empty folder."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from meshes import cube, quad_sphere
+from PIL import Image
+
+from balloon_warp.mesh.obj import read_obj, write_obj
+
+SUMMARY_KEYS = [
+    "output",
+    "picture",
+    "scene",
+    "device",
+    "schedule",
+    "worlds",
+    "particles",
+    "springs",
+    "frames",
+    "substeps",
+    "wall_seconds",
+    "particle_substeps_per_second",
+]
+
+
+ONE_FACE = """#usda 1.0
+def Mesh "face"
+{
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+}
+"""
+
+
+def balloon_warp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "balloon_warp", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "NO_COLOR": "1", "COLUMNS": "200"},
+    )
+
+
+@pytest.fixture
+def ball(tmp_path: Path) -> Path:
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    return tmp_path
+
+
+def test_run_writes_stage_and_picture_and_says_where(ball: Path):
+    done = balloon_warp(ball, "run", "ball.obj", "--picture", "--set", "frames=3", "--device", "cpu")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # no bar in a pipe, no word of Warp's
+    assert done.stdout.splitlines()[1:] == ["wrote ball.usdc", "wrote ball.png"]
+    assert done.stdout.startswith("ball: 56 particles, 312 springs, 3 frames of ")
+    assert sorted(path.name for path in ball.iterdir()) == ["ball.obj", "ball.png", "ball.usdc"]
+    assert Image.open(ball / "ball.png").size == (960, 540)
+
+
+def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
+    done = balloon_warp(ball, "run", "ball.obj", "-o", "out.usda", "--json", "--set", "frames=2", "--device", "cpu")
+    summary = json.loads(done.stdout)
+    assert list(summary) == SUMMARY_KEYS
+    assert (summary["output"], summary["picture"], summary["scene"]) == ("out.usda", None, "ball")
+    assert (summary["frames"], summary["worlds"], summary["particles"], summary["device"]) == (2, 1, 56, "cpu")
+
+
+def test_scenes_are_listed_a_line_each(tmp_path: Path):
+    done = balloon_warp(tmp_path, "scenes")
+    assert done.returncode == 0
+    assert "squirrel_tether" in done.stdout
+    assert len(done.stdout.splitlines()) == 9
+
+
+def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
+    done = balloon_warp(ball, "remesh", "ball.obj", "-o", "quads.obj", "--cells", "8")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("wrote quads.obj: ")
+    assert (read_obj(ball / "quads.obj").face_vertex_counts == 4).all()
+
+
+@pytest.mark.parametrize("command", [[], ["run"], ["scenes"], ["inspect"], ["remesh"], ["render"]])
+def test_help_explains_itself(tmp_path: Path, command: list[str]):
+    done = balloon_warp(tmp_path, *command, "--help")
+    assert done.returncode == 0
+    assert "Usage: " in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["run", "squirel"], "squirel: no such scene or file; bundled scenes are bowl_to_sphere, "),
+        (["run", "ball.txt"], "ball.txt: "),
+        (["run", "broken.obj"], "broken.obj, line 1: "),
+        (["run", "bad.toml"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
+        (["run", "ball.obj", "--set", "balloon.mass=-1"], "balloon.0.mass: must be greater than 0 (got -1)"),
+        (["run", "ball.obj", "--set", "substeps=1"], "substeps: 1 are too few for these springs and masses"),
+        (["run", "ball.obj", "--device", "cuda:77"], "--device cuda:77: no such device; this machine has cpu"),
+        (["run", "ball.obj", "-o", "nowhere/out.usdc"], "nowhere/out.usdc: the folder nowhere does not exist"),
+        (["run", "ball.usda", "-o", "ball.usda"], "ball.usda: is the mesh of the scene; expected another name"),
+        (["run", "ball.obj", "-o", "out.png"], "out.png: cannot write .png; expected .usdc, .usda, .usd"),
+        (["inspect", "missing.obj"], "missing.obj: "),
+        (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: expected a name that ends in .obj"),
+        (["render", "missing.usdc"], "missing.usdc: "),
+        (["render", "ball.obj", "--size", "big"], "size: 'big'; expected WIDTHxHEIGHT"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, arguments: list[str], sentence: str):
+    (ball / "broken.obj").write_text("v 1 2\nf 1 1 1\n")
+    (ball / "ball.txt").write_text("not a mesh")
+    (ball / "ball.usda").write_text(ONE_FACE)
+    (ball / "bad.toml").write_text("frames = 0\n[[balloon]]\nmesh = 'ball.obj'\n")
+    before = {path: path.read_bytes() for path in ball.iterdir()}
+    done = balloon_warp(ball, *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert sentence in done.stderr
+    assert done.stderr.startswith("error: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert {path: path.read_bytes() for path in ball.iterdir()} == before
+
+
+def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
+    """Forces beyond float32: stable springs, but nothing to hold the balloon."""
+    write_obj(tmp_path / "box.obj", cube())
+    done = balloon_warp(tmp_path, "run", "box.obj", "--device", "cpu", "--set", "balloon.inflation.k_normal=9e11")
+    assert done.returncode == 1
+    assert "error: the simulation blew up in frame 2, world 0: particle 0 is no longer at a finite place" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["box.obj"]
+
+
+def test_importing_the_package_loads_nothing_heavy(tmp_path: Path):
+    program = "import sys, balloon_warp; print([m for m in ('warp', 'pxr', 'trimesh', 'PIL') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "[]"

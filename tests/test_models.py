@@ -1,0 +1,150 @@
+"""The bundled models: the files are what the script makes, and good meshes of what they stand for."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import balloon_warp.scenes
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import (
+    face_areas,
+    face_centers,
+    face_vector_areas,
+    signed_volume,
+    total_area,
+    vertex_normals,
+)
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, mesh_edges
+from balloon_warp.scenes.model_solids import ellipsoid, mirrored, round_cone, smooth_union, torus, tube
+from balloon_warp.scenes.models import MODELS, make_model
+
+
+@cache
+def bundled(name: str) -> PolygonMesh:
+    return load_mesh(Path(balloon_warp.scenes.__path__[0]) / f"{name}.obj")
+
+
+def edge_lengths(mesh: PolygonMesh) -> NDArray[np.float64]:
+    ends = mesh.points[mesh_edges(mesh).ends]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_file_is_what_the_script_makes(name: str) -> None:
+    made, file = make_model(name), bundled(name)
+    np.testing.assert_array_equal(made.face_vertex_indices, file.face_vertex_indices)
+    # Written to 1e-5; other machines round sines and square roots their own way.
+    np.testing.assert_allclose(made.points, file.points, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_one_closed_skin_of_even_quads(name: str) -> None:
+    mesh = bundled(name)
+    edges = mesh_edges(mesh)
+    assert (mesh.face_vertex_counts == 4).all()
+    assert (edges.face_counts == 2).all()
+    assert genus(mesh, edges) == 0  # None where the mesh is not manifold
+    assert component_count(mesh, edges) == 1
+    assert len(inconsistent_edges(edges)) == 0
+    assert signed_volume(mesh) > 0.0
+    valence = np.bincount(edges.ends.ravel())
+    assert valence.min() == 3
+    assert valence.max() <= 6
+    lengths = edge_lengths(mesh)
+    # As good as these come: 1.9 for the pillow, 2.2 for the bowl, about 3 where flippers and ears are near a cell thin.
+    assert lengths.max() / lengths.min() < 3.3
+    facing = np.einsum(
+        "fcj,fj->fc", vertex_normals(mesh)[mesh.face_vertex_indices.reshape(-1, 4)], face_vector_areas(mesh)
+    )
+    assert (facing > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "fewest", "most", "longest"),
+    [
+        ("squirrel", 2000, 3000, 1.0),
+        ("turtle", 2000, 3000, 1.1),
+        ("pillow", 1200, 2000, 1.0),
+        ("bowl", 1500, 2500, 1.0),
+    ],
+)
+def test_size_and_place(name: str, fewest: int, most: int, longest: float) -> None:
+    mesh = bundled(name)
+    assert fewest <= mesh.vertex_count <= most
+    assert np.ptp(mesh.points, axis=0).max() == pytest.approx(longest, abs=0.03)
+    assert mesh.points[:, 1].min() == 0.0
+    np.testing.assert_allclose(mesh.points[:, [0, 2]].mean(axis=0), 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["squirrel", "turtle"])
+def test_animals_are_symmetric(name: str) -> None:
+    points = bundled(name).points
+    apart = np.linalg.norm((points * [-1.0, 1.0, 1.0])[:, None] - points[None], axis=2).min(axis=1)
+    # The last of five decimals.
+    assert apart.max() < 2e-5
+
+
+def test_squirrel_hangs_by_its_tail() -> None:
+    """The tip of the tail is the highest vertex, behind the head, less than 30 degrees off the vertical."""
+    mesh = bundled("squirrel")
+    areas = face_areas(mesh)
+    centroid = (areas[:, None] * face_centers(mesh)).sum(axis=0) / areas.sum()
+    order = np.argsort(mesh.points[:, 1])
+    tip = mesh.points[order[-1]]
+    assert abs(tip[0]) < 1e-5
+    assert tip[2] < -0.25
+    up = (tip - centroid) / np.linalg.norm(tip - centroid)
+    assert np.degrees(np.arccos(up[1])) < 30.0
+    ears = mesh.points[(mesh.points[:, 2] > 0.0) & (mesh.points[:, 1] > 0.7)]
+    assert 0.1 < tip[1] - ears[:, 1].max() < 0.25
+
+
+def test_bowl_is_far_from_a_sphere() -> None:
+    mesh = bundled("bowl")
+    assert 36.0 * np.pi * signed_volume(mesh) ** 2 / total_area(mesh) ** 3 < 0.3
+    # Half of a shell between 0.39 and 0.5, and half of a torus as its rim (Pappus); chords lose about 1 %.
+    rim = np.pi * 0.445 * np.pi * 0.055**2
+    assert signed_volume(mesh) == pytest.approx(2.0 / 3.0 * np.pi * (0.5**3 - 0.39**3) + rim, rel=2e-2)
+
+
+def test_pillow_is_thin_and_pointed() -> None:
+    points = bundled("pillow").points
+    assert np.ptp(points[:, 1]) == pytest.approx(0.25, abs=1e-4)
+    # The middle of a side is pulled in behind the line from corner to corner.
+    assert np.abs(points[np.abs(points[:, 2]) < 0.01, 0]).max() < 0.46
+    assert np.abs(points[:, 0]).max() == pytest.approx(0.5, abs=1e-4)
+
+
+def test_solids_measure_distance() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [2.0, 0.0, 0.0], [0.3, 1.5, -0.2], [0.0, -1.0, 0.0]])
+    np.testing.assert_allclose(
+        ellipsoid(points, (0.0, 0.0, 0.0), 0.5), [-0.5, 2.5, 1.5, np.sqrt(2.38) - 0.5, 0.5], rtol=1e-6
+    )
+    capsule = round_cone(points, (0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 0.5, 0.5)
+    np.testing.assert_allclose(capsule, [-0.5, 0.5, 1.5, np.hypot(0.3, 0.2) - 0.5, 0.5], rtol=1e-12)
+    # A straight tube of constant radius is the capsule.
+    straight = tube(points, [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 2.0, 0.0)], [0.5, 0.5, 0.5])
+    np.testing.assert_allclose(straight, capsule, atol=1e-12)
+    np.testing.assert_allclose(torus(points[:3], (0.0, 0.0, 0.0), 1.0, 0.25), [0.75, np.sqrt(10.0) - 0.25, 0.75])
+    np.testing.assert_allclose(mirrored(np.array([[-1.0, -2.0, -3.0]])), [[1.0, -2.0, -3.0]])
+
+
+def test_round_cone_touches_both_its_spheres() -> None:
+    """On the slanted side the distance is to the tangent line of two circles, here of slope 3/4."""
+    a, b = (0.0, 0.0, 0.0), (0.0, 5.0, 0.0)
+    along, across = 4.0 / 5.0, 3.0 / 5.0  # the side's direction for radii 4 and 1: sine (4 - 1) / 5
+    side = np.array([across, along])
+    normal = np.array([along, across])
+    at = 4.0 * normal + 2.0 * np.array([-side[0], side[1]])
+    outside = at + 0.3 * normal
+    distances = round_cone(np.array([[at[0], at[1], 0.0], [outside[0], outside[1], 0.0]]), a, b, 4.0, 1.0)
+    np.testing.assert_allclose(distances, [0.0, 0.3], atol=1e-12)
+
+
+def test_smooth_union_is_the_union_away_from_the_seam() -> None:
+    a, b = np.array([0.0, 1.0, 0.2]), np.array([1.0, 0.0, 0.2])
+    np.testing.assert_allclose(smooth_union(0.1, a, b), [0.0, 0.0, 0.2 - 0.025])

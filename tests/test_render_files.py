@@ -1,0 +1,204 @@
+"""Picture files, and what is said when none can be made."""
+
+import errno
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Usd, UsdGeom
+from render_stages import add_ground, add_mesh, add_sphere, new_stage, quad_sphere
+
+from balloon_warp.errors import InputError, MissingExtraError
+from balloon_warp.outputs.files import whole_file
+from balloon_warp.outputs.render import render, render_stage
+
+SMALL = {"size": (64, 36), "samples": 1, "device": "cpu"}
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Path:
+    """A ball that crosses the picture in 48 frames, 2 s."""
+    path = tmp_path / "stage.usda"
+    made = new_stage(path, frames=48)
+    add_sphere(made, "Ball", [(0.1 * frame, 0.0, 0.0) for frame in range(48)], 0.5, (0.8, 0.1, 0.1))
+    made.GetRootLayer().Save()
+    return path
+
+
+def test_png_has_the_size_asked_for(stage: Path, tmp_path: Path):
+    assert render_stage(stage, tmp_path / "a.png", **SMALL) == [47]
+    with Image.open(tmp_path / "a.png") as picture:
+        assert (picture.format, picture.size, picture.mode) == ("PNG", (64, 36), "RGB")
+
+
+def test_the_stage_names_its_picture(stage: Path, tmp_path: Path):
+    opened = Usd.Stage.Open(str(stage))
+    opened.GetRootLayer().customLayerData = {"balloonWarp": {"pictureFrame": 12}}
+    opened.GetRootLayer().Save()
+    assert render_stage(stage, tmp_path / "a.png", **SMALL) == [12]
+    assert render_stage(stage, tmp_path / "a.png", frame=3, **SMALL) == [3]
+
+
+def test_gif_takes_as_long_as_the_stage(stage: Path, tmp_path: Path):
+    done = []
+    frames = render_stage(
+        stage, tmp_path / "a.gif", on_frame=lambda number, count: done.append((number, count)), **SMALL
+    )
+    # 24 frames a second are more than the 20 that a GIF gets: every other one.
+    assert frames == list(range(0, 48, 2))
+    assert done == [(number, 24) for number in range(1, 25)]
+    with Image.open(tmp_path / "a.gif") as animation:
+        assert animation.size == (64, 36)
+        durations, places = [], []
+        for number in range(getattr(animation, "n_frames")):  # noqa: B009 (only some of Pillow's formats have it)
+            animation.seek(number)
+            durations.append(animation.info["duration"])
+            red = np.asarray(animation.convert("RGB")).astype(int)
+            places.append(np.nonzero(red[..., 0] - red[..., 1] > 60)[1].mean())
+    assert len(durations) == 24
+    # A GIF counts in hundredths of a second: 8 for 2 frames of 1/24 s, 8.33.
+    assert sum(durations) == pytest.approx(2000, abs=100)
+    assert (np.diff(places) > 0.0).all(), "the ball goes one way"
+
+
+def test_mp4_has_every_frame(stage: Path, tmp_path: Path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="needs the extra `video`")
+    render_stage(stage, tmp_path / "a.mp4", **SMALL)
+    count, seconds = ffmpeg.count_frames_and_secs(str(tmp_path / "a.mp4"))
+    assert (count, seconds) == (48, pytest.approx(2.0, abs=0.05))
+
+
+def test_mp4_without_ffmpeg_names_the_extra(stage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[video\]'"):
+        render_stage(stage, tmp_path / "a.mp4", **SMALL)
+
+
+def test_a_write_that_fails_leaves_the_old_file(stage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    output = tmp_path / "a.png"
+    output.write_bytes(b"old")
+
+    def write_half(path: Path, picture: np.ndarray) -> None:
+        path.write_bytes(b"half a pict")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(render, "write_png", write_half)
+    with pytest.raises(KeyboardInterrupt):
+        render_stage(stage, output, **SMALL)
+    assert output.read_bytes() == b"old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "stage.usda"]
+
+
+def full_disk(_: Path) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def usd_failure(folder: Path) -> None:
+    Usd.Stage.Open(str(folder / "none.usda"))  # raises one of USD's own exceptions
+
+
+@pytest.mark.parametrize("fail", [full_disk, usd_failure])
+def test_a_write_that_fails_gets_a_sentence(fail: Callable[[Path], None], tmp_path: Path):
+    def write_half() -> None:
+        with whole_file(tmp_path / "a.usda") as temporary:
+            temporary.write_text("half a st")
+            fail(tmp_path)
+
+    with pytest.raises(InputError, match=r"a\.usda: cannot be written: "):
+        write_half()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_files_error_is_not_blamed_on_the_output(tmp_path: Path):
+    with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a.png"):
+        (tmp_path / "none").read_bytes()
+
+
+def test_the_longest_names_can_be_written(stage: Path, tmp_path: Path):
+    output = tmp_path / ("x" * 251 + ".png")  # 255 bytes, the most that file systems take
+    render_stage(stage, output, **SMALL)
+    assert output.stat().st_size > 0
+
+
+@pytest.mark.skipif(not Path("/proc/version").exists(), reason="needs a folder that takes no files whoever asks")
+def test_a_folder_that_takes_no_files_is_refused_before_any_work(stage: Path):
+    with pytest.raises(InputError, match=r"/proc/a\.png: cannot be written: "):
+        render_stage(stage, "/proc/a.png", on_frame=lambda *_: pytest.fail("a frame was drawn"), **SMALL)
+
+
+@pytest.mark.parametrize(
+    ("output", "options", "sentence"),
+    [
+        ("a.jpg", {}, r"a\.jpg: cannot write \.jpg; expected \.png, \.gif, \.mp4"),
+        ("none/a.png", {}, "none does not exist"),
+        ("a.png", {"frame": 48}, r"frame: 48 is not in .*stage\.usda; expected 0 to 47"),
+        ("a.gif", {"frame": 3}, r"frame: 3 for a \.gif, which shows all frames; expected a \.png"),
+        ("a.png", {"samples": 0}, "samples: 0 rays a pixel; expected at least 1"),
+        ("a.png", {"size": (0, 10)}, "size: a picture of 0x10 pixels; expected at least 1x1"),
+        ("a.png", {"size": (8193, 10)}, "size: a picture of 8193x10 pixels; expected at most 8192x8192"),
+        ("a.png", {"samples": 10**9}, "samples: 1000000000 rays a pixel; expected at most 4096"),
+        ("x" * 252 + ".png", {}, "cannot be written: File name too long"),
+        ("a:SDF_FORMAT_ARGS:b.png", {}, "expected a name without it"),
+        ("a.png", {"device": "cuda:99"}, "cuda:99: no such device; this machine has cpu"),
+    ],
+)
+def test_bad_requests_get_a_sentence(stage: Path, tmp_path: Path, output: str, options: dict, sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        render_stage(stage, tmp_path / output, **SMALL | options)
+    assert [path.name for path in tmp_path.iterdir()] == ["stage.usda"]
+
+
+def test_no_stage_gets_a_sentence(tmp_path: Path):
+    with pytest.raises(InputError, match=r"none\.usdc: no such file; expected a USD stage"):
+        render_stage(tmp_path / "none.usdc", tmp_path / "a.png", **SMALL)
+    (tmp_path / "text.usda").write_text("hello")
+    with pytest.raises(InputError, match=r"text\.usda: cannot be read; expected a USD stage"):
+        render_stage(tmp_path / "text.usda", tmp_path / "a.png", **SMALL)
+
+
+def test_bad_stages_get_a_sentence(tmp_path: Path):
+    def fails(sentence: str, made: Usd.Stage) -> None:
+        made.GetRootLayer().Save()
+        with pytest.raises(InputError, match=sentence):
+            render_stage(made.GetRootLayer().realPath, tmp_path / "a.png", **SMALL)
+
+    empty = new_stage(tmp_path / "empty.usda")
+    add_ground(empty)
+    fails(r"empty\.usda: has no visible mesh, sphere or linear curves to draw at frame 0", empty)
+
+    points, counts, indices = quad_sphere(2)
+    wrong = new_stage(tmp_path / "wrong.usda")
+    add_mesh(wrong, "Ball", points[:-1], counts, indices, (1, 0, 0))
+    fails(f"/World/Ball: its faces do not fit its {len(points) - 1} points", wrong)
+
+    holey = new_stage(tmp_path / "holey.usda")
+    add_mesh(holey, "Ball", np.where(points > 0.9, np.nan, points), counts, indices, (1, 0, 0))
+    fails("/World/Ball: a point at frame 0 is not finite", holey)
+
+    growing = new_stage(tmp_path / "growing.usda", frames=3)
+    ball = add_mesh(growing, "Ball", points, counts, indices, (1, 0, 0))
+    ball.GetPointsAttr().Set(points.astype(np.float32), 0)
+    ball.GetPointsAttr().Set(points[:5].astype(np.float32), 2)
+    growing.GetRootLayer().Save()
+    with pytest.raises(InputError, match=f"has 5 points at frame 2; expected {len(points)} at every frame"):
+        render_stage(tmp_path / "growing.usda", tmp_path / "a.gif", **SMALL)
+
+
+def test_other_peoples_stages(tmp_path: Path):
+    """No time, no colors, no material, faces of several sizes, points that nobody uses, which frame nothing."""
+    corners = [(0, 0, 0), (2, 0, 0), (2, 0, 2), (0, 0, 2), (1, 2, 1)]
+    seen = []
+    for name, unused in (("tidy", []), ("untidy", [(9, 9, 9)])):
+        made = Usd.Stage.CreateNew(str(tmp_path / f"{name}.usda"))
+        mesh = UsdGeom.Mesh.Define(made, "/pyramid")
+        mesh.CreatePointsAttr(np.array([*corners, *unused], np.float32))
+        mesh.CreateFaceVertexCountsAttr([4, 3, 3, 3, 3])
+        mesh.CreateFaceVertexIndicesAttr([0, 1, 2, 3, 1, 0, 4, 2, 1, 4, 3, 2, 4, 0, 3, 4])
+        made.GetRootLayer().Save()
+        render_stage(tmp_path / f"{name}.usda", tmp_path / "a.png", **SMALL)
+        seen.append(np.asarray(Image.open(tmp_path / "a.png")).astype(int))
+    assert np.ptp(seen[0]) > 100
+    assert (seen[0] == seen[1]).all()

@@ -1,0 +1,145 @@
+"""The ray caster's parts, each against its definition."""
+# pyright: reportIndexIssue=false
+
+import numpy as np
+import pytest
+import warp as wp
+from render_stages import quad_sphere
+
+from balloon_warp.kernels.raycast_film import srgb_byte, tone
+from balloon_warp.kernels.raycast_shapes import capsule_distance
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.outputs.render.camera import MARGIN, CameraFit
+from balloon_warp.outputs.render.sampling import TILE, disc_points
+from balloon_warp.outputs.render.surface import SmoothSurface
+
+
+@wp.kernel
+def measure_capsules(
+    origins: wp.array[wp.vec3],
+    directions: wp.array[wp.vec3],
+    begins: wp.array[wp.vec3],
+    ends: wp.array[wp.vec3],
+    radii: wp.array[float],
+    distances: wp.array[float],
+):
+    ray = wp.tid()
+    distances[ray] = capsule_distance(origins[ray], directions[ray], begins[ray], ends[ray], radii[ray])
+
+
+@wp.kernel
+def develop_gray(light: wp.array[float], out: wp.array[wp.uint8]):
+    step = wp.tid()
+    out[step] = srgb_byte(tone(wp.vec3(light[step]))[1])
+
+
+def test_rays_meet_capsules_where_marching_finds_them():
+    random = np.random.default_rng(7)
+    count = 400
+    begins = random.uniform(-1, 1, (count, 3))
+    ends = begins + random.normal(0, 0.5, (count, 3))
+    ends[::5] = begins[::5]  # spheres
+    radii = random.uniform(0.02, 0.5, count)
+    origins = random.normal(0, 1, (count, 3))
+    origins *= 6.0 / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = 0.5 * (begins + ends) + random.normal(0, 0.3, (count, 3)) - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions[1::5] = (ends - begins)[1::5] / np.linalg.norm((ends - begins)[1::5], axis=1, keepdims=True)
+    origins[1::5] = begins[1::5] - 5.0 * directions[1::5]  # straight along the axis
+
+    def outside(points):
+        axis = ends - begins
+        along = np.einsum("ij,ij->i", points - begins, axis) / np.maximum(np.einsum("ij,ij->i", axis, axis), 1e-30)
+        return np.linalg.norm(points - begins - np.clip(along, 0, 1)[:, None] * axis, axis=1) - radii
+
+    marched = np.zeros(count)
+    for _ in range(3000):
+        marched += np.where(marched < 20.0, outside(origins + marched[:, None] * directions), 0.0)
+    distances = wp.zeros(count, dtype=float, device="cpu")
+    vectors = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (origins, directions, begins, ends)]
+    wp.launch(
+        measure_capsules,
+        count,
+        inputs=[*vectors, wp.array(radii, dtype=float, device="cpu"), distances],
+        device="cpu",
+    )
+    hit = marched < 20.0
+    # Rays that pass within a hair of the outline may go either way; there are none among these.
+    assert 0.3 < hit.mean() < 0.95
+    assert (distances.numpy()[~hit] == -1.0).all()
+    # float32 from 6 units away, and worse where the ray grazes.
+    assert distances.numpy()[hit] == pytest.approx(marched[hit], abs=2e-3)
+
+
+def test_a_thin_line_is_met_from_afar():
+    """One part in 20,000: the radius squared is far below the round-off of the distance squared."""
+    offsets = np.linspace(-1.8e-3, 1.8e-3, 37)
+    count = len(offsets)
+    origins = np.stack([np.full(count, 0.013), offsets, np.full(count, 20.0)], axis=1)
+    rows = [
+        origins,
+        np.tile([0.0, 0.0, -1.0], (count, 1)),
+        np.tile([-1.0, 0, 0], (count, 1)),
+        np.tile([1.0, 0, 0], (count, 1)),
+    ]
+    distances = wp.zeros(count, dtype=float, device="cpu")
+    vectors = [wp.array(each, dtype=wp.vec3, device="cpu") for each in rows]
+    radii = wp.full(count, 1e-3, dtype=float, device="cpu")
+    wp.launch(measure_capsules, count, inputs=[*vectors, radii, distances], device="cpu")
+    clear = np.abs(np.abs(offsets) - 1e-3) > 5e-5
+    assert ((distances.numpy() > 0.0) == (np.abs(offsets) < 1e-3))[clear].all()
+
+
+def test_tones_are_neutral_and_end_in_white():
+    light = np.array([0.0, 0.02, 0.18, 0.5, 0.8, 2.0, 50.0], np.float32)
+    out = wp.zeros(len(light), dtype=wp.uint8, device="cpu")
+    wp.launch(develop_gray, len(light), inputs=[wp.array(light, device="cpu"), out], device="cpu")
+    # Khronos PBR Neutral takes 0.04 off, or less of what is darker, and compresses above 0.76; then sRGB's power law.
+    linear = np.array([0.0, 6.25 * 0.02**2, 0.14, 0.46, 0.76, 1 - 0.0576 / 1.44, 1.0])
+    encoded = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
+    assert out.numpy().astype(int) == pytest.approx(255 * encoded, abs=1.0)
+
+
+@pytest.mark.parametrize("aspect", [16 / 9, 0.5])
+def test_the_camera_is_as_near_as_the_margin_lets_it(aspect: float):
+    random = np.random.default_rng(3)
+    centers, radii = random.uniform(-3, 5, (30, 3)), random.uniform(0.0, 1.0, 30)
+    fit = CameraFit(aspect)
+    fit.include(centers[:10], radii[:10])
+    fit.include(centers[10:], radii[10:])
+    camera = fit.camera()
+    around = random.normal(size=(20_000, 3))
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    points = (centers[:, None] + radii[:, None, None] * around).reshape(-1, 3)
+    seen = (points - camera.eye) @ camera.axes.T
+    assert (seen[:, 2] < 0.0).all()
+    across = seen[:, 0] / -seen[:, 2] / camera.half_width
+    up = seen[:, 1] / -seen[:, 2] / camera.half_height
+    edges = np.array([across.min(), across.max(), up.min(), up.max()])
+    # Nothing beyond the margin, and in one of the two directions both sides touch it; 1%: the spheres are sampled.
+    assert (np.abs(edges) <= MARGIN + 1e-9).all()
+    assert max(np.abs(edges[:2]).min(), np.abs(edges[2:]).min()) == pytest.approx(MARGIN, rel=0.01)
+    assert np.linalg.det(camera.axes) == pytest.approx(1.0)
+
+
+def test_refining_a_sphere_keeps_its_vertices_and_comes_closer_to_round():
+    points, counts, indices = quad_sphere(4)
+    surface = SmoothSurface(PolygonMesh(points, counts.astype(np.int32), indices.astype(np.int32)))
+    refined, normals = surface.place(points)
+    assert len(surface.triangles) == 6 * 16 * 2 * 4**2
+    assert surface.triangles.max() == len(refined) - 1
+    assert (refined[: len(points)] == points).all()
+    assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
+    # A chord of the coarse sphere dips by 1 - cos(pi / 16) = 2% of the radius, twice that across a quad; the curves
+    # through the vertices, which are only as good as the normals, by less than a quarter of that.
+    assert np.abs(np.linalg.norm(refined, axis=1) - 1.0).max() < 0.01
+    assert np.einsum("ij,ij->i", refined, normals).min() > 0.98
+
+
+def test_disc_samples_of_a_tile_are_spread_evenly():
+    points = disc_points(4).reshape(-1, 2)
+    assert len(points) == 4 * TILE * TILE
+    assert (np.linalg.norm(points, axis=1) <= 1.0).all()
+    # Uniform in area: mean at the middle, mean squared distance 1/2. 64 random points would be off by 0.06 and 0.04.
+    assert points.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.03)
+    assert (points**2).sum(axis=1).mean() == pytest.approx(0.5, abs=0.02)

@@ -1,0 +1,193 @@
+"""What pictures show, held against pinhole optics."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Gf, Usd, UsdGeom
+from render_stages import LATEX, add_camera, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere
+
+from balloon_warp.outputs.render import render_stage
+from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.render.framing import frame_action
+from balloon_warp.outputs.render.raycaster import RayCaster
+from balloon_warp.outputs.render.stage_reader import RenderStage
+
+BLACK = (0.0, 0.0, 0.0)
+RED, GREEN = (0.8, 0.02, 0.02), (0.02, 0.6, 0.05)
+HALF_COVERED = 175
+"""sRGB byte of half black, half backdrop: the backdrop is about 0.86 in linear light, half of it 0.43"""
+
+
+def picture(stage: Usd.Stage, tmp_path: Path, **options) -> np.ndarray:
+    """The stage's picture, sRGB, shape (height, width, 3)."""
+    stage.GetRootLayer().Save()
+    output = tmp_path / "picture.png"
+    render_stage(stage.GetRootLayer().realPath, output, **{"size": (200, 200), "device": "cpu"} | options)
+    return np.asarray(Image.open(output))
+
+
+def pixel_of(camera: Camera, point, size: tuple[int, int]) -> tuple[int, int]:
+    """Row and column where a camera sees a point."""
+    x, y, back = camera.axes @ (np.asarray(point) - camera.eye)
+    across, up = x / -back / camera.half_width, y / -back / camera.half_height
+    return int((1.0 - up) * size[1] / 2), int((1.0 + across) * size[0] / 2)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "mesh"])
+def test_a_sphere_covers_the_area_that_a_pinhole_sees(shape: str, tmp_path: Path):
+    stage = new_stage(tmp_path / "stage.usda")
+    add_camera(stage, distance=5.0, focal_length=40.0, aperture=24.0)
+    if shape == "sphere":
+        add_sphere(stage, "Ball", (0, 0, 0), 1.0, BLACK, roughness=1.0)
+    else:
+        add_mesh(stage, "Ball", *quad_sphere(4), BLACK, roughness=1.0)
+    seen = picture(stage, tmp_path, size=(300, 300))
+    # The outline's cone has tangent r / sqrt(d^2 - r^2); the picture's half height has 12 / 40.
+    radius = 150 * (1.0 / np.sqrt(24.0)) / (12.0 / 40.0)
+    # 1%: a sixteen-sided outline, which is what the mesh has before it is refined, would lack 2.6%.
+    assert (seen.max(axis=2) < HALF_COVERED).sum() == pytest.approx(np.pi * radius**2, rel=0.01)
+
+
+def test_a_moving_sphere_is_seen_where_it_is(tmp_path: Path):
+    centers = [(-0.8, 0.3, 0.0), (0.0, 0.0, 0.0), (0.6, -0.9, 0.0)]
+    stage = new_stage(tmp_path / "stage.usda", frames=3)
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    add_sphere(stage, "Ball", centers, 0.2, BLACK, roughness=1.0)
+    for frame, center in enumerate(centers):
+        rows, columns = np.nonzero(picture(stage, tmp_path, frame=frame).max(axis=2) < HALF_COVERED)
+        expected = 100 + 100 * np.array([center[0], -center[1]]) / (10.0 * 12.0 / 60.0)
+        # Half a pixel: the outline of a sphere off the axis is an ellipse, whose middle lies 0.04% farther out.
+        assert [columns.mean() + 0.5, rows.mean() + 0.5] == pytest.approx(expected.tolist(), abs=0.5)
+
+
+def test_the_same_bytes_whatever_the_number_of_threads(tmp_path: Path):
+    path = tmp_path / "stage.usda"
+    small_world = _small_world(path, "Y")
+    small_world.GetRootLayer().Save()
+    pictures = []
+    for threads in (1, 2, 3, 1):
+        stage = RenderStage(path)
+        stage.read_prims(0)
+        framing = frame_action(stage, [0], 16 / 9)
+        caster = RayCaster(stage, framing.center, framing.size, (160, 90), 4, "cpu", threads)
+        caster.place(0, 0.0)
+        pictures.append(caster.picture(framing.camera).tobytes())
+    assert len(set(pictures)) == 1
+
+
+def test_each_device_makes_the_same_picture(device: str, tmp_path: Path):
+    stage = _small_world(tmp_path / "stage.usda", "Y")
+    seen = [picture(stage, tmp_path, device=each).astype(int) for each in ("cpu", device)]
+    # Round-off may move a sample across an edge; nothing else may change.
+    assert np.abs(seen[0] - seen[1]).mean() < 0.1
+
+
+def test_which_axis_is_up_does_not_show(tmp_path: Path):
+    seen = [picture(_small_world(tmp_path / f"{up}.usda", up), tmp_path) for up in ("Y", "Z")]
+    assert (seen[0] == seen[1]).all()
+
+
+def test_units_do_not_show(tmp_path: Path):
+    seen = []
+    for factor in (1.0, 1000.0):
+        stage = _small_world(tmp_path / f"{factor}.usda", "Y")
+        UsdGeom.Xform(stage.GetDefaultPrim()).AddScaleOp().Set(Gf.Vec3f(factor))
+        seen.append(picture(stage, tmp_path).astype(int))
+    # Round-off may move a sample across an edge; nothing else may change.
+    assert np.abs(seen[0] - seen[1]).mean() < 0.05
+
+
+def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path: Path):
+    stage = new_stage(tmp_path / "stage.usda")
+    add_ground(stage)
+    add_sphere(stage, "Ball", (0.0, 1.5, 0.0), 1.0, BLACK, roughness=1.0)
+    add_sphere(stage, "Left", (-4.0, 0.0, 0.0), 0.01, BLACK)
+    add_sphere(stage, "Right", (4.0, 0.0, 0.0), 0.01, BLACK)
+    size = (240, 240)
+    seen = picture(stage, tmp_path, size=size).mean(axis=2)
+    reader = RenderStage(tmp_path / "stage.usda")
+    reader.read_prims(0)
+    camera = frame_action(reader, [0], 1.0).camera
+    # The key light comes from (-0.62, 1, 0.62) to the right, up and back: the middle of the shadow is 1.5 times as far.
+    right, _, back = camera.axes
+    level_back = np.array([back[0], 0.0, back[2]]) / np.hypot(back[0], back[2])
+    shadow = 1.5 * (0.62 * right - 0.62 * level_back)
+    dark, lit = (seen[pixel_of(camera, place, size)] for place in (shadow, -shadow))
+    assert dark < lit - 60
+    # Under the ball the sky is hidden, too: darker than far out in the open.
+    assert seen[pixel_of(camera, (0.0, 0.0, 0.0), size)] < lit - 10
+
+
+def test_curves_have_their_colors_and_stay_visible_when_thin(tmp_path: Path):
+    stage = new_stage(tmp_path / "stage.usda")
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    lines = [(-1.0, 1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (0.0, -1.0, 0.0), (1.0, -1.0, 0.0)]
+    add_curves(stage, "Lines", lines, [2, 3], 0.0, [RED, GREEN])
+    seen = picture(stage, tmp_path).astype(int)
+    red = seen[..., 0] - seen[..., 1] > 25
+    green = seen[..., 1] - seen[..., 0] > 25
+    # 2 units span 100 of 200 pixels: row 50 and row 150, columns 50 to 150. No widths: 1.3 pixels.
+    for color, row in ((red, 50), (green, 150)):
+        rows, columns = np.nonzero(color)
+        assert set(rows) <= {row - 2, row - 1, row, row + 1}
+        assert np.any(color, axis=0)[51:149].all(), "a gap"
+        assert (columns.min(), columns.max()) == pytest.approx((50, 149), abs=1)
+
+
+def test_latex_shows_what_is_inside_and_an_opaque_wall_does_not(tmp_path: Path):
+    differences = []
+    for opacity in (0.92, 1.0):
+        seen = []
+        for inside in (BLACK, (0.9, 0.9, 0.9)):
+            stage = new_stage(tmp_path / f"{opacity}{inside[0]}.usda")
+            add_mesh(stage, "Balloon", *quad_sphere(8), RED, **LATEX | {"opacity": opacity})
+            add_sphere(stage, "Inside", (0.0, 0.0, 0.0), 0.6, inside, roughness=1.0)
+            seen.append(picture(stage, tmp_path).astype(int))
+        differences.append(np.abs(seen[0] - seen[1])[90:110, 90:110].mean())
+    assert differences[0] > 5.0
+    assert differences[1] == 0.0
+
+
+def test_what_is_hidden_is_not_drawn(tmp_path: Path):
+    stage = new_stage(tmp_path / "stage.usda")
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    add_sphere(stage, "Ball", (-0.8, 0.0, 0.0), 0.4, RED, roughness=1.0)
+    invisible = add_sphere(stage, "Invisible", (0.8, 0.8, 0.0), 0.4, GREEN, roughness=1.0)
+    invisible.MakeInvisible()
+    guide = add_sphere(stage, "Guide", (0.8, -0.8, 0.0), 0.4, GREEN, roughness=1.0)
+    guide.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    seen = picture(stage, tmp_path).astype(int)
+    assert (seen[..., 0] - seen[..., 1] > 50).any()
+    assert not (seen[..., 1] - seen[..., 0] > 20).any()
+
+
+def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path: Path):
+    path = tmp_path / "stage.usda"
+    stage = new_stage(path, frames=3)
+    points, counts, indices = quad_sphere(6)
+    mesh = add_mesh(stage, "Balloon", points, counts, indices, RED, **LATEX)
+    for frame in range(3):
+        mesh.GetPointsAttr().Set((points * (1.0 + 0.5 * frame) + [0.3 * frame, 0, 0]).astype(np.float32), frame)
+    add_camera(stage, distance=12.0, focal_length=60.0, aperture=24.0)
+    alone = picture(stage, tmp_path, frame=2).astype(int)
+    reader = RenderStage(path)
+    reader.read_prims(0)
+    framing = frame_action(reader, [2], 1.0)
+    caster = RayCaster(reader, framing.center, framing.size, (200, 200), 4, "cpu")
+    camera = reader.camera(2, 1.0)
+    assert camera is not None
+    for frame in range(3):
+        caster.place(frame, 0.0)
+    # The tree over the triangles was built for frame 0: only the order in which it is searched differs.
+    assert np.abs(caster.picture(camera).astype(int) - alone).mean() < 0.05
+
+
+def _small_world(path: Path, up_axis: str) -> Usd.Stage:
+    stage = new_stage(path, up_axis)
+    add_ground(stage)
+    add_mesh(stage, "Balloon", *quad_sphere(5, 0.5, (0.0, 1.2, 0.0)), RED, **LATEX)
+    add_sphere(stage, "Ball", (0.7, 0.3, 0.2), 0.3, GREEN, roughness=0.3)
+    add_curves(stage, "String", [(0.0, 0.0, 0.0), (0.1, 0.4, 0.0), (0.0, 0.7, 0.0)], [3], 0.01, [BLACK])
+    return stage
