@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.render.appearance import read_colors, read_finish
+from balloon_warp.outputs.render.appearance import read_colors, read_corner_colors, read_finish
 from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.surface import SmoothSurface
 
@@ -39,8 +39,10 @@ class MeshPrim:
         whole = np.repeat(counts, counts) >= 3
         self.point_count = len(points)
         self.used = np.unique(indices[whole])
-        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]))
-        self.colors = self.surface.refined(read_colors(self._mesh, np.ones(len(points), np.int32)))
+        # A mesh whose points move is soft: what bends sharply in one frame is smooth in the next.
+        creased = self._mesh.GetPointsAttr().GetNumTimeSamples() == 0
+        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]), creased)
+        self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
         self.finish = read_finish(prim)
 
     def points(self, moment: Moment) -> NDArray[np.float64]:
