@@ -34,7 +34,8 @@ def seconds_a_frame(schedule: Any, model: Model, state: State) -> float:
 def _replayed(schedule: Any, model: Model, state: State) -> Any:
     with wp.ScopedDevice(model.device), wp.ScopedCapture(model.device) as capture:
         schedule.advance_frame(state)
-    return lambda: wp.capture_launch(capture.graph)
+    graph: Any = capture.graph
+    return lambda: wp.capture_launch(graph)
 
 
 def bound(model: Model, schedule: str) -> float | None:

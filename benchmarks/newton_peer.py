@@ -70,10 +70,12 @@ class NewtonPeer:
 
 def _newton_model(newton: Any, model: Model) -> Any:
     """The balloons as Newton's particles and springs, without its gravity and without contacts between particles."""
+    balloon = np.asarray(model.particle_balloon.numpy())
+    pairs = np.asarray(model.spring_particles.numpy())
+    kind = np.asarray(model.spring_kind.numpy())
     points = model.initial_points.numpy()[0].tolist()
-    masses = (model.particle_mass_share.numpy() * model.mass.numpy()[0, model.particle_balloon.numpy()]).tolist()
-    pairs = model.spring_particles.numpy()
-    by_kind = model.stiffness.numpy()[0, model.particle_balloon.numpy()[pairs[:, 0]], model.spring_kind.numpy()]
+    masses = (model.particle_mass_share.numpy() * np.asarray(model.mass.numpy())[0, balloon]).tolist()
+    by_kind = np.asarray(model.stiffness.numpy())[0, balloon[pairs[:, 0]], kind]
     one = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     one.add_particles(points, [(0.0, 0.0, 0.0)] * len(points), masses)
     for (p, q), stiffness in zip(pairs.tolist(), by_kind * model.spring_stiffness_scale.numpy(), strict=True):

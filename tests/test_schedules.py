@@ -1,6 +1,7 @@
 """Every schedule against `scatter`, against itself, and a world alone against the same world in a batch."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ run adds some ten of those, and springs and contacts pass them on. Longer runs d
 are chaotic: a difference doubles every few frames."""
 
 
-def everything(normals: str = "cached") -> Scene:
+def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
     """Two balloons, with all that a scene can have: n-gons, fixed and unused particles, springs that vary."""
     ball = quad_sphere(4, radius=0.5)
     ball = mesh_of([*ball.points, (9.0, 9.0, 9.0)], ball.face_vertex_indices.reshape(-1, 4).tolist())

@@ -38,7 +38,7 @@ def slot_table(model: Model, ends: SpringEnds) -> SlotTable:
 
 def _face_slots(model: Model) -> NDArray[np.int64]:
     """The faces around each particle, -1 where there are no more, shape (face_slot_count, particle_count)."""
-    offsets = model.particle_face_offsets.numpy()
+    offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)
     counts = np.diff(offsets)
     slots = np.full((counts.max(), len(counts)), -1)
     particle = np.repeat(np.arange(len(counts)), counts)

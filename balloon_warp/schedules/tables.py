@@ -51,8 +51,8 @@ def spring_ends(model: Model) -> SpringEnds:
         particle=particle[order],
         neighbor=neighbor[order],
         kind=kind[order],
-        scale=np.tile(model.spring_stiffness_scale.numpy(), 2)[order],
-        rest_length=np.tile(model.spring_rest_length.numpy(), 2)[order],
+        scale=np.tile(np.asarray(model.spring_stiffness_scale.numpy(), dtype=np.float64), 2)[order],
+        rest_length=np.tile(np.asarray(model.spring_rest_length.numpy(), dtype=np.float64), 2)[order],
         by_kind=np.bincount(3 * particle + kind, minlength=3 * count).reshape(count, 3),
     )
 
