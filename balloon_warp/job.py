@@ -46,6 +46,7 @@ def animate(
     name: str = "",
     picture: str | Path | None = None,
     device: str | None = None,
+    schedule: str = "auto",
     on_frame: Callable[[int], None] = lambda number: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
@@ -57,6 +58,7 @@ def animate(
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
         device: a Warp device; the GPU where there is one, when missing.
+        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
         on_frame: told the number of each frame when it is written.
         on_warning: told what is odd about a mesh, in a sentence.
 
@@ -66,7 +68,7 @@ def animate(
     """
     began = time.perf_counter()
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
-    simulator = Simulator(scene, device)
+    simulator = Simulator(scene, device, schedule=schedule)
     for shape in simulator.model.shapes:
         for warning in shape.mesh.warnings:
             on_warning(f"{shape.name}: {warning}")

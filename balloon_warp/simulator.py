@@ -14,7 +14,8 @@ from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.health import find_non_finite
 from balloon_warp.model import Model, Vary, build_model, initial_state
 from balloon_warp.scene import Scene
-from balloon_warp.schedules import ScatterSchedule
+from balloon_warp.schedules import make_schedule
+from balloon_warp.schedules.readout import ForceReader
 
 HEALTHY = np.iinfo(np.int32).max
 """no particle of a world is bad"""
@@ -48,26 +49,34 @@ class Simulator:
         world_count: how many copies of the scene.
         vary: what differs between the worlds: dotted paths as in overrides, and arrays of shape (world_count,), such as
             {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
+        schedule: how the work is laid out: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
 
     Raises:
         InputError: the scene's meshes, particles or step are wrong, a varied value is, the worlds do not fit into the
-            device's memory, or there is no such device.
+            device's memory, or there is no such device or schedule.
     """
 
-    def __init__(self, scene: Scene, device: str | None = None, world_count: int = 1, vary: Vary | None = None):
-        self._begin(build_model(scene, pick_device(device), world_count, vary))
+    def __init__(
+        self,
+        scene: Scene,
+        device: str | None = None,
+        world_count: int = 1,
+        vary: Vary | None = None,
+        schedule: str = "auto",
+    ):
+        self._begin(build_model(scene, pick_device(device), world_count, vary), schedule)
 
     @classmethod
-    def of_model(cls, model: Model) -> Self:
+    def of_model(cls, model: Model, schedule: str = "auto") -> Self:
         """A simulator of a model that is laid out already."""
         simulator = cls.__new__(cls)
-        simulator._begin(model)
+        simulator._begin(model, schedule)
         return simulator
 
-    def _begin(self, model: Model) -> None:
+    def _begin(self, model: Model, schedule: str) -> None:
         self.model = model
         self.state = initial_state(self.model)
-        self.schedule = ScatterSchedule(self.model)
+        self.schedule = make_schedule(self.model, schedule)
         self.frame_number = 0
         self.first_bad_particle = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
         """of each world, the lowest particle that was ever at no finite place, or `HEALTHY`, shape (world_count,)"""
@@ -100,12 +109,15 @@ class Simulator:
 
     def advance(self) -> None:
         """Advance every world by one frame, those that blew up, too."""
-        wp.capture_launch(self._frame_graph)
+        if self.schedule.capturable:
+            wp.capture_launch(self._frame_graph)
+        else:
+            self._advance_frame()
         self.frame_number += 1
 
     def read_frame(self, world: int = 0) -> Frame:
         """Copy one world to the host."""
-        self.schedule.refresh_inflation(self.state)
+        self._force_reader.refresh_inflation(self.state)
         k_normal = self.state.inflation_ramp.numpy()[world, :, 0]
         aims = self._of_balloons(self.state.inflation_aims, world)
         return Frame(
@@ -123,21 +135,28 @@ class Simulator:
         return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
 
     def _net_forces(self, world: int) -> list[NDArray[np.float32]]:
-        self.schedule.sum_forces(self.state)
-        return self._of_balloons(self.schedule.forces, world)
+        return self._of_balloons(self._force_reader.net_forces(self.state), world)
+
+    @cached_property
+    def _force_reader(self) -> ForceReader:
+        return ForceReader(self.model)
 
     @cached_property
     def _frame_graph(self) -> Any:
         """A frame, recorded once to be replayed without the cost of its launches."""
         with wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
-            self.schedule.advance_frame(self.state)
-            wp.launch(
-                find_non_finite,
-                self.state.points.shape,
-                inputs=[self.state.points],
-                outputs=[self.first_bad_particle],
-            )
+            self._advance_frame()
         return capture.graph
+
+    def _advance_frame(self) -> None:
+        self.schedule.advance_frame(self.state)
+        wp.launch(
+            find_non_finite,
+            self.state.points.shape,
+            inputs=[self.state.points],
+            outputs=[self.first_bad_particle],
+            device=self.model.device,
+        )
 
 
 def _copy(array: wp.array, world: int) -> NDArray[np.float32]:

@@ -39,6 +39,59 @@ def with_friction(velocity: wp.vec3, normal: wp.vec3, stopped_speed: float, fric
     return velocity
 
 
+@wp.func
+def leave_sphere(
+    point: wp.vec3, velocity: wp.vec3, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, up: wp.vec3
+):
+    """A particle out of a sphere: its point, its velocity, and the unit vector it moved along, zero if outside."""
+    outward = wp.vec3()
+    if wp.length_sq(point - center) < radius * radius:
+        outward = way_out(point, center, up)
+        point = center + radius * outward
+        velocity = without_approach(velocity, sphere_velocity, outward)
+    return point, velocity, outward
+
+
+@wp.func
+def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float):
+    """A particle up to the ground's height, slowed by friction."""
+    depth = height - wp.dot(point, up)
+    if depth > 0.0:
+        point += depth * up
+        stopped_speed = wp.max(-wp.dot(velocity, up), 0.0)
+        velocity = without_approach(velocity, wp.vec3(), up)
+        velocity = with_friction(velocity, up, stopped_speed, friction)
+    return point, velocity
+
+
+@wp.func
+def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
+    """Force on a sphere [N] from a particle that it moved `outward`."""
+    return -penalty * wp.length(inflation) * outward
+
+
+@wp.func
+def move_sphere(
+    position: wp.vec3,
+    velocity: wp.vec3,
+    pushed: wp.vec3,
+    radius: float,
+    gravity: float,
+    up: wp.vec3,
+    ground_height: float,
+    ground_restitution: float,
+    step_seconds: float,
+):
+    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by penalties."""
+    velocity += step_seconds * (pushed - gravity * up)
+    position += step_seconds * velocity
+    depth = ground_height + radius - wp.dot(position, up)
+    if depth > 0.0:
+        position += depth * up
+        velocity -= (1.0 + ground_restitution) * wp.min(wp.dot(velocity, up), 0.0) * up
+    return position, velocity
+
+
 @wp.kernel
 def resolve_contacts(
     # model
@@ -67,23 +120,18 @@ def resolve_contacts(
     point = points[world, particle]
     velocity = velocities[world, particle]
     if particle_mass_share[particle] > 0.0:
+        ramp = inflation_ramp[world, particle_balloon[particle]]
+        inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
         for sphere in range(sphere_positions.shape[1]):
             center = sphere_positions[world, sphere]
             radius = sphere_radius[world % sphere_radius.shape[0], sphere]
-            if wp.length_sq(point - center) < radius * radius:
-                outward = way_out(point, center, up)
-                point = center + radius * outward
-                velocity = without_approach(velocity, sphere_velocities[world, sphere], outward)
-                ramp = inflation_ramp[world, particle_balloon[particle]]
-                inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
-                penalty = sphere_penalty[world % sphere_penalty.shape[0], sphere] * wp.length(inflation)
-                wp.atomic_sub(sphere_forces, world, sphere, penalty * outward)
-        depth = ground_height - wp.dot(point, up)
-        if depth > 0.0:
-            point += depth * up
-            stopped_speed = wp.max(-wp.dot(velocity, up), 0.0)
-            velocity = without_approach(velocity, wp.vec3(), up)
-            velocity = with_friction(velocity, up, stopped_speed, ground_friction)
+            point, velocity, outward = leave_sphere(
+                point, velocity, center, sphere_velocities[world, sphere], radius, up
+            )
+            if wp.length_sq(outward) > 0.0:
+                penalty = sphere_penalty[world % sphere_penalty.shape[0], sphere]
+                wp.atomic_add(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
+        point, velocity = leave_ground(point, velocity, up, ground_height, ground_friction)
     new_points[world, particle] = point
     new_velocities[world, particle] = velocity
 
@@ -105,14 +153,17 @@ def move_spheres(
 ):
     """A thread a (world, sphere): gravity, the penalties since the last step (then cleared), and the ground."""
     world, sphere = wp.tid()
-    mass = sphere_mass[world % sphere_mass.shape[0], sphere]
-    acceleration = sphere_forces[world, sphere] / mass - gravity[world % gravity.shape[0]] * up
-    velocity = sphere_velocities[world, sphere] + step_seconds * acceleration
-    position = sphere_positions[world, sphere] + step_seconds * velocity
-    depth = ground_height + sphere_radius[world % sphere_radius.shape[0], sphere] - wp.dot(position, up)
-    if depth > 0.0:
-        position += depth * up
-        velocity -= (1.0 + ground_restitution) * wp.min(wp.dot(velocity, up), 0.0) * up
+    position, velocity = move_sphere(
+        sphere_positions[world, sphere],
+        sphere_velocities[world, sphere],
+        sphere_forces[world, sphere] / sphere_mass[world % sphere_mass.shape[0], sphere],
+        sphere_radius[world % sphere_radius.shape[0], sphere],
+        gravity[world % gravity.shape[0]],
+        up,
+        ground_height,
+        ground_restitution,
+        step_seconds,
+    )
     sphere_positions[world, sphere] = position
     sphere_velocities[world, sphere] = velocity
     sphere_forces[world, sphere] = wp.vec3()

@@ -6,9 +6,29 @@ from balloon_warp.kernels.inflation import inflation_force
 
 
 @wp.func
+def lift(mass: float, gravity: float, helium: float):
+    """Force along the up axis [N] of gravity [m/s^2] and helium [N/kg]."""
+    return mass * (helium - gravity)
+
+
+@wp.func
 def body_force(mass: float, gravity: float, helium: float, damping: float, up: wp.vec3, velocity: wp.vec3):
     """Gravity [m/s^2] and helium [N/kg] along the up axis, and damping [N s/m] against the velocity."""
-    return (mass * (helium - gravity)) * up - damping * velocity
+    return lift(mass, gravity, helium) * up - damping * velocity
+
+
+@wp.func
+def response(mass: float, step_seconds: float):
+    """Velocity gained in a step for each newton [m/s/N]; a particle without mass is fixed."""
+    return wp.where(mass > 0.0, step_seconds / mass, 0.0)
+
+
+@wp.func
+def advance(point: wp.vec3, velocity: wp.vec3, force: wp.vec3, mass: float, step_seconds: float):
+    """Point and velocity after a step of symplectic Euler, in the order of the paper's listing: a = F/m, v += h a,
+    x += h v."""
+    velocity += response(mass, step_seconds) * force
+    return point + step_seconds * velocity, velocity
 
 
 @wp.kernel
@@ -61,14 +81,11 @@ def integrate_symplectic_euler(
     new_points: wp.array2d[wp.vec3],
     new_velocities: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle), in the order of the paper's listing: a = F/m, v += h a, x += h v.
-
-    A particle without a share of the mass is fixed.
-    """
+    """A thread a (world, particle)."""
     world, particle = wp.tid()
     particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], particle_balloon[particle]]
-    velocity = velocities[world, particle]
-    if particle_mass > 0.0:
-        velocity += (step_seconds / particle_mass) * forces[world, particle]
+    point, velocity = advance(
+        points[world, particle], velocities[world, particle], forces[world, particle], particle_mass, step_seconds
+    )
+    new_points[world, particle] = point
     new_velocities[world, particle] = velocity
-    new_points[world, particle] = points[world, particle] + step_seconds * velocity

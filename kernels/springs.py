@@ -1,23 +1,45 @@
 """Springs: structural, shear and flexion alike, and strings, which pull but do not push."""
 
-from typing import Any
-
 import warp as wp
 
 
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return rsqrtf(x);
+#else
+    return 1.0f / sqrt(x);
+#endif
+    """,
+    adj_snippet="adj_x -= 0.5f * adj_ret / (x * sqrt(x));",
+)
+def inverse_root(x: float) -> float:
+    """1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
+    ...
+
+
 @wp.func
-def spring_coefficient(squared_length: Any, stiffness: Any, rest_length: Any):
+def squared_length(d: wp.vec3):
+    """|d|^2, and a little more, so that its root can be divided by."""
+    return d[0] * d[0] + (d[1] * d[1] + (d[2] * d[2] + 1.0e-20))
+
+
+@wp.func
+def spring_coefficient(squared_length: float, stiffness: float, stiffness_times_length: float):
     """Force per unit displacement of a Hookean spring [N/m]: F = coefficient * d, d the vector to the other end.
 
     k (|d| - L) d/|d| written as (k - k L/|d|) d. Coincident ends have d = 0 and a finite coefficient: no force, no NaN.
+
+    Args:
+        squared_length: of d, not quite 0: see the function of that name.
     """
-    return stiffness - stiffness * rest_length / wp.sqrt(squared_length + type(squared_length)(1.0e-20))
+    return stiffness - stiffness_times_length * inverse_root(squared_length)
 
 
 @wp.func
-def string_coefficient(squared_length: Any, stiffness: Any, length: Any):
+def string_coefficient(squared_length: float, stiffness: float, length: float):
     """Force per unit displacement of a string [N/m]: a spring while taut, nothing while slack."""
-    return wp.max(spring_coefficient(squared_length, stiffness, length), type(squared_length)(0.0))
+    return wp.max(spring_coefficient(squared_length, stiffness, stiffness * length), 0.0)
 
 
 @wp.kernel
@@ -40,7 +62,7 @@ def add_spring_forces(
     p, q = ends[0], ends[1]
     k = stiffness[world % stiffness.shape[0], particle_balloon[p], spring_kind[spring]] * spring_stiffness_scale[spring]
     d = points[world, q] - points[world, p]
-    force = spring_coefficient(wp.length_sq(d), k, spring_rest_length[spring]) * d
+    force = spring_coefficient(squared_length(d), k, k * spring_rest_length[spring]) * d
     wp.atomic_add(forces, world, p, force)
     wp.atomic_sub(forces, world, q, force)
 
@@ -63,4 +85,4 @@ def add_string_forces(
     d = string_anchor[string] - points[world, p]
     k = string_stiffness[world % string_stiffness.shape[0], string]
     length = string_length[world % string_length.shape[0], string]
-    wp.atomic_add(forces, world, p, string_coefficient(wp.length_sq(d), k, length) * d)
+    wp.atomic_add(forces, world, p, string_coefficient(squared_length(d), k, length) * d)

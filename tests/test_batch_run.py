@@ -65,7 +65,9 @@ def vary(meshes: list[Path]) -> dict:
 
 
 def alone(vary: dict, world: int) -> Simulator:
-    return Simulator(override_scene(scene(), [(path, values[world]) for path, values in vary.items()]), "cpu")
+    return Simulator(
+        override_scene(scene(), [(path, values[world]) for path, values in vary.items()]), "cpu", schedule="lanes"
+    )
 
 
 @pytest.fixture(scope="module")

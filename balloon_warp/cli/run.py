@@ -26,6 +26,9 @@ def run(
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    schedule: Annotated[
+        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block or lanes.")
+    ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate a scene, or any mesh, and write it as animated USD."""
@@ -44,6 +47,7 @@ def run(
             name=name,
             picture=stage.with_suffix(".png") if picture else None,
             device=device,
+            schedule=schedule,
             on_frame=lambda number: progress.update(task, completed=number),
             on_warning=lambda sentence: warnings.print(f"[yellow]warning:[/] {escape(sentence)}"),
         )

@@ -1,5 +1,5 @@
 """Schedules decide which thread computes what; the physics is the same in each."""
 
-from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.schedules.choose import SCHEDULES, Schedule, make_schedule
 
-__all__ = ["ScatterSchedule"]
+__all__ = ["SCHEDULES", "Schedule", "make_schedule"]

@@ -9,7 +9,7 @@ import warp as wp
 
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.contact import move_spheres, resolve_contacts
-from balloon_warp.kernels.inflation import aim_inflation, measure_faces, ramp_inflation
+from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.kernels.motion import integrate_symplectic_euler, set_body_forces
 from balloon_warp.kernels.springs import add_spring_forces, add_string_forces
 from balloon_warp.model import Model, State
@@ -19,6 +19,7 @@ class ScatterSchedule:
     """Advances a state by whole frames, in place."""
 
     name = "scatter"
+    capturable = True
 
     def __init__(self, model: Model):
         worlds, device = model.world_count, model.device
@@ -68,13 +69,16 @@ class ScatterSchedule:
 
     def _aim_inflation(self, state: State) -> None:
         m = self.model
-        self._balloon_areas.zero_()
         self._launch(
             measure_faces,
             (m.world_count, m.face_count),
-            *(m.face_offsets, m.face_particles, m.face_balloon),
+            *(m.face_offsets, m.face_particles),
             state.points,
-            *(self._face_centers, self._face_area_vectors, self._balloon_areas),
+            *(self._face_centers, self._face_area_vectors),
+        )
+        self._balloon_areas.zero_()
+        self._launch(
+            add_face_areas, (m.world_count, m.face_count), m.face_balloon, self._face_area_vectors, self._balloon_areas
         )
         self._launch(
             aim_inflation,

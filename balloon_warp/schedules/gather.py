@@ -1,0 +1,74 @@
+"""The `gather` schedule: a thread a particle, which sums the forces of its own springs. Bit-reproducible.
+
+For one large balloon: two buffers of points, one kernel a substep, and one more for the spheres where there are any.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.clock import count_frame
+from balloon_warp.kernels.gather import (
+    move_gathered_spheres,
+    particle_kernel,
+    read_sphere_forces,
+    write_sphere_forces,
+)
+from balloon_warp.model import Model, State
+from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
+from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, spring_table, string_table
+
+
+class GatherSchedule:
+    """Advances a state by whole frames, in place."""
+
+    name = "gather"
+    capturable = True
+
+    def __init__(self, model: Model):
+        self.model = model
+        self._bodies = body_table(model)
+        ends = spring_ends(model)
+        self._kernel = particle_kernel(ends.vary)
+        self._springs = spring_table(model, ends)
+        self._strings = string_table(model)
+        self._obstacles = obstacle_table(model)
+        self._aims = AimRefresher(model)
+        self._other_points = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
+        self._sphere_quanta = wp.zeros((model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device)
+
+    def advance_frame(self, state: State) -> None:
+        """One frame: the inflation refreshed, then every substep."""
+        model = self.model
+        refresh_ramp(model, state)
+        self._launch_spheres(read_sphere_forces, state.sphere_forces, self._sphere_quanta)
+        points, new_points = state.points, self._other_points
+        for substep in range(model.substeps):
+            if substep == 0 or model.scene.normals == "fresh":
+                self._aims.refresh(points, state.inflation_aims)
+            self._launch_spheres(
+                move_gathered_spheres,
+                *(self._bodies, self._obstacles, model.step_seconds),
+                *(state.sphere_positions, state.sphere_velocities, self._sphere_quanta),
+            )
+            self._launch(
+                self._kernel,
+                (model.world_count, model.particle_count),
+                *(self._bodies, self._springs, self._strings, self._obstacles),
+                *(model.step_seconds, substep * model.step_seconds),
+                *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
+                *(points, state.velocities),
+                *(new_points, self._sphere_quanta),
+            )
+            points, new_points = new_points, points
+        if points is not state.points:
+            wp.copy(state.points, points)
+        self._launch_spheres(write_sphere_forces, self._sphere_quanta, state.sphere_forces)
+        self._launch(count_frame, 1, state.frame)
+
+    def _launch_spheres(self, kernel: Any, *arguments: Any) -> None:
+        if self.model.sphere_count:
+            self._launch(kernel, (self.model.world_count, self.model.sphere_count), *arguments)
+
+    def _launch(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
+        wp.launch(kernel, dim, inputs=list(arguments), device=self.model.device)

@@ -1,0 +1,66 @@
+"""The springs of each particle in as many slots as the particle with most of them has, for the `block` schedule."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.block_resident import SlotTable
+from balloon_warp.model import Model
+from balloon_warp.schedules.banks import spread_over_banks
+from balloon_warp.schedules.tables import SpringEnds
+
+
+def kind_slots(ends: SpringEnds) -> tuple[int, int, int]:
+    """The most springs of each kind at a particle."""
+    structural, shear, flexion = ends.by_kind.max(axis=0).tolist()
+    return structural, shear, flexion
+
+
+def slot_table(model: Model, ends: SpringEnds) -> SlotTable:
+    """The table; slots that are left over hold a spring of no stiffness from the particle to itself."""
+    neighbors, scales, rest_lengths = (
+        np.concatenate(parts) for parts in zip(*(_slots_of_kind(ends, kind) for kind in range(3)), strict=True)
+    )
+
+    def array(values: NDArray, dtype: Any) -> Any:
+        return wp.array(values, dtype=dtype, device=model.device)
+
+    table = SlotTable()
+    table.neighbors = array(neighbors, wp.int32)
+    table.scales = array(scales, float)
+    table.rest_lengths = array(scales * rest_lengths, float)
+    table.stiffness = model.stiffness
+    table.faces = array(_face_slots(model), wp.int32)
+    return table
+
+
+def _face_slots(model: Model) -> NDArray[np.int64]:
+    """The faces around each particle, -1 where there are no more, shape (face_slot_count, particle_count)."""
+    offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)
+    counts = np.diff(offsets)
+    slots = np.full((counts.max(), len(counts)), -1)
+    particle = np.repeat(np.arange(len(counts)), counts)
+    slots[np.arange(len(particle)) - offsets[particle], particle] = model.particle_faces.numpy()
+    return slots
+
+
+def _slots_of_kind(ends: SpringEnds, kind: int) -> tuple[NDArray, NDArray, NDArray]:
+    """Neighbors, scales and rest lengths, each of shape (slot_count, particle_count)."""
+    counts = ends.by_kind[:, kind]
+    shape = counts.max(), len(counts)
+    of_kind = ends.kind == kind
+    particle = ends.particle[of_kind]
+    slot = np.arange(len(particle)) - np.repeat(np.cumsum(counts) - counts, counts)
+    neighbors = np.repeat(np.arange(shape[1])[None], shape[0], axis=0)
+    scales, rest_lengths = np.zeros(shape), np.zeros(shape)
+    neighbors[slot, particle] = ends.neighbor[of_kind]
+    scales[slot, particle] = ends.scale[of_kind]
+    rest_lengths[slot, particle] = ends.rest_length[of_kind]
+    order = spread_over_banks(neighbors)
+    return (
+        np.take_along_axis(neighbors, order, axis=0),
+        np.take_along_axis(scales, order, axis=0),
+        np.take_along_axis(rest_lengths, order, axis=0),
+    )

@@ -1,0 +1,148 @@
+"""From a model to the tables that the schedules without atomics read."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.tables import (
+    CHUNK,
+    SLICE,
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    WorldState,
+)
+from balloon_warp.model import Model, State
+
+
+@dataclass(frozen=True)
+class SpringEnds:
+    """Every spring twice, from each of its ends, sorted by particle, kind and neighbor."""
+
+    particle: NDArray[np.int64]
+    neighbor: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    scale: NDArray[np.float64]
+    """its constant over that of its kind"""
+    rest_length: NDArray[np.float64]
+    """[m]"""
+    by_kind: NDArray[np.int64]
+    """springs of each kind at each particle, shape (particle_count, 3)"""
+
+    @property
+    def vary(self) -> bool:
+        """Whether springs of one kind differ."""
+        return bool((self.scale != 1.0).any())
+
+
+def spring_ends(model: Model) -> SpringEnds:
+    """The model's springs as its particles see them."""
+    ends = model.spring_particles.numpy().astype(np.int64)
+    kind = np.tile(model.spring_kind.numpy().astype(np.int64), 2)
+    particle, neighbor = np.concatenate([ends, ends[:, ::-1]]).T
+    order = np.lexsort([neighbor, kind, particle])
+    count = model.particle_count
+    return SpringEnds(
+        particle=particle[order],
+        neighbor=neighbor[order],
+        kind=kind[order],
+        scale=np.tile(np.asarray(model.spring_stiffness_scale.numpy(), dtype=np.float64), 2)[order],
+        rest_length=np.tile(np.asarray(model.spring_rest_length.numpy(), dtype=np.float64), 2)[order],
+        by_kind=np.bincount(3 * particle + kind, minlength=3 * count).reshape(count, 3),
+    )
+
+
+def spring_table(model: Model, ends: SpringEnds) -> SpringTable:
+    """Each particle's springs in slices of 32 particles."""
+    valence = ends.by_kind.sum(axis=1)
+    slot = np.arange(len(ends.particle)) - np.repeat(np.cumsum(valence) - valence, valence)
+    padded = np.zeros(-(-model.particle_count // SLICE) * SLICE, dtype=np.int64)
+    padded[: model.particle_count] = -(-valence // CHUNK) * CHUNK
+    widths = padded.reshape(-1, SLICE).max(axis=1)
+    slice_offsets = SLICE * np.cumsum(np.append(0, widths))
+    place = slice_offsets[ends.particle // SLICE] + SLICE * slot + ends.particle % SLICE
+    # What fills up a particle's slots are springs of no stiffness from the particle to itself.
+    in_slice = np.arange(slice_offsets[-1]) % SLICE
+    own = np.minimum(np.repeat(np.arange(len(widths)), SLICE * widths) * SLICE + in_slice, model.particle_count - 1)
+    end = 4 * own
+    end[place] = 4 * ends.neighbor + ends.kind
+
+    def placed(values: NDArray) -> Any:
+        entries = np.zeros(slice_offsets[-1])
+        entries[place] = values
+        return wp.array(entries, dtype=float, device=model.device)
+
+    table = SpringTable()
+    table.slice_offsets = wp.array(slice_offsets, dtype=wp.int32, device=model.device)
+    table.valences = wp.array(valence, dtype=wp.int32, device=model.device)
+    table.ends = wp.array(end, dtype=wp.int32, device=model.device)
+    table.scales = placed(ends.scale) if ends.vary else wp.zeros(0, dtype=float, device=model.device)
+    table.rest_lengths = placed(ends.scale * ends.rest_length)
+    table.stiffness = model.stiffness
+    return table
+
+
+def string_table(model: Model) -> StringTable:
+    """Strings by the particle that they hold."""
+    held = model.string_particle.numpy()
+    order = np.argsort(held, kind="stable")
+    offsets = np.searchsorted(held[order], np.arange(model.particle_count + 1)) if len(held) else []
+    table = StringTable()
+    table.offsets = wp.array(np.array(offsets), dtype=wp.int32, device=model.device)
+    table.particles = wp.array(held[order], dtype=wp.int32, device=model.device)
+    table.order = wp.array(order, dtype=wp.int32, device=model.device)
+    table.anchors = model.string_anchor
+    table.lengths = model.string_length
+    table.stiffness = model.string_stiffness
+    return table
+
+
+def body_table(model: Model) -> BodyTable:
+    """What pulls at each particle by itself."""
+    table = BodyTable()
+    table.balloon = model.particle_balloon
+    table.mass_share = model.particle_mass_share
+    table.mass = model.mass
+    table.helium = model.helium
+    table.damping = model.damping
+    table.gravity = model.gravity
+    table.up = model.up
+    return table
+
+
+def obstacle_table(model: Model) -> ObstacleTable:
+    """Spheres and ground."""
+    table = ObstacleTable()
+    table.sphere_mass = model.sphere_mass
+    table.sphere_radius = model.sphere_radius
+    table.sphere_penalty = model.sphere_penalty
+    table.ground_height = model.ground_height
+    table.ground_friction = model.ground_friction
+    table.ground_restitution = model.ground_restitution
+    return table
+
+
+def face_table(model: Model) -> FaceTable:
+    """Faces, and the faces around each particle."""
+    table = FaceTable()
+    table.offsets = model.face_offsets
+    table.particles = model.face_particles
+    table.balloon = model.face_balloon
+    face_counts = [shape.mesh.face_count for shape in model.shapes]
+    table.balloon_offsets = wp.array(np.cumsum([0, *face_counts]), dtype=wp.int32, device=model.device)
+    table.particle_offsets = model.particle_face_offsets
+    table.around_particles = model.particle_faces
+    return table
+
+
+def world_state(state: State) -> WorldState:
+    """The arrays of a state."""
+    worlds = WorldState()
+    for name in WorldState.vars:
+        setattr(worlds, name, getattr(state, name))
+    return worlds

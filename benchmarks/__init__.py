@@ -1,0 +1,1 @@
+"""How fast the schedules are, side by side with a peer."""

@@ -1,0 +1,155 @@
+"""The `block` schedule's kernel for worlds of any size that fits in shared memory: springs are read every substep."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.block import (
+    SphereForces,
+    acceleration_by_touch,
+    aim_in_tile,
+    balloon_area,
+    begin_sphere_forces,
+    clear_sphere_force,
+    count_frame_in_block,
+    force_row,
+    meet_ground,
+    meet_sphere,
+    row_of,
+    sphere_radius,
+    were_touched,
+)
+from balloon_warp.kernels.contact import move_sphere
+from balloon_warp.kernels.fixed_point import total_newtons
+from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.motion import advance, body_force
+from balloon_warp.kernels.pull import pull_of_strings, spring_puller
+from balloon_warp.kernels.tables import (
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    WorldState,
+    particle_damping,
+    particle_mass,
+    row_of_world,
+)
+
+MAX_REGISTERS = 64
+"""for blocks of 1,024 threads"""
+
+
+@cache
+def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fresh_normals: bool) -> Any:
+    """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
+    buffers = 2 * capacity
+    pull_of_springs = spring_puller(springs_vary)
+    Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
+
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=MAX_REGISTERS,
+        module_options={"fast_math": True},
+    )
+    def advance_streaming(
+        # model
+        bodies: BodyTable,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        faces: FaceTable,
+        springs: SpringTable,
+        substeps: wp.int32,
+        step_seconds: float,
+        # state in and out
+        state: WorldState,
+        sphere_forces: SphereForces,
+    ):
+        """A block a world: one frame."""
+        world, lane = wp.tid()
+        count = state.points.shape[1]
+        threads = wp.block_dim()
+        gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+        rounds = (count + threads - 1) // threads
+        points = wp.tile_zeros(shape=buffers, dtype=wp.vec3, storage="shared")
+        if lane == 0:
+            begin_sphere_forces(state, sphere_forces, world)
+        for turn in range(rounds):
+            particle = wp.min(turn * threads + lane, count - 1)
+            wp.tile_scatter_masked(points, particle, state.points[world, particle], turn * threads + lane < count)
+        centers = Spheres()
+        motions = Spheres()
+        for sphere in range(state.sphere_positions.shape[1]):
+            centers[sphere] = state.sphere_positions[world, sphere]
+            motions[sphere] = state.sphere_velocities[world, sphere]
+        touched_before = bool(False)
+        first = wp.int32(0)
+        for substep in range(substeps):
+            if substep == 0 or wp.static(fresh_normals):
+                for balloon in range(state.inflation_ramp.shape[1]):
+                    area = balloon_area(faces, points, first, balloon, lane)
+                    for particle in range(lane, count, threads):
+                        if bodies.balloon[particle] == balloon:
+                            state.inflation_aims[world, particle] = aim_in_tile(
+                                faces, points, first, particle, points[first + particle], area
+                            )
+            touched = were_touched(sphere_forces.stamps[world], substep - 1)
+            for sphere in range(state.sphere_positions.shape[1]):
+                pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
+                center, motion = move_sphere(
+                    row_of(centers, sphere), row_of(motions, sphere), pushed, sphere_radius(obstacles, world, sphere),
+                    gravity, bodies.up, obstacles.ground_height, obstacles.ground_restitution, step_seconds,
+                )  # fmt: skip
+                centers[sphere] = center
+                motions[sphere] = motion
+                if touched_before and lane == 0:
+                    clear_sphere_force(sphere_forces, world, sphere, substep - 2)
+            touched_before = touched
+            time_in_frame = float(substep) * step_seconds
+            for turn in range(rounds):
+                active = turn * threads + lane < count
+                particle = wp.min(turn * threads + lane, count - 1)
+                balloon = bodies.balloon[particle]
+                mass = particle_mass(bodies, world, particle)
+                point = points[first + particle]
+                velocity = state.velocities[world, particle]
+                ramp = state.inflation_ramp[world, balloon]
+                k_normal = ramp[0] + ramp[1] * time_in_frame
+                inflation = inflation_force(k_normal, state.inflation_aims[world, particle])
+                body = body_force(
+                    mass,
+                    gravity,
+                    bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon],
+                    particle_damping(bodies, world, particle),
+                    bodies.up,
+                    velocity,
+                )
+                pull = pull_of_springs(springs, points, first, point, world, balloon, particle)
+                pull += pull_of_strings(strings, point, world, particle)
+                point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
+                if mass > 0.0:
+                    for sphere in range(state.sphere_positions.shape[1]):
+                        point, velocity = meet_sphere(
+                            obstacles, sphere_forces, world, sphere, substep, point, velocity,
+                            row_of(centers, sphere), row_of(motions, sphere),
+                            sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
+                        )  # fmt: skip
+                    point, velocity = meet_ground(obstacles, point, velocity, bodies.up)
+                if active:
+                    state.velocities[world, particle] = velocity
+                wp.tile_scatter_masked(points, capacity - first + particle, point, active)
+            first = capacity - first
+        for particle in range(lane, count, threads):
+            state.points[world, particle] = points[first + particle]
+        count_frame_in_block(state, world, lane)
+        if lane == 0:
+            for sphere in range(state.sphere_positions.shape[1]):
+                state.sphere_positions[world, sphere] = centers[sphere]
+                state.sphere_velocities[world, sphere] = motions[sphere]
+                state.sphere_forces[world, sphere] = total_newtons(
+                    sphere_forces.totals, force_row(world, substeps - 1), sphere
+                )
+
+    return advance_streaming

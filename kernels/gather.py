@@ -1,0 +1,192 @@
+"""The `gather` schedule: a thread a particle, which sums its forces, moves, and leaves obstacles. No float atomics."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
+from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.motion import advance, body_force
+from balloon_warp.kernels.pull import pull_of_strings, spring_puller
+from balloon_warp.kernels.tables import (
+    BodyTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    particle_damping,
+    particle_mass,
+    row_of_world,
+)
+
+
+@wp.func
+def net_force(
+    bodies: BodyTable,
+    strings: StringTable,
+    world: wp.int32,
+    particle: wp.int32,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    mass: float,
+    inflation: wp.vec3,
+    pull: wp.vec3,
+):
+    """All forces on a particle but those of contacts [N]; `pull` is that of its springs."""
+    balloon = bodies.balloon[particle]
+    body = body_force(
+        mass,
+        bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
+        bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon],
+        particle_damping(bodies, world, particle),
+        bodies.up,
+        velocity,
+    )
+    return body + inflation + pull + pull_of_strings(strings, point, world, particle)
+
+
+@cache
+def force_kernel(springs_vary: bool) -> Any:
+    """The kernel that finds net forces."""
+    pull_of_springs = spring_puller(springs_vary)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
+    def sum_forces(
+        # model
+        bodies: BodyTable,
+        springs: SpringTable,
+        strings: StringTable,
+        time_in_frame: float,
+        # state in
+        inflation_aims: wp.array2d[wp.vec3],
+        inflation_ramp: wp.array2d[wp.vec2],
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # state out
+        forces: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle): the net force."""
+        world, particle = wp.tid()
+        ramp = inflation_ramp[world, bodies.balloon[particle]]
+        inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+        mass = particle_mass(bodies, world, particle)
+        point = points[world, particle]
+        velocity = velocities[world, particle]
+        pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
+        forces[world, particle] = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
+
+    return sum_forces
+
+
+@cache
+def particle_kernel(springs_vary: bool) -> Any:
+    """The kernel that advances the particles."""
+    pull_of_springs = spring_puller(springs_vary)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
+    def advance_particles(
+        # model
+        bodies: BodyTable,
+        springs: SpringTable,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        step_seconds: float,
+        time_in_frame: float,
+        # state in
+        inflation_aims: wp.array2d[wp.vec3],
+        inflation_ramp: wp.array2d[wp.vec2],
+        sphere_positions: wp.array2d[wp.vec3],
+        sphere_velocities: wp.array2d[wp.vec3],
+        points: wp.array2d[wp.vec3],
+        # state in and out
+        velocities: wp.array2d[wp.vec3],
+        # state out
+        new_points: wp.array2d[wp.vec3],
+        sphere_forces: wp.array3d[wp.int64],
+    ):
+        """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`."""
+        world, particle = wp.tid()
+        mass = particle_mass(bodies, world, particle)
+        velocity = velocities[world, particle]
+        ramp = inflation_ramp[world, bodies.balloon[particle]]
+        inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+        point = points[world, particle]
+        pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
+        force = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
+        point, velocity = advance(point, velocity, force, mass, step_seconds)
+        if mass > 0.0:
+            for sphere in range(sphere_positions.shape[1]):
+                radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
+                point, velocity, outward = leave_sphere(
+                    point,
+                    velocity,
+                    sphere_positions[world, sphere],
+                    sphere_velocities[world, sphere],
+                    radius,
+                    bodies.up,
+                )
+                if wp.length_sq(outward) > 0.0:
+                    penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
+                    add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
+            point, velocity = leave_ground(
+                point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
+            )
+        velocities[world, particle] = velocity
+        new_points[world, particle] = point
+
+    return advance_particles
+
+
+@wp.kernel(enable_backward=False)
+def move_gathered_spheres(
+    # model
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    step_seconds: float,
+    # state in and out
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    sphere_forces: wp.array3d[wp.int64],
+):
+    """A thread a (world, sphere): one substep under the forces since the last, which are then cleared."""
+    world, sphere = wp.tid()
+    position, velocity = move_sphere(
+        sphere_positions[world, sphere],
+        sphere_velocities[world, sphere],
+        total_newtons(sphere_forces, world, sphere)
+        / obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere],
+        obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
+        bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
+        bodies.up,
+        obstacles.ground_height,
+        obstacles.ground_restitution,
+        step_seconds,
+    )
+    sphere_positions[world, sphere] = position
+    sphere_velocities[world, sphere] = velocity
+    set_quanta(sphere_forces, world, sphere, wp.vec3())
+
+
+@wp.kernel(enable_backward=False)
+def read_sphere_forces(
+    # state in
+    sphere_forces: wp.array2d[wp.vec3],
+    # state out
+    sphere_quanta: wp.array3d[wp.int64],
+):
+    """A thread a (world, sphere): from newtons to whole numbers."""
+    world, sphere = wp.tid()
+    set_quanta(sphere_quanta, world, sphere, sphere_forces[world, sphere])
+
+
+@wp.kernel(enable_backward=False)
+def write_sphere_forces(
+    # state in
+    sphere_quanta: wp.array3d[wp.int64],
+    # state out
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): from whole numbers to newtons."""
+    world, sphere = wp.tid()
+    sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)

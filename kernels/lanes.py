@@ -1,0 +1,197 @@
+"""The `lanes` schedule: a thread advances eight worlds side by side by a whole frame. For the CPU."""
+
+import warp as wp
+
+from balloon_warp.kernels.inflation import push
+from balloon_warp.kernels.lanes_contact import leave_obstacle_lanes, move_sphere_lanes
+from balloon_warp.kernels.lanes_inflation import aim_all_lanes
+from balloon_warp.kernels.lanes_state import (
+    DAMPING,
+    GRAVITY,
+    HELIUM,
+    MASS,
+    RAMP_BEGIN,
+    RAMP_SLOPE,
+    LaneState,
+    read_lanes,
+    world_of,
+    write_lanes,
+)
+from balloon_warp.kernels.lanes_types import (
+    LANE_COUNT,
+    Lanes,
+    Lanes3,
+    column,
+    lanes_scaled,
+    set_column,
+    squared_lengths,
+)
+from balloon_warp.kernels.motion import lift, response
+from balloon_warp.kernels.pull import pull_of_strings
+from balloon_warp.kernels.springs import spring_coefficient
+from balloon_warp.kernels.tables import (
+    SLICE,
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    SpringTable,
+    StringTable,
+    WorldState,
+    first_entry,
+)
+
+
+@wp.func
+def spring_force_lanes(d: Lanes3, constants: Lanes, scale: float, rest_length: float):
+    """Force of a spring to the particle at distance d in each world [N]."""
+    squared = squared_lengths(d)
+    coefficients = Lanes()
+    for lane in range(LANE_COUNT):
+        coefficients[lane] = constants[lane] * spring_coefficient(squared[lane], scale, rest_length)
+    return lanes_scaled(d, coefficients)
+
+
+@wp.func
+def pull_of_spring_lanes(
+    springs: SpringTable, numbers: wp.array[Lanes], points: wp.array[Lanes3], point: Lanes3, particle: wp.int32
+):
+    """Net force of a particle's springs in each world [N]."""
+    force = Lanes3()
+    begin = first_entry(springs, particle)
+    for slot in range(springs.valences[particle]):
+        entry = begin + SLICE * slot
+        end = springs.ends[entry]
+        scale = float(1.0)
+        if springs.scales.shape[0] > 0:
+            scale = springs.scales[entry]
+        d = points[end >> 2] - point
+        force += spring_force_lanes(d, numbers[end & 3], scale, springs.rest_lengths[entry])
+    return force
+
+
+@wp.func
+def body_force_lanes(numbers: wp.array[Lanes], share: float, up: wp.vec3, velocity: Lanes3):
+    """Gravity, helium and damping in each world [N]."""
+    masses = numbers[MASS]
+    gravity = numbers[GRAVITY]
+    helium = numbers[HELIUM]
+    damping = numbers[DAMPING]
+    force = Lanes3()
+    for lane in range(LANE_COUNT):
+        upward = lift(share * masses[lane], gravity[lane], helium[lane])
+        drag = share * damping[lane]
+        for axis in range(3):
+            force[axis, lane] = upward * up[axis] - drag * velocity[axis, lane]
+    return force
+
+
+@wp.func
+def inflation_lanes(numbers: wp.array[Lanes], time_in_frame: float):
+    """Force of the inflation along an aim of length one in each world [N]."""
+    begin = numbers[RAMP_BEGIN]
+    slope = numbers[RAMP_SLOPE]
+    forces = Lanes()
+    for lane in range(LANE_COUNT):
+        forces[lane] = push(begin[lane] + slope[lane] * time_in_frame)
+    return forces
+
+
+@wp.func
+def response_lanes(numbers: wp.array[Lanes], share: float, step_seconds: float):
+    """Velocity gained in a step for each newton, in each world [m/s/N]."""
+    masses = numbers[MASS]
+    responses = Lanes()
+    for lane in range(LANE_COUNT):
+        responses[lane] = response(share * masses[lane], step_seconds)
+    return responses
+
+
+@wp.func
+def move_particle_lanes(
+    bodies: BodyTable,
+    springs: SpringTable,
+    lanes: LaneState,
+    group: wp.int32,
+    time_in_frame: float,
+    step_seconds: float,
+    points: wp.array[Lanes3],
+    # out
+    new_points: wp.array[Lanes3],
+):
+    """Every particle by one substep, as if there were neither strings nor obstacles."""
+    for particle in range(points.shape[0]):
+        numbers = lanes.balloons[group, bodies.balloon[particle]]
+        share = bodies.mass_share[particle]
+        point = points[particle]
+        velocity = lanes.velocities[group, particle]
+        force = pull_of_spring_lanes(springs, numbers, points, point, particle)
+        force += lanes_scaled(lanes.aims[group, particle], inflation_lanes(numbers, time_in_frame))
+        force += body_force_lanes(numbers, share, bodies.up, velocity)
+        velocity += lanes_scaled(force, response_lanes(numbers, share, step_seconds))
+        lanes.velocities[group, particle] = velocity
+        new_points[particle] = point + step_seconds * velocity
+
+
+@wp.func
+def add_string_lanes(
+    bodies: BodyTable,
+    strings: StringTable,
+    state: WorldState,
+    lanes: LaneState,
+    group: wp.int32,
+    step_seconds: float,
+    points: wp.array[Lanes3],
+    # in and out
+    new_points: wp.array[Lanes3],
+):
+    """What strings at `points` add to a substep that was made without them, which is linear in the forces."""
+    for held in range(strings.particles.shape[0]):
+        particle = strings.particles[held]
+        if held == 0 or particle != strings.particles[held - 1]:
+            masses = lanes.balloons[group, bodies.balloon[particle], MASS]
+            for lane in range(LANE_COUNT):
+                world = world_of(state, group, lane)
+                force = pull_of_strings(strings, column(points[particle], lane), world, particle)
+                gain = response(bodies.mass_share[particle] * masses[lane], step_seconds) * force
+                velocity = column(lanes.velocities[group, particle], lane) + gain
+                point = column(new_points[particle], lane) + step_seconds * gain
+                lanes.velocities[group, particle] = set_column(lanes.velocities[group, particle], lane, velocity)
+                new_points[particle] = set_column(new_points[particle], lane, point)
+
+
+@wp.kernel(enable_backward=False)
+def advance_groups(
+    # model
+    bodies: BodyTable,
+    springs: SpringTable,
+    strings: StringTable,
+    obstacles: ObstacleTable,
+    faces: FaceTable,
+    fresh_normals: bool,
+    substeps: wp.int32,
+    step_seconds: float,
+    first_group: wp.int32,
+    # state in and out
+    state: WorldState,
+    lanes: LaneState,
+):
+    """A thread a group of eight worlds: one frame."""
+    group = first_group + wp.tid()
+    read_lanes(bodies, springs, obstacles, state, lanes, group)
+    points = lanes.points[group]
+    new_points = lanes.other_points[group]
+    for substep in range(substeps):
+        if substep % 2 == 1:
+            points = lanes.other_points[group]
+            new_points = lanes.points[group]
+        else:
+            points = lanes.points[group]
+            new_points = lanes.other_points[group]
+        time_in_frame = float(substep) * step_seconds
+        if substep == 0 or fresh_normals:
+            aim_all_lanes(faces, bodies, lanes, group, points)
+        move_sphere_lanes(bodies, obstacles, state, lanes, group, step_seconds)
+        move_particle_lanes(bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
+        add_string_lanes(bodies, strings, state, lanes, group, step_seconds, points, new_points)
+        leave_obstacle_lanes(bodies, obstacles, state, lanes, new_points, group, time_in_frame)
+    write_lanes(state, lanes, new_points, group)

@@ -1,0 +1,134 @@
+"""Spheres and ground in eight worlds side by side. Touching is rare: only then is each world looked at by itself."""
+
+import warp as wp
+
+from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState
+from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column, squared_lengths
+from balloon_warp.kernels.tables import BodyTable, ObstacleTable, WorldState, row_of_world
+
+
+@wp.func
+def move_sphere_lanes(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    state: WorldState,
+    lanes: LaneState,
+    group: wp.int32,
+    step_seconds: float,
+):
+    """Each sphere of each world by one substep, and its center into the lanes."""
+    for sphere in range(state.sphere_positions.shape[1]):
+        for lane in range(LANE_COUNT):
+            world = group * LANE_COUNT + lane
+            if world < state.points.shape[0]:
+                position, velocity = move_sphere(
+                    state.sphere_positions[world, sphere],
+                    state.sphere_velocities[world, sphere],
+                    state.sphere_forces[world, sphere]
+                    / obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere],
+                    obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
+                    bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
+                    bodies.up,
+                    obstacles.ground_height,
+                    obstacles.ground_restitution,
+                    step_seconds,
+                )
+                state.sphere_positions[world, sphere] = position
+                state.sphere_velocities[world, sphere] = velocity
+                state.sphere_forces[world, sphere] = wp.vec3()
+                for axis in range(3):
+                    lanes.sphere_centers[group, sphere][axis, lane] = position[axis]
+
+
+@wp.func
+def touches_sphere(lanes: LaneState, group: wp.int32, sphere: wp.int32, point: Lanes3):
+    """Whether a particle is inside a sphere in any of the worlds."""
+    gaps = squared_lengths(point - lanes.sphere_centers[group, sphere]) - lanes.sphere_squared_radii[group, sphere]
+    return wp.min(gaps) < 0.0
+
+
+@wp.func
+def touches_ground(obstacles: ObstacleTable, up: wp.vec3, point: Lanes3):
+    """Whether a particle is below the ground in any of the worlds."""
+    heights = Lanes()
+    for lane in range(LANE_COUNT):
+        heights[lane] = up[0] * point[0, lane] + up[1] * point[1, lane] + up[2] * point[2, lane]
+    return wp.min(heights) < obstacles.ground_height
+
+
+@wp.func
+def leave_sphere_lanes(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    state: WorldState,
+    lanes: LaneState,
+    points: wp.array[Lanes3],
+    group: wp.int32,
+    particle: wp.int32,
+    sphere: wp.int32,
+    time_in_frame: float,
+):
+    """A particle out of a sphere, world by world."""
+    for lane in range(LANE_COUNT):
+        world = group * LANE_COUNT + lane
+        if world < state.points.shape[0]:
+            point, velocity, outward = leave_sphere(
+                column(points[particle], lane),
+                column(lanes.velocities[group, particle], lane),
+                state.sphere_positions[world, sphere],
+                state.sphere_velocities[world, sphere],
+                obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
+                bodies.up,
+            )
+            if wp.length_sq(outward) > 0.0:
+                numbers = lanes.balloons[group, bodies.balloon[particle]]
+                k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
+                inflation = inflation_force(k_normal, column(lanes.aims[group, particle], lane))
+                penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
+                state.sphere_forces[world, sphere] += penalty_force(penalty, inflation, outward)
+                points[particle] = set_column(points[particle], lane, point)
+                lanes.velocities[group, particle] = set_column(lanes.velocities[group, particle], lane, velocity)
+
+
+@wp.func
+def leave_ground_lanes(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    lanes: LaneState,
+    points: wp.array[Lanes3],
+    group: wp.int32,
+    particle: wp.int32,
+):
+    """A particle up to the ground, world by world."""
+    for lane in range(LANE_COUNT):
+        point, velocity = leave_ground(
+            column(points[particle], lane),
+            column(lanes.velocities[group, particle], lane),
+            bodies.up,
+            obstacles.ground_height,
+            obstacles.ground_friction,
+        )
+        points[particle] = set_column(points[particle], lane, point)
+        lanes.velocities[group, particle] = set_column(lanes.velocities[group, particle], lane, velocity)
+
+
+@wp.func
+def leave_obstacle_lanes(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    state: WorldState,
+    lanes: LaneState,
+    points: wp.array[Lanes3],
+    group: wp.int32,
+    time_in_frame: float,
+):
+    """Every particle that is free to move, out of spheres and ground."""
+    for particle in range(points.shape[0]):
+        if bodies.mass_share[particle] > 0.0:
+            for sphere in range(state.sphere_positions.shape[1]):
+                if touches_sphere(lanes, group, sphere, points[particle]):
+                    leave_sphere_lanes(bodies, obstacles, state, lanes, points, group, particle, sphere, time_in_frame)
+            if touches_ground(obstacles, bodies.up, points[particle]):
+                leave_ground_lanes(bodies, obstacles, lanes, points, group, particle)

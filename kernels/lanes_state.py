@@ -1,0 +1,83 @@
+"""The state of eight worlds side by side: read from the worlds at the start of a frame, written back at its end."""
+
+import warp as wp
+
+from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column
+from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, WorldState, row_of_world, spring_constant
+
+# What a balloon has in `LaneState.balloons`: a number in each world.
+MASS = wp.constant(3)  # 0, 1 and 2 are the spring constants of the kinds
+HELIUM = wp.constant(4)
+DAMPING = wp.constant(5)
+GRAVITY = wp.constant(6)
+RAMP_BEGIN = wp.constant(7)
+RAMP_SLOPE = wp.constant(8)
+BALLOON_NUMBERS = 9
+
+
+@wp.struct
+class LaneState:
+    """Working memory, a row for each group of eight worlds."""
+
+    points: wp.array2d[Lanes3]
+    other_points: wp.array2d[Lanes3]
+    velocities: wp.array2d[Lanes3]
+    aims: wp.array2d[Lanes3]
+    face_centers: wp.array2d[Lanes3]
+    face_area_vectors: wp.array2d[Lanes3]
+    balloon_areas: wp.array2d[Lanes]
+    balloons: wp.array3d[Lanes]
+    sphere_centers: wp.array2d[Lanes3]
+    sphere_squared_radii: wp.array2d[Lanes]
+
+
+@wp.func
+def world_of(state: WorldState, group: wp.int32, lane: wp.int32):
+    """The world in a lane; lanes that are left over in the last group copy the last world."""
+    return wp.min(group * LANE_COUNT + lane, state.points.shape[0] - 1)
+
+
+@wp.func
+def read_lanes(
+    bodies: BodyTable,
+    springs: SpringTable,
+    obstacles: ObstacleTable,
+    state: WorldState,
+    lanes: LaneState,
+    group: wp.int32,
+):
+    """Into the lanes, what a frame begins with."""
+    for lane in range(LANE_COUNT):
+        world = world_of(state, group, lane)
+        for particle in range(state.points.shape[1]):
+            for axis in range(3):
+                lanes.points[group, particle][axis, lane] = state.points[world, particle][axis]
+                lanes.velocities[group, particle][axis, lane] = state.velocities[world, particle][axis]
+        for balloon in range(state.inflation_ramp.shape[1]):
+            for kind in range(3):
+                lanes.balloons[group, balloon, kind][lane] = spring_constant(springs, world, balloon, kind)
+            mass = bodies.mass[row_of_world(world, bodies.mass.shape[0]), balloon]
+            helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon]
+            damping = bodies.damping[row_of_world(world, bodies.damping.shape[0]), balloon]
+            gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+            lanes.balloons[group, balloon, MASS][lane] = mass
+            lanes.balloons[group, balloon, HELIUM][lane] = helium
+            lanes.balloons[group, balloon, DAMPING][lane] = damping
+            lanes.balloons[group, balloon, GRAVITY][lane] = gravity
+            lanes.balloons[group, balloon, RAMP_BEGIN][lane] = state.inflation_ramp[world, balloon][0]
+            lanes.balloons[group, balloon, RAMP_SLOPE][lane] = state.inflation_ramp[world, balloon][1]
+        for sphere in range(state.sphere_positions.shape[1]):
+            radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
+            lanes.sphere_squared_radii[group, sphere][lane] = radius * radius
+
+
+@wp.func
+def write_lanes(state: WorldState, lanes: LaneState, points: wp.array[Lanes3], group: wp.int32):
+    """Out of the lanes, what a frame ends with."""
+    for lane in range(LANE_COUNT):
+        world = group * LANE_COUNT + lane
+        if world < state.points.shape[0]:
+            for particle in range(state.points.shape[1]):
+                state.points[world, particle] = column(points[particle], lane)
+                state.velocities[world, particle] = column(lanes.velocities[group, particle], lane)
+                state.inflation_aims[world, particle] = column(lanes.aims[group, particle], lane)

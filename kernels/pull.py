@@ -1,0 +1,64 @@
+"""What a particle's springs and strings sum to, for schedules in which a particle gathers its own forces."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.springs import spring_coefficient, squared_length, string_coefficient
+from balloon_warp.kernels.tables import (
+    CHUNK,
+    SLICE,
+    SpringTable,
+    StringTable,
+    first_entry,
+    row_of_world,
+    spring_constants,
+)
+
+
+@cache
+def spring_puller(springs_vary: bool) -> Any:
+    """The function that sums a particle's springs; without the scales if they are all 1."""
+
+    @wp.func
+    def pull_of_springs(
+        springs: SpringTable,
+        points: Any,
+        first: wp.int32,
+        point: wp.vec3,
+        world: wp.int32,
+        balloon: wp.int32,
+        particle: wp.int32,
+    ):
+        """Net force of a particle's springs [N]; particle p stands at `points[first + p]`."""
+        force = wp.vec3()
+        constants = spring_constants(springs, world, balloon)
+        begin = first_entry(springs, particle)
+        for chunk in range(begin, begin + SLICE * springs.valences[particle], SLICE * CHUNK):
+            for slot in range(CHUNK):
+                entry = chunk + SLICE * slot
+                scale = float(1.0)
+                if wp.static(springs_vary):
+                    scale = springs.scales[entry]
+                end = springs.ends[entry]
+                d = points[first + (end >> 2)] - point
+                coefficient = spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry])
+                force += constants[end & 3] * coefficient * d
+        return force
+
+    return pull_of_springs
+
+
+@wp.func
+def pull_of_strings(strings: StringTable, point: wp.vec3, world: wp.int32, particle: wp.int32):
+    """Net force of the strings that hold a particle [N]."""
+    force = wp.vec3()
+    if strings.offsets.shape[0] > 0:
+        for held in range(strings.offsets[particle], strings.offsets[particle + 1]):
+            string = strings.order[held]
+            d = strings.anchors[string] - point
+            length = strings.lengths[row_of_world(world, strings.lengths.shape[0]), string]
+            stiffness = strings.stiffness[row_of_world(world, strings.stiffness.shape[0]), string]
+            force += string_coefficient(squared_length(d), stiffness, length) * d
+    return force

@@ -1,0 +1,141 @@
+"""The model as the schedules without atomics read it: what a particle needs, found from the particle.
+
+The schedules fill these; see `balloon_warp.model.Model` for the shapes of what is named alike there.
+"""
+
+import warp as wp
+
+SLICE = wp.constant(32)
+"""particles of a slice of the spring table: the threads of a warp"""
+CHUNK = wp.constant(4)
+"""springs that a particle loads together"""
+
+
+@wp.struct
+class SpringTable:
+    """The springs of each particle, each spring so twice.
+
+    In slices of 32 particles, the threads of a warp: spring `slot` of particle p stands at
+    `slice_offsets[p // 32] + 32 * slot + p % 32`, so that 32 threads load 32 neighbors. A particle's slots are filled
+    up to a multiple of four with springs that do nothing.
+    """
+
+    slice_offsets: wp.array[wp.int32]
+    valences: wp.array[wp.int32]
+    """springs of each particle"""
+    ends: wp.array[wp.int32]
+    """four times the particle at the other end, plus the spring's kind"""
+    scales: wp.array[float]
+    """a spring's constant over that of its kind; empty if all are 1"""
+    rest_lengths: wp.array[float]
+    """times the scale [m]"""
+    stiffness: wp.array3d[float]
+
+
+@wp.struct
+class StringTable:
+    """Strings sorted by the particle that they hold: those of p are `offsets[p]` to `offsets[p + 1]`."""
+
+    offsets: wp.array[wp.int32]
+    """empty if there are no strings"""
+    particles: wp.array[wp.int32]
+    """the particle that each holds, in order"""
+    order: wp.array[wp.int32]
+    """the string's number in the model"""
+    anchors: wp.array[wp.vec3]
+    lengths: wp.array2d[float]
+    stiffness: wp.array2d[float]
+
+
+@wp.struct
+class BodyTable:
+    """What pulls at a particle by itself."""
+
+    balloon: wp.array[wp.int32]
+    mass_share: wp.array[float]
+    mass: wp.array2d[float]
+    helium: wp.array2d[float]
+    damping: wp.array2d[float]
+    gravity: wp.array[float]
+    up: wp.vec3
+
+
+@wp.struct
+class ObstacleTable:
+    """What particles bump into."""
+
+    sphere_mass: wp.array2d[float]
+    sphere_radius: wp.array2d[float]
+    sphere_penalty: wp.array2d[float]
+    ground_height: float
+    ground_friction: float
+    ground_restitution: float
+
+
+@wp.struct
+class FaceTable:
+    """Faces, and the faces around each particle."""
+
+    offsets: wp.array[wp.int32]
+    particles: wp.array[wp.int32]
+    balloon: wp.array[wp.int32]
+    balloon_offsets: wp.array[wp.int32]
+    """where each balloon's faces begin, and after the last, where they end"""
+    particle_offsets: wp.array[wp.int32]
+    around_particles: wp.array[wp.int32]
+
+
+@wp.struct
+class WorldState:
+    """The arrays of `balloon_warp.model.State` that a schedule reads a frame from and writes it to."""
+
+    frame: wp.array[wp.int32]
+    points: wp.array2d[wp.vec3]
+    velocities: wp.array2d[wp.vec3]
+    inflation_aims: wp.array2d[wp.vec3]
+    inflation_ramp: wp.array2d[wp.vec2]
+    sphere_positions: wp.array2d[wp.vec3]
+    sphere_velocities: wp.array2d[wp.vec3]
+    sphere_forces: wp.array2d[wp.vec3]
+
+
+@wp.func
+def row_of_world(world: wp.int32, rows: wp.int32):
+    """`world % rows` for a parameter with one row, or one for each world, without a division."""
+    return wp.where(rows == 1, 0, world)
+
+
+@wp.func
+def particle_mass(bodies: BodyTable, world: wp.int32, particle: wp.int32):
+    """[kg], 0 for a fixed particle."""
+    mass = bodies.mass[row_of_world(world, bodies.mass.shape[0]), bodies.balloon[particle]]
+    return bodies.mass_share[particle] * mass
+
+
+@wp.func
+def particle_damping(bodies: BodyTable, world: wp.int32, particle: wp.int32):
+    """[N s/m]"""
+    damping = bodies.damping[row_of_world(world, bodies.damping.shape[0]), bodies.balloon[particle]]
+    return bodies.mass_share[particle] * damping
+
+
+@wp.func
+def spring_constant(springs: SpringTable, world: wp.int32, balloon: wp.int32, kind: wp.int32):
+    """Of a kind of springs [N/m]."""
+    return springs.stiffness[row_of_world(world, springs.stiffness.shape[0]), balloon, kind]
+
+
+@wp.func
+def spring_constants(springs: SpringTable, world: wp.int32, balloon: wp.int32):
+    """Of each kind of springs [N/m]."""
+    return wp.vec3(
+        spring_constant(springs, world, balloon, 0),
+        spring_constant(springs, world, balloon, 1),
+        spring_constant(springs, world, balloon, 2),
+    )
+
+
+@wp.func
+def first_entry(springs: SpringTable, particle: wp.int32):
+    """Where a particle's first spring stands; the next is `SLICE` further."""
+    return springs.slice_offsets[particle >> 5] + (particle & 31)

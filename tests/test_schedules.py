@@ -1,0 +1,190 @@
+"""Every schedule against `scatter`, against itself, and a world alone against the same world in a batch."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import mesh_of, prism, quad_sphere
+
+from balloon_warp.errors import InputError
+from balloon_warp.model import build_model, initial_state
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.scene.load import bundled_scenes, load_scene
+from balloon_warp.schedules import make_schedule
+from balloon_warp.simulator import Simulator
+
+ROUNDING = 1e-5
+"""Difference allowed after a short run [m], of bodies some meters large: a float32 there is rounded by up to 2e-7, a
+run adds some ten of those, and springs and contacts pass them on. Longer runs differ by more, since colliding bodies
+are chaotic: a difference doubles every few frames."""
+
+
+def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
+    """Two balloons, with all that a scene can have: n-gons, fixed and unused particles, springs that vary."""
+    ball = quad_sphere(4, radius=0.5)
+    ball = mesh_of([*ball.points, (9.0, 9.0, 9.0)], ball.face_vertex_indices.reshape(-1, 4).tolist())
+    return Scene(
+        normals=normals,
+        substeps=48,
+        balloon=[
+            Balloon(
+                mesh=ball,
+                position=(0.0, 0.49, 0.0),
+                helium=3.0,
+                damping=0.2,
+                stiffness=Stiffness(variation=0.3),
+                inflation=Inflation(k_normal=[(0.0, 0.1), (0.03, 0.5), (0.1, 0.2)]),
+                fixed=[3, 17],
+            ),
+            Balloon(mesh=prism(5), position=(3.0, 0.85, 0.0), rotation=(20.0, 30.0, 0.0), mass=0.2),
+        ],
+        sphere=[
+            Sphere(position=(0.1, 1.13, 0.0), radius=0.2, mass=0.4, velocity=(0.0, -1.0, 0.0)),
+            Sphere(position=(3.2, 2.1, 0.4), radius=0.5, mass=2.0, penalty=2.0, velocity=(0.0, -3.0, 0.0)),
+            Sphere(position=(-2.0, 0.3, 0.0), radius=0.29),
+        ],
+        string=[
+            String(anchor=(0.0, 0.0, 0.0), particle="highest", length=0.8),
+            String(anchor=(5.0, 1.0, 0.0), balloon=1, particle=4, length=0.5),
+            String(anchor=(5.0, 2.0, 0.0), balloon=1, particle=4, length=30.0),
+        ],
+        ground=Ground(),
+    )
+
+
+def bare() -> Scene:
+    """A balloon and nothing else."""
+    return Scene(balloon=[Balloon(mesh=quad_sphere(3), helium=12.0)], substeps=33)
+
+
+SCENES = {"everything": everything(), "fresh": everything("fresh"), "bare": bare()}
+
+
+@pytest.fixture(params=["gather", "lanes", "block"])
+def schedule(request: pytest.FixtureRequest, device: str) -> str:
+    """Each schedule that is tested against `scatter`, where it runs."""
+    if request.param == "lanes" and device != "cpu":
+        pytest.skip("lanes is for the CPU")
+    return request.param
+
+
+def after_frames(scene: Scene, schedule: str, device: str, frames: int = 3, worlds: int = 1) -> Simulator:
+    simulator = Simulator(scene, device, worlds, schedule=schedule)
+    for _ in range(frames):
+        simulator.step()
+    return simulator
+
+
+def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
+    return {name: array.numpy() for name, array in vars(simulator.state).items()}
+
+
+def advance_both(scene: Scene, schedule: str, device: str, settled: int, frames: int) -> list[dict[str, np.ndarray]]:
+    """The states that `schedule` and `scatter` reach from what `scatter` reached after `settled` frames, and that."""
+    start = after_frames(scene, "scatter", device, settled)
+    states = []
+    for name in (schedule, "scatter"):
+        simulator = Simulator(scene, device, schedule=name)
+        for field, array in vars(start.state).items():
+            wp.copy(getattr(simulator.state, field), array)
+        for _ in range(frames):
+            simulator.step()
+        states.append(arrays(simulator))
+    return [*states, arrays(start)]
+
+
+def assert_close(found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float) -> None:
+    for name in ("points", "sphere_positions", "inflation_aims"):
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=tolerance, err_msg=name)
+    np.testing.assert_array_equal(found["frame"], expected["frame"])
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_a_schedule_gives_scatters_trajectory(scene, schedule, device):
+    found, expected, start = advance_both(scene, schedule, device, settled=2, frames=3)
+    assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING  # there is something to compare
+    assert_close(found, expected, ROUNDING if scene.normals == "cached" else 10 * ROUNDING)
+
+
+def test_the_scene_with_everything_has_contacts(device):
+    """Or the test above would say nothing about them."""
+    state = arrays(after_frames(everything(), "scatter", device, frames=4))
+    assert (np.abs(state["sphere_forces"]).sum(axis=-1) > 0.0)[0, :2].all()
+    assert state["points"][..., 1].min() == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule, device):
+    """A frame in the thick of the action.
+
+    With fresh normals a particle between two faces may take the area of either: then a hundredth of the movement.
+    """
+    scene = load_scene(name)
+    found, expected, start = advance_both(scene, schedule, device, settled=30, frames=1)
+    assert np.abs(expected["points"] - start["points"]).max() > 500 * ROUNDING
+    assert_close(found, expected, ROUNDING if scene.normals == "cached" else 10 * ROUNDING)
+
+
+@pytest.mark.parametrize("normals", ["cached", "fresh"])
+def test_a_run_repeats_to_the_last_bit(normals, schedule, device):
+    first, second = (arrays(after_frames(everything(normals), schedule, device, worlds=9)) for _ in range(2))
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+@pytest.mark.parametrize("normals", ["cached", "fresh"])
+def test_a_world_alone_is_the_same_world_in_a_batch(normals, schedule, device):
+    """To the last bit, also in a batch that no eight divide, beside a world that starts elsewhere."""
+    alone = arrays(after_frames(everything(normals), schedule, device))
+    batch = Simulator(everything(normals), device, 11, schedule=schedule)
+    points = batch.state.points.numpy()
+    points[4] += (0.0, 0.05, 0.0)
+    wp.copy(batch.state.points, wp.array(points, dtype=wp.vec3, device=device))
+    for _ in range(3):
+        batch.step()
+    for name, of_batch in arrays(batch).items():
+        if name != "frame":
+            for world in (0, 3, 5, 10):
+                np.testing.assert_array_equal(of_batch[world], alone[name][0], err_msg=f"{name} of world {world}")
+    assert (arrays(batch)["points"][4] != alone["points"][0]).any()
+
+
+PER_WORLD = ["stiffness", "mass", "helium", "damping", "keyframe_values", "gravity"]
+PER_WORLD += ["sphere_mass", "sphere_radius", "sphere_penalty", "string_length", "string_stiffness"]
+
+
+def states_of_worlds(factors: list[float], schedule: str, device: str) -> list[np.ndarray]:
+    """Points and sphere positions of a batch in which each parameter of a world is multiplied by its factor."""
+    model = build_model(everything(), wp.get_device(device), len(factors))
+    rows = {name: getattr(model, name).numpy() for name in PER_WORLD}
+    varied = {
+        name: wp.array(np.concatenate([factor * row for factor in factors]), dtype=float, device=device)
+        for name, row in rows.items()
+    }
+    model = replace(model, **varied)
+    state = initial_state(model)
+    advance = make_schedule(model, schedule)
+    for _ in range(3):
+        advance.advance_frame(state)
+    return [state.points.numpy(), state.sphere_positions.numpy()]
+
+
+def test_parameters_of_worlds_may_differ(schedule, device):
+    """Each world of such a batch is that world alone, to the last bit."""
+    factors = [1.0, 0.9, 1.05]
+    batch = states_of_worlds(factors, schedule, device)
+    for world, factor in enumerate(factors):
+        for of_batch, of_one in zip(batch, states_of_worlds([factor], schedule, device), strict=True):
+            np.testing.assert_array_equal(of_batch[world], of_one[0])
+
+
+def test_an_unknown_schedule_is_refused():
+    with pytest.raises(InputError, match="--schedule weave: no such schedule; there are auto, scatter, gather"):
+        Simulator(bare(), "cpu", schedule="weave")
+
+
+def test_auto_takes_a_schedule_and_says_which():
+    assert Simulator(bare(), "cpu").schedule.name == "gather"
+    assert Simulator(bare(), "cpu", 8).schedule.name == "lanes"
