@@ -67,10 +67,10 @@ class Simulator:
         self._begin(build_model(scene, pick_device(device), world_count, vary), schedule)
 
     @classmethod
-    def of_model(cls, model: Model) -> Self:
+    def of_model(cls, model: Model, schedule: str = "auto") -> Self:
         """A simulator of a model that is laid out already."""
         simulator = cls.__new__(cls)
-        simulator._begin(model, "auto")
+        simulator._begin(model, schedule)
         return simulator
 
     def _begin(self, model: Model, schedule: str) -> None:

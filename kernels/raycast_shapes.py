@@ -14,7 +14,7 @@ class Shapes:
     normals: wp.array[wp.vec3]
     """unit normals, one a vertex"""
     colors: wp.array[wp.vec3]
-    """linear RGB, one a vertex"""
+    """linear RGB, one a corner: faces that share a vertex may differ there"""
     finishes: wp.array[wp.vec3]
     """roughness, opacity and clearcoat, one a triangle"""
     capsules: wp.uint64
@@ -125,7 +125,9 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
             b = shapes.corners[3 * query.face + 1]
             c = shapes.corners[3 * query.face + 2]
             w = 1.0 - query.u - query.v
-            hit.color = query.u * shapes.colors[a] + query.v * shapes.colors[b] + w * shapes.colors[c]
+            corner = 3 * query.face
+            hit.color = query.u * shapes.colors[corner] + query.v * shapes.colors[corner + 1]
+            hit.color += w * shapes.colors[corner + 2]
             hit.finish = shapes.finishes[query.face]
             smooth = query.u * shapes.normals[a] + query.v * shapes.normals[b] + w * shapes.normals[c]
             facing = query.normal

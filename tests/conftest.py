@@ -1,7 +1,13 @@
 """What all tests share."""
 
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 import warp as wp
+
+import balloon_warp
 
 wp.config.log_level = wp.LOG_ERROR
 
@@ -12,3 +18,13 @@ def device(request: pytest.FixtureRequest) -> str:
     if request.param != "cpu" and not wp.is_cuda_available():
         pytest.skip("needs a GPU")
     return request.param
+
+
+@pytest.fixture(scope="session", autouse=True)
+def package_of_this_process() -> Iterator[None]:
+    """Every process that a test starts imports the package that the tests import, wherever it starts: an installed
+    copy may be another."""
+    tested = str(Path(balloon_warp.__path__[0]).resolve().parent)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", tested, prepend=os.pathsep)
+        yield

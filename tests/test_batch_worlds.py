@@ -99,18 +99,18 @@ def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
 )
 def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tuple[float, float]):
     """To the last bit on the CPU, where the order of the sums is fixed; and the two worlds do differ."""
-    batch = run(Simulator(everything(), "cpu", 2, {path: np.array(values)}, schedule="gather"))
+    batch = run(Simulator(everything(), "cpu", 2, {path: np.array(values)}, schedule="lanes"))
     for world, value in enumerate(values):
-        alone = run(Simulator(override_scene(everything(), [(path, value)]), "cpu", schedule="gather"))
+        alone = run(Simulator(override_scene(everything(), [(path, value)]), "cpu", schedule="lanes"))
         np.testing.assert_array_equal(end_state(batch, world), end_state(alone, 0))
     assert np.abs(end_state(batch, 0) - end_state(batch, 1)).max() > 1e-4
 
 
 def test_several_things_differ_at_once_and_the_last_named_wins():
     vary = {"balloon.mass": np.array([0.1, 0.2]), "balloon.0.mass": np.array([0.15, 0.3]), "gravity": [1.0, 2.0]}
-    batch = run(Simulator(everything(), "cpu", 2, vary, schedule="gather"))
+    batch = run(Simulator(everything(), "cpu", 2, vary, schedule="lanes"))
     overrides = [("balloon.mass", 0.2), ("balloon.0.mass", 0.3), ("gravity", 2.0)]
-    alone = run(Simulator(override_scene(everything(), overrides), "cpu", schedule="gather"))
+    alone = run(Simulator(override_scene(everything(), overrides), "cpu", schedule="lanes"))
     np.testing.assert_array_equal(end_state(batch, 1), end_state(alone, 0))
 
 

@@ -151,7 +151,7 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
 
 
 @pytest.mark.parametrize(
-    "name", ["squirrel_inflate", "turtle_inflate", "bowl_to_sphere", "squirrel_tether", "net_forces", "squirrel_squish"]
+    "name", ["squirrel_inflate", "turtle_inflate", "bowl_to_sphere", "squirrel_tether", "net_forces"]
 )
 def test_scenes_do_not_flutter(name: str):
     """When the action is over, hardly any particle changes its velocity from frame to frame by more than a third of a

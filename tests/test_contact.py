@@ -1,6 +1,7 @@
 """Spheres, ground and strings, against closed forms."""
 
 import numpy as np
+import pytest
 import warp as wp
 from meshes import cube, quad_sphere
 
@@ -113,3 +114,27 @@ def test_a_slack_string_does_nothing_and_a_taut_one_holds(device):
     run_frames(simulator, 395)
     length = np.linalg.norm(simulator.read_frame().points[0][held])
     np.testing.assert_allclose(length, 1.5 + lift / 30.0, rtol=0.01)
+
+
+@pytest.mark.parametrize(("speed", "left"), [(0.1, 0.0), (0.4, 0.0), (0.8, 0.3)])
+def test_friction_stops_a_slow_slider_and_does_not_turn_it_back(device, speed: float, left: float):
+    """Landing at 1 m/s, friction 0.5 takes at most 0.5 m/s of the sliding speed, and no more than there is."""
+    scene = Scene(balloon=[still_cube()], ground=Ground(friction=0.5), gravity=0.0, substeps=1)
+    simulator = Simulator(scene, device)
+    landing = np.tile([speed, -1.0, 0.0], (1, 8, 1))
+    wp.copy(simulator.state.velocities, wp.array(landing, dtype=wp.vec3, device=device))
+    velocities = run_frames(simulator, 1).read_frame().velocities[0]
+    touching = cube().points[:, 1] == 0.0
+    np.testing.assert_allclose(velocities[touching], [[left, 0.0, 0.0]] * 4, atol=1e-6)  # rounding of 1 m/s
+    np.testing.assert_allclose(velocities[~touching], landing[0, :4], atol=1e-6)
+
+
+def test_penalty_follows_the_ramp_of_k_normal_within_a_frame(device):
+    """Each substep's contact acts in the next: of four substeps, k_normal at the begin of the first three counts."""
+    corner = cube().points[6]
+    sphere = Sphere(position=tuple(corner + [0.0, 0.15, 0.0]), radius=0.2, mass=3.0, penalty=2.0)
+    balloon = still_cube(inflation=Inflation(k_normal=[(0.0, 0.2), (0.001, 1.0)]))
+    scene = Scene(balloon=[balloon], sphere=[sphere], gravity=0.0, substeps=4, frames_per_second=1000)
+    velocity = run_frames(Simulator(scene, device), 1).read_frame().sphere_velocities[0]
+    expected = (0.001 / 4) * 2.0 * (100.0 * (0.2 + 0.4 + 0.6) / 6.0) / 3.0
+    np.testing.assert_allclose(velocity[1], expected, rtol=0.01)  # the corner has moved by some micrometers

@@ -6,8 +6,7 @@ import warp as wp
 from meshes import cube, mesh_of, quad_sphere
 
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
-from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)
@@ -155,6 +154,24 @@ def test_stable_step_holds_and_is_not_wasteful(device):
         Simulator(scene.model_copy(update={"substeps": fewest // 2}), device)
 
 
+def test_a_stiff_string_is_part_of_the_stable_step(device):
+    """One particle moves, on a string far stiffer than its springs: it comes to rest at F / k beyond the length."""
+    balloon = triangle_balloon(fixed=[1, 2], helium=20.0, damping=6.0)
+    string = String(anchor=(0.0, 0.9, 0.0), particle=0, stiffness=1e5)
+    frame = simulated(Scene(balloon=[balloon], string=[string], frames=60), device).read_frame()
+    # exp(-10) of the ringing is left, so what counts is that float32 has steps of 1e-7 m at a height of 1 m
+    np.testing.assert_allclose(frame.points[0][0], [0.0, 1.0 + 0.3 * (20.0 - 9.81) / 1e5, 0.0], atol=5e-7)
+    assert np.abs(frame.velocities[0]).max() < 1e-3
+
+
+def test_heavy_damping_is_part_of_the_stable_step(device):
+    """Damping far faster than the springs: the balloon sinks at m g / c."""
+    scene = Scene(balloon=[triangle_balloon(damping=60.0)], frames=60)
+    velocities = simulated(scene, device).read_frame().velocities[0]
+    # the difference to m g / c shrinks by exp(-200) in theory: rounding is left, of positions and so of spring forces
+    np.testing.assert_allclose(velocities, [[0.0, -0.3 * 9.81 / 60.0, 0.0]] * 3, atol=1e-5)
+
+
 def test_a_blow_up_names_frame_and_particle(device):
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), device)
     simulator.step()
@@ -162,6 +179,17 @@ def test_a_blow_up_names_frame_and_particle(device):
     velocities[0, 5] = np.inf
     wp.copy(simulator.state.velocities, wp.array(velocities, dtype=wp.vec3, device=device))
     with pytest.raises(BlowUpError, match="in frame 2, world 0: particle"):
+        simulator.step()
+
+
+def test_a_blow_up_names_its_world_among_others(device):
+    """Without springs nothing spreads: one particle of one world is bad."""
+    balloon = Balloon(mesh=cube(), stiffness=Stiffness(structural=0.0, shear=0.0, flexion=0.0), inflation=NO_INFLATION)
+    simulator = Simulator(Scene(balloon=[balloon], substeps=1), device, world_count=4)
+    velocities = simulator.state.velocities.numpy()
+    velocities[2, 5] = np.inf
+    wp.copy(simulator.state.velocities, wp.array(velocities, dtype=wp.vec3, device=device))
+    with pytest.raises(BlowUpError, match="in frame 1, world 2: particle 5 is no longer"):
         simulator.step()
 
 

@@ -4,18 +4,19 @@ import errno
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
-from pxr import Usd, UsdGeom
-from render_stages import add_ground, add_mesh, add_sphere, new_stage, quad_sphere
+from pxr import Gf, Usd, UsdGeom
+from render_stages import add_camera, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere
 
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.outputs.files import whole_file
 from balloon_warp.outputs.render import render, render_stage
 
-SMALL = {"size": (64, 36), "samples": 1, "device": "cpu"}
+SMALL: dict[str, Any] = {"size": (64, 36), "samples": 1, "device": "cpu"}
 
 
 @pytest.fixture
@@ -202,3 +203,84 @@ def test_other_peoples_stages(tmp_path: Path):
         seen.append(np.asarray(Image.open(tmp_path / "a.png")).astype(int))
     assert np.ptp(seen[0]) > 100
     assert (seen[0] == seen[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("setting", "output", "sentence"),
+    [
+        ("timeCodesPerSecond = 0", "a.gif", r"timeCodesPerSecond is 0; expected 0\.01 to 1000 for a \.gif"),
+        ("endTimeCode = inf", "a.png", "time codes go from 0 to inf; expected finite ones"),
+        ("endTimeCode = -3", "a.png", "time codes go from 0 to -3; expected finite ones, in order"),
+        ("endTimeCode = 1000000000000", "a.gif", r"has frames 0 to 1e\+12; expected at most 1000000"),
+    ],
+)
+def test_impossible_times_get_a_sentence(setting: str, output: str, sentence: str, tmp_path: Path):
+    name = setting.split()[0]
+    text = _ball_and(tmp_path).read_text().splitlines()
+    (tmp_path / "b.usda").write_text("\n".join(f"    {setting}" if name in line else line for line in text))
+    with pytest.raises(InputError, match=sentence):
+        render_stage(tmp_path / "b.usda", tmp_path / output, **SMALL)
+
+
+def test_a_range_without_a_whole_frame_shows_the_next(tmp_path: Path):
+    path = _ball_and(tmp_path)
+    path.write_text(path.read_text().replace("startTimeCode = 0", "startTimeCode = 0.2"))
+    path.write_text(path.read_text().replace("endTimeCode = 0", "endTimeCode = 0.7"))
+    assert render_stage(path, tmp_path / "a.png", **SMALL) == [1]
+
+
+@pytest.mark.parametrize("data", ["text", {"pictureFrame": "soon"}, {"pictureFrame": 0.5}])
+def test_what_names_no_picture_frame_is_passed_over(stage: Path, data: object, tmp_path: Path):
+    opened = Usd.Stage.Open(str(stage))
+    opened.GetRootLayer().customLayerData = {"balloonWarp": data}
+    opened.GetRootLayer().Save()
+    assert render_stage(stage, tmp_path / "a.png", **SMALL) == [47]
+
+
+@pytest.mark.parametrize(
+    ("break_it", "sentence"),
+    [
+        (
+            lambda made: add_camera(made, 5.0, 0.0),
+            "Camera at frame 0 has an aperture of .* focal length of 0; expected",
+        ),
+        (lambda made: add_camera(made, 5.0, 50.0, 0.0), "Camera at frame 0 has an aperture of 0 "),
+        (lambda made: add_camera(made, 5.0, 50.0).AddScaleOp().Set(Gf.Vec3f(0.0)), "Camera .* is scaled to nothing"),
+        (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 3, [4, -1], 0.1, [(1, 0, 0)]), "a curve has -1 points"),
+        (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 3, [4], 0.1, [(1, 0, 0)]), "has 3 points .* expected 4"),
+        (lambda made: add_curves(made, "Lines", [(0, 0, 0)] * 2, [2], np.nan, [(1, 0, 0)]), "a width is negative or"),
+        (lambda made: add_sphere(made, "Bad", (0, 0, 0), np.inf, (1, 0, 0)), "its center or radius at frame 0 is not"),
+        (lambda made: add_mesh(made, "Bad", np.eye(3), [4, -1], [0, 1, 2], (1, 0, 0)), "its faces do not fit its 3"),
+    ],
+)
+def test_impossible_prims_get_a_sentence(break_it: Callable[[Usd.Stage], object], sentence: str, tmp_path: Path):
+    path = _ball_and(tmp_path, break_it)
+    with pytest.raises(InputError, match=sentence):
+        render_stage(path, tmp_path / "a.png", **SMALL)
+
+
+def test_usd_keeps_its_warnings_to_itself(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
+    path = _ball_and(tmp_path, lambda made: made.DefinePrim("/World/Gone").GetReferences().AddReference("./gone.usda"))
+    capfd.readouterr()
+    render_stage(path, tmp_path / "a.png", **SMALL)
+    assert "gone" not in capfd.readouterr().err
+
+
+def test_a_long_gif_has_at_most_120_pictures(tmp_path: Path):
+    path = tmp_path / "long.usda"
+    made = new_stage(path, frames=1000)
+    made.SetTimeCodesPerSecond(10)
+    add_sphere(made, "Ball", (0, 0, 0), 1.0, (1, 0, 0))
+    made.GetRootLayer().Save()
+    frames = render_stage(path, tmp_path / "a.gif", size=(8, 8), samples=1, device="cpu")
+    # 1000 / 120 = 8.3: every ninth frame.
+    assert frames == list(range(0, 1000, 9))
+
+
+def _ball_and(folder: Path, change: Callable[[Usd.Stage], object] = lambda made: None) -> Path:
+    """A stage of one frame with a ball and something else."""
+    made = new_stage(folder / "ball.usda")
+    add_sphere(made, "Ball", (0, 0, 0), 1.0, (1, 0, 0))
+    change(made)
+    made.GetRootLayer().Save()
+    return folder / "ball.usda"

@@ -7,7 +7,8 @@ import warp as wp
 from render_stages import quad_sphere
 
 from balloon_warp.kernels.raycast_film import srgb_byte, tone
-from balloon_warp.kernels.raycast_shapes import capsule_distance
+from balloon_warp.kernels.raycast_shapes import Hit, Shapes, capsule_distance
+from balloon_warp.kernels.raycast_surface import sky_share
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.camera import MARGIN, CameraFit
 from balloon_warp.outputs.render.sampling import TILE, disc_points
@@ -143,3 +144,63 @@ def test_disc_samples_of_a_tile_are_spread_evenly():
     # Uniform in area: mean at the middle, mean squared distance 1/2. 64 random points would be off by 0.06 and 0.04.
     assert points.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.03)
     assert (points**2).sum(axis=1).mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_cube_stays_a_cube():
+    points, counts, indices = quad_sphere(1)  # a cube's, but for its size
+    corners = np.sign(points)
+    surface = SmoothSurface(PolygonMesh(corners, counts.astype(np.int32), indices.astype(np.int32)), creased=True)
+    points, normals = surface.place(corners)
+    # Four vertices a side; then the sides' 5, and then their 16 edges' and triangles' middles: a 5 x 5 grid.
+    assert len(points) == surface.vertex_count == 6 * 25
+    assert np.abs(normals).max(axis=1) == pytest.approx(1.0)
+    assert np.einsum("ij,ij->i", points, normals) == pytest.approx(1.0)
+    assert np.abs(points).max() == pytest.approx(1.0)
+
+
+def test_a_crease_between_a_round_and_a_flat_side_has_no_gap():
+    sides = 12  # 30 degrees from one to the next, which is smooth; 90 to the lids
+    angle = 2 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.cos(angle), np.zeros(sides), -np.sin(angle)], axis=1)
+    points = np.concatenate([ring - [0, 1, 0], ring + [0, 1, 0]])
+    here = np.arange(sides)
+    after = (here + 1) % sides
+    walls = np.stack([here, after, after + sides, here + sides], axis=1).ravel()
+    indices = np.concatenate([walls, here[::-1], here + sides]).astype(np.int32)
+    can = PolygonMesh(points, np.array([4] * sides + [sides] * 2, np.int32), indices)
+    surface = SmoothSurface(can, creased=True)
+    placed, normals = surface.place(points)
+    round_side = np.abs(normals[:, 1]) < 0.5
+    assert np.abs(normals[round_side, 1]).max() < 1e-12
+    assert np.abs(normals[~round_side, 1]) == pytest.approx(1.0)
+    # Each side of an edge has the mirror image in the other: no edge of a triangle is alone in its place.
+    _, place = np.unique(placed.round(9), axis=0, return_inverse=True)
+    ends = np.sort(place.ravel()[surface.triangles[:, [[0, 1], [1, 2], [2, 0]]]].reshape(-1, 2), axis=1)
+    assert set(np.unique(ends, axis=0, return_counts=True)[1]) == {2}
+    # Halfway up, where nothing is sharp, the wall is as round as ever: its chords would dip to 0.966.
+    middle = np.abs(placed[:, 1]) < 0.01
+    assert np.linalg.norm(placed[middle], axis=1).min() > 0.985
+
+
+@wp.kernel
+def measure_sky(distances: wp.array[float], ground_color: wp.vec3, shares: wp.array[wp.vec3]):
+    place = wp.tid()
+    shapes = Shapes()
+    shapes.has_ground = 1
+    shapes.ground_color = ground_color
+    hit = Hit()
+    hit.point = wp.vec3(0.0, distances[place], 0.0)
+    hit.normal = wp.vec3(0.0, -1.0, 0.0)
+    shares[place] = sky_share(shapes, hit, wp.vec2(0.0, 0.0))
+
+
+def test_what_is_near_dims_the_sky_more_than_what_is_far():
+    distances = np.array([0.01, 0.1, 0.35, 0.6, 0.69, 0.75, 5.0])
+    color = np.array([0.2, 0.5, 0.9])
+    shares = wp.zeros(len(distances), dtype=wp.vec3, device="cpu")
+    given = [wp.array(distances, dtype=float, device="cpu"), wp.vec3(*color.tolist()), shares]
+    wp.launch(measure_sky, len(distances), inputs=given, device="cpu")
+    # Straight down onto the ground: 0.35 of its color where it is touched, all of the sky from 0.7 away.
+    far = np.minimum(distances / 0.7, 1.0)[:, None]
+    # 2e-3: rays start 1e-3 off the surface, which is 1e-3 / 0.7 of the way.
+    assert shares.numpy() == pytest.approx(0.35 * color * (1.0 - far) + far, abs=2e-3)

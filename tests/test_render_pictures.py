@@ -184,6 +184,50 @@ def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path: Pat
     assert np.abs(caster.picture(camera).astype(int) - alone).mean() < 0.05
 
 
+def test_a_still_cube_is_flat_to_its_edges_and_a_moving_one_is_soft(tmp_path: Path):
+    spreads = []
+    for name, frames in (("still", 0), ("moving", 1)):
+        stage = new_stage(tmp_path / f"{name}.usda")
+        points, counts, indices = quad_sphere(1)  # a cube's, but for its size
+        points = np.sign(points)
+        mesh = add_mesh(stage, "Cube", points, counts, indices, RED, roughness=1.0)
+        if frames:
+            mesh.GetPointsAttr().Set(points.astype(np.float32), 0)
+        add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+        seen = picture(stage, tmp_path)
+        # The front, 2 units wide and 9 away, covers 111 of 200 pixels.
+        spreads.append(np.ptp(seen[50:150, 50:150, 0].astype(int)))
+    # The lights are infinitely far away: a flat matte side has one color, but for a little gloss.
+    assert spreads[0] < 12
+    assert spreads[1] > 3 * spreads[0]
+
+
+@pytest.mark.parametrize("interpolation", [UsdGeom.Tokens.uniform, UsdGeom.Tokens.faceVarying, UsdGeom.Tokens.vertex])
+def test_display_colors_lie_where_their_interpolation_says(interpolation: str, tmp_path: Path):
+    """Two squares side by side with six points between them, red on the left and green on the right."""
+    stage = new_stage(tmp_path / "stage.usda")
+    mesh = UsdGeom.Mesh.Define(stage, "/World/Squares")
+    mesh.CreatePointsAttr([(x, y, 0.0) for y in (-1.0, 1.0) for x in (-2.0, 0.0, 2.0)])
+    mesh.CreateFaceVertexCountsAttr([4, 4])
+    mesh.CreateFaceVertexIndicesAttr([0, 1, 4, 3, 1, 2, 5, 4])
+    colors = {
+        UsdGeom.Tokens.uniform: [RED, GREEN],
+        UsdGeom.Tokens.faceVarying: [RED] * 4 + [GREEN] * 4,
+        UsdGeom.Tokens.vertex: [RED, RED, GREEN] * 2,
+    }
+    mesh.CreateDisplayColorPrimvar(interpolation).Set(colors[interpolation])
+    add_camera(stage, distance=10.0, focal_length=40.0, aperture=24.0)
+    seen = picture(stage, tmp_path).astype(int)
+    redness = seen[100, :, 0] - seen[100, :, 1]
+    # 4 units span 133 of 200 pixels; the squares meet at column 100.
+    assert (redness[40:98] > 60).all()
+    if interpolation == UsdGeom.Tokens.vertex:
+        assert redness[101] > 60
+        assert (np.diff(redness[102:160]) <= 3).all()
+    else:
+        assert (redness[102:160] < -60).all()
+
+
 def _small_world(path: Path, up_axis: str) -> Usd.Stage:
     stage = new_stage(path, up_axis)
     add_ground(stage)

@@ -135,6 +135,20 @@ def test_strings_go_from_anchor_to_particle(stage: Usd.Stage):
         np.testing.assert_allclose(points[-1], ball.GetPointsAttr().Get(time)[held], atol=1e-6)
 
 
+def test_a_string_on_the_second_balloon_ends_at_its_particle(tmp_path: Path):
+    balloons = [Balloon(mesh=cube(), name="first"), Balloon(mesh=quad_sphere(3), name="second", position=(5, 3, 0))]
+    scene = Scene(balloon=balloons, string=[String(anchor=(5, 0, 0), balloon=1)], frames=3)
+    animate(scene, tmp_path / "two.usda", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "two.usda"))
+    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
+    second = UsdGeom.Mesh(stage.GetPrimAtPath("/World/second"))
+    held = int(quad_sphere(3).points[:, 1].argmin())
+    for time in range(4):
+        np.testing.assert_allclose(
+            curve.GetPointsAttr().Get(time)[-1], second.GetPointsAttr().Get(time)[held], atol=1e-6
+        )
+
+
 def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
     """The parabola's length is off by the next term of its series: 2 % at a slack of 10 %."""
     taut = string_curve((0, 1, 0), (2, 1, 0), 2.0, (0, 1, 0), -np.inf)
@@ -155,6 +169,41 @@ def test_net_forces_start_at_the_particles_and_have_their_length(stage: Usd.Stag
         np.testing.assert_array_equal(points[::2], frame.points[0])
         np.testing.assert_allclose(points[1::2] - points[::2], scale * frame.net_forces[0], atol=1e-5)
     assert np.linalg.norm(frame.net_forces[0], axis=1).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("fields", "gravity", "length"),
+    [
+        # each of 8 corners weighs an eighth: the mean weight is drawn a twentieth long
+        ({"mass": 4.0, "inflation": Inflation(k_normal=0.0)}, 9.81, 0.05),
+        # each corner is pushed by a sixth of 100 k_normal, its face being a sixth of the area; the mean is an eighth
+        ({"inflation": Inflation(k_normal=3.0)}, 0.0, 0.05 * 8 / 6),
+    ],
+)
+def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(
+    tmp_path: Path, fields: dict, gravity: float, length: float
+):
+    balloon = Balloon(mesh=cube(), name="box", scale=2.0, **fields)
+    animate(Scene(balloon=[balloon], gravity=gravity, net_forces=True, frames=1), tmp_path / "f.usda", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "f.usda"))
+    points = np.array(UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/NetForces/box")).GetPointsAttr().Get(0))
+    lengths = np.linalg.norm(points[1::2] - points[::2], axis=1)
+    np.testing.assert_allclose(lengths, 2.0 * length, rtol=1e-4)  # a side of 2 m; float32 ends some 3 m from the origin
+
+
+@pytest.mark.parametrize(("up_axis", "up"), [("Y", 1), ("Z", 2)])
+def test_the_ground_faces_up(tmp_path: Path, up_axis: str, up: int):
+    path = tmp_path / "ground.usda"
+    animate(everything(up_axis=up_axis, frames=1, picture_frame=0), path, device="cpu")
+    stage = Usd.Stage.Open(str(path))
+    prim = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground"))
+    corners = np.array(prim.GetPointsAttr().Get())[list(prim.GetFaceVertexIndicesAttr().Get())]
+    assert prim.GetOrientationAttr().Get() == "rightHanded"
+    np.testing.assert_allclose(corners[:, up], -0.5)
+    for corner in range(4):  # each turn is to the left, seen from above
+        before, here, after = corners[corner - 1], corners[corner], corners[(corner + 1) % 4]
+        normal = np.cross(here - before, after - here)
+        np.testing.assert_allclose(normal / np.linalg.norm(normal), np.eye(3)[up], atol=1e-6)
 
 
 def test_materials_are_bound_and_colored(stage: Usd.Stage):

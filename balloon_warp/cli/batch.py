@@ -37,6 +37,9 @@ def batch(
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all worlds: --set balloon.mass=0.2"),
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    schedule: Annotated[
+        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block or lanes.")
+    ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
@@ -57,6 +60,7 @@ def batch(
             export=parse_export(export, worlds),
             name=name,
             device=device,
+            schedule=schedule,
             on_frame=lambda number: progress.update(task, completed=number),
         )
     if as_json:

@@ -61,6 +61,7 @@ def run_batch(
     export: Sequence[int] = (),
     name: str = "",
     device: str | None = None,
+    schedule: str = "auto",
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> BatchSummary:
     """Simulate worlds that differ; write `table.npz`, `table.csv` and, of the chosen worlds, `worlds.usdc`.
@@ -73,6 +74,7 @@ def run_batch(
         export: the worlds that go into the stage.
         name: what the summary calls the scene.
         device: a Warp device; the GPU where there is one, when missing.
+        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
         on_frame: told the number of each frame when it is simulated.
 
     Raises:
@@ -86,7 +88,7 @@ def run_batch(
     target = pick_device(device)
     groups = plan_groups(scene, world_count, vary)
     _require_memory(target, groups, chosen, scene)
-    simulators = [Simulator.of_model(lay_out(group.plan, target)) for group in groups]
+    simulators = [Simulator.of_model(lay_out(group.plan, target), schedule) for group in groups]
     recorders = [
         Recorder(simulator, group.rows_of(chosen)) for simulator, group in zip(simulators, groups, strict=True)
     ]

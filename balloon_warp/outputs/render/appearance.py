@@ -35,24 +35,55 @@ def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDAr
     """Linear RGB of each element, shape (len(element_counts), 3).
 
     Args:
-        gprim: a mesh, sphere or curves.
-        element_counts: points of each curve, over which colors of points are averaged; ones for meshes and spheres.
+        gprim: a sphere or curves.
+        element_counts: points of each curve, over which colors of points are averaged; one for a sphere.
     """
     count = len(element_counts)
-    surface = _surface(gprim.GetPrim())
-    diffuse = _constant(surface, "diffuseColor") if surface is not None else None
-    if diffuse is not None:
-        return np.tile(np.asarray(diffuse, np.float32), (count, 1))
-    display = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance("displayColor")
-    authored = display.ComputeFlattened() if display else None
-    colors = np.asarray([] if authored is None else authored, np.float32).reshape(-1, 3)
+    colors, _ = _authored_colors(gprim)
     if len(colors) == count:
         return colors
     if len(colors) == element_counts.sum() and count:
         sums = np.add.reduceat(colors, np.cumsum(element_counts) - element_counts)
         return (sums / element_counts[:, None]).astype(np.float32)
-    plain = colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)
-    return np.tile(plain.astype(np.float32), (count, 1))
+    return np.tile(_one_color(colors), (count, 1))
+
+
+def read_corner_colors(
+    mesh: UsdGeom.Mesh, counts: NDArray[np.int32], indices: NDArray[np.int32], point_count: int
+) -> NDArray[np.float32]:
+    """Linear RGB at each corner of a mesh's faces, shape (len(indices), 3).
+
+    Colors are laid out as their interpolation says; where their number is another's, as that one has it.
+    """
+    colors, interpolation = _authored_colors(mesh)
+    places = {
+        UsdGeom.Tokens.faceVarying: (len(indices), np.arange(len(indices))),
+        UsdGeom.Tokens.vertex: (point_count, indices),
+        UsdGeom.Tokens.varying: (point_count, indices),
+        UsdGeom.Tokens.uniform: (len(counts), np.repeat(np.arange(len(counts)), counts)),
+    }
+    if len(colors) > 1:
+        for name in (interpolation, *places):
+            if name in places and places[name][0] == len(colors):
+                return colors[places[name][1]]
+    return np.tile(_one_color(colors), (len(indices), 1))
+
+
+def _authored_colors(gprim: UsdGeom.Gprim) -> tuple[NDArray[np.float32], str]:
+    """The material's color or else the display colors, shape (n, 3), and how they are laid out."""
+    surface = _surface(gprim.GetPrim())
+    diffuse = _constant(surface, "diffuseColor") if surface is not None else None
+    if diffuse is not None:
+        return np.asarray([diffuse], np.float32), UsdGeom.Tokens.constant
+    display = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance("displayColor")
+    authored = display.ComputeFlattened() if display else None
+    colors = np.asarray([] if authored is None else authored, np.float32).reshape(-1, 3)
+    return colors, display.GetInterpolation() if display else UsdGeom.Tokens.constant
+
+
+def _one_color(colors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The mean, or the plain color where there are none."""
+    return (colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)).astype(np.float32)
 
 
 def _surface(prim: Usd.Prim) -> UsdShade.Shader | None:

@@ -13,6 +13,8 @@ from balloon_warp.errors import MissingExtraError
 PICTURE_SUFFIXES = (".png", ".gif", ".mp4")
 DITHER = 6.0
 """8-bit steps that a color is moved by, at most half of it up or down, before it gets the palette's nearest"""
+GIF_LONGEST = 655_350
+"""milliseconds that a GIF can show a picture for"""
 Picture = NDArray[np.uint8]
 """sRGB, shape (height, width, 3)"""
 _BAYER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) + 0.5) / 16.0
@@ -33,7 +35,7 @@ def write_gif(path: Path, pictures: Iterable[Picture], frame_seconds: float) -> 
         format="GIF",
         save_all=True,
         append_images=others,
-        duration=round(1000 * frame_seconds),
+        duration=min(round(1000 * frame_seconds), GIF_LONGEST),
         loop=0,
         optimize=False,
     )

@@ -25,6 +25,14 @@ class Moment:
         """How much longer lengths are in the world than in the prim: the cube root of the change in volume."""
         return float(np.cbrt(abs(np.linalg.det(self._matrix(prim)[:3, :3]))))
 
+    def is_frame(self, matrix: Gf.Matrix4d) -> bool:
+        """Whether a matrix is finite and its x, y and z axes span space."""
+        rows = np.array(matrix)
+        lengths = np.linalg.norm(rows[:3, :3], axis=1)
+        if not (np.isfinite(rows).all() and lengths.all()):
+            return False
+        return bool(abs(np.linalg.det(rows[:3, :3] / lengths[:, None])) > 1e-6)
+
     def axes(self, matrix: Gf.Matrix4d) -> NDArray[np.float64]:
         """Unit vectors along the x, y and z axes of a frame, a row each, shape (3, 3)."""
         rows = np.array(matrix)[:3, :3]

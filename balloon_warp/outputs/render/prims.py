@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.render.appearance import read_colors, read_finish
+from balloon_warp.outputs.render.appearance import read_colors, read_corner_colors, read_finish
 from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.surface import SmoothSurface
 
@@ -34,13 +34,15 @@ class MeshPrim:
             np.asarray(attribute.Get(moment.time) or [], np.int32)
             for attribute in (self._mesh.GetFaceVertexCountsAttr(), self._mesh.GetFaceVertexIndicesAttr())
         )
-        if counts.sum() != len(indices) or np.any((indices < 0) | (indices >= len(points))):
+        if np.any(counts < 0) or counts.sum() != len(indices) or np.any((indices < 0) | (indices >= len(points))):
             raise InputError(f"{prim.GetPath()}: its faces do not fit its {len(points)} points")
         whole = np.repeat(counts, counts) >= 3
         self.point_count = len(points)
         self.used = np.unique(indices[whole])
-        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]))
-        self.colors = self.surface.refined(read_colors(self._mesh, np.ones(len(points), np.int32)))
+        # A mesh whose points move is soft: what bends sharply in one frame is smooth in the next.
+        creased = self._mesh.GetPointsAttr().GetNumTimeSamples() == 0
+        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]), creased)
+        self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
         self.finish = read_finish(prim)
 
     def points(self, moment: Moment) -> NDArray[np.float64]:
@@ -64,6 +66,10 @@ class SpherePrim:
         prim = self._sphere.GetPrim()
         center = moment.place(prim, np.zeros((1, 3)))
         radius = self._sphere.GetRadiusAttr().Get(moment.time) * moment.scale(prim)
+        if not (np.isfinite(center).all() and 0.0 <= radius < np.inf):
+            raise InputError(
+                f"{prim.GetPath()}: its center or radius at frame {moment.time.GetValue():g} is not finite, or negative"
+            )
         return Capsules(center, center, np.array([radius]))
 
 
@@ -73,6 +79,9 @@ class CurvesPrim:
     def __init__(self, prim: Usd.Prim, moment: Moment):
         self._curves = UsdGeom.BasisCurves(prim)
         self._counts = np.asarray(self._curves.GetCurveVertexCountsAttr().Get(moment.time) or [], np.int32)
+        if np.any(self._counts < 1):
+            raise InputError(f"{prim.GetPath()}: a curve has {self._counts.min()} points; expected at least 1")
+        _require_count(self._curves, _points(self._curves, moment), int(self._counts.sum()), moment)
         last_of_curve = np.zeros(self._counts.sum(), bool)
         last_of_curve[np.cumsum(self._counts) - 1] = True
         self._begin = np.flatnonzero(~last_of_curve)
@@ -92,6 +101,8 @@ class CurvesPrim:
     def _widths(self, moment: Moment) -> NDArray[np.float64]:
         """Width at each point, in the prim's unit; without widths the thinnest line that can be seen."""
         widths = np.asarray(self._curves.GetWidthsAttr().Get(moment.time) or [0.0], np.float64)
+        if not np.all((widths >= 0.0) & (widths < np.inf)):
+            raise InputError(f"{self._curves.GetPath()}: a width is negative or not finite")
         if len(widths) == self._counts.sum():
             return widths
         if len(widths) == len(self._counts):

@@ -105,7 +105,7 @@ class RayCaster:
 
     def _upload_fixed(self) -> None:
         meshes, shapes = self._stage.meshes, self._stage.rounds
-        starts = np.cumsum([0, *(len(mesh.colors) for mesh in meshes)])
+        starts = np.cumsum([0, *(mesh.surface.vertex_count for mesh in meshes)])
         if meshes:
             corners = [mesh.surface.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
             self._shapes.corners = self._array(np.concatenate(corners).ravel(), wp.int32)

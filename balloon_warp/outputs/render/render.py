@@ -19,6 +19,10 @@ from balloon_warp.outputs.render.stage_reader import RenderStage
 
 GIF_FRAMES_PER_SECOND = 20.0
 GIF_MOST_FRAMES = 120
+MOST_FRAMES = 1_000_000
+"""in the time that an animation shows"""
+FRAMES_PER_SECOND = (0.01, 1_000.0)
+"""least and most of a stage that an animation is made of"""
 MOST_PIXELS = 8_192
 """to a side: a picture of this width and height takes about 9 GB of memory while it is made"""
 MOST_SAMPLES = 4_096
@@ -95,6 +99,16 @@ def _choose_frames(stage: RenderStage, suffix: str, frame: int | None) -> tuple[
         if not first <= chosen <= last:
             raise InputError(f"frame: {chosen} is not in {stage.path}; expected {first} to {last}")
         return [chosen], 0.0
+    least, most = FRAMES_PER_SECOND
+    if not least <= stage.frames_per_second <= most:
+        raise InputError(
+            f"{stage.path}: its timeCodesPerSecond is {stage.frames_per_second:g}; "
+            f"expected {least:g} to {most:g} for a {suffix}"
+        )
+    if last - first >= MOST_FRAMES:
+        raise InputError(
+            f"{stage.path}: has frames {first:g} to {last:g}; expected at most {MOST_FRAMES} for a {suffix}"
+        )
     step = 1
     if suffix == ".gif":
         too_fast = stage.frames_per_second / GIF_FRAMES_PER_SECOND

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Tf, Usd, UsdGeom
+from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.render.camera import Camera
@@ -31,28 +31,34 @@ class RenderStage:
         path: any file that USD opens.
 
     Raises:
-        InputError: the file is missing or cannot be read as a stage.
+        InputError: the file is missing, cannot be read as a stage, or its time codes run nowhere.
     """
 
     def __init__(self, path: Path):
         self.path = path
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected a USD stage")
+        self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
         try:
             self._stage = Usd.Stage.Open(str(path))
         except Tf.ErrorException:
             raise InputError(f"{path}: cannot be read; expected a USD stage (.usd, .usda, .usdc or .usdz)") from None
         self.first_frame, self.last_frame = 0, 0
         if self._stage.HasAuthoredTimeCodeRange():
-            self.first_frame = math.ceil(self._stage.GetStartTimeCode())
-            self.last_frame = math.floor(self._stage.GetEndTimeCode())
+            start, end = self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode()
+            if not -math.inf < start <= end < math.inf:
+                raise InputError(f"{path}: its time codes go from {start:g} to {end:g}; expected finite ones, in order")
+            self.first_frame = math.ceil(start)
+            # Where no whole frame is between them, the next one shows what the last time code does.
+            self.last_frame = max(self.first_frame, math.floor(end))
         self.frames_per_second = self._stage.GetTimeCodesPerSecond()
 
     @property
     def picture_frame(self) -> int:
         """The frame for a single picture: the one that the stage names, else the last."""
-        ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp", {})
-        return int(ours.get("pictureFrame", self.last_frame))
+        ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
+        named = ours.get("pictureFrame") if isinstance(ours, dict) else None
+        return named if isinstance(named, int) else self.last_frame
 
     def read_prims(self, frame: int) -> None:
         """Find what is drawn, as it is at a frame.
@@ -85,12 +91,25 @@ class RenderStage:
         return Capsules(*(np.concatenate(arrays) for arrays in zip(*each, strict=True)))
 
     def camera(self, frame: int, aspect: float) -> Camera | None:
-        """The stage's first perspective camera, its view widened to a picture of this aspect; None without one."""
+        """The stage's first perspective camera, its view widened to a picture of this aspect; None without one.
+
+        Raises:
+            InputError: the camera has no angle of view or no axes.
+        """
         if self._camera is None:
             return None
         moment = Moment(self._stage, frame)
         camera = self._camera.GetCamera(moment.time)
-        half_height = max(camera.verticalAperture, camera.horizontalAperture / aspect) / (2.0 * camera.focalLength)
+        aperture = max(camera.verticalAperture, camera.horizontalAperture / aspect)
+        source = f"{self.path}: the camera {self._camera.GetPath()} at frame {frame}"
+        if not (0.0 < aperture < math.inf and 0.0 < camera.focalLength < math.inf):
+            raise InputError(
+                f"{source} has an aperture of {aperture:g} and a focal length of {camera.focalLength:g}; "
+                "expected positive ones"
+            )
+        if not moment.is_frame(camera.transform):
+            raise InputError(f"{source} is scaled to nothing or nowhere; expected a finite place and three axes")
+        half_height = aperture / (2.0 * camera.focalLength)
         return Camera(moment.origin(camera.transform), moment.axes(camera.transform), half_height * aspect, half_height)
 
     def _take(self, prim: Usd.Prim, moment: Moment) -> None:

@@ -7,45 +7,67 @@ from numpy.typing import NDArray
 
 from balloon_warp.mesh.geometry import triangulate, vertex_normals
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
 
 MOST_TRIANGLES = 25_000
 """refine no further than this: beyond it, triangles are small enough in a picture"""
+
+
+QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+"""a triangle's quarters, of its corners and of the middles of its sides"""
 
 
 class SmoothSurface:
     """The fixed part of a mesh: what its triangles are, and between which vertices new ones are put.
 
     A new vertex lies on the curve through an edge's ends that meets their normals at right angles, as in PN triangles
-    (Vlachos et al. 2001, "Curved PN Triangles"); the old vertices stay where they are.
+    (Vlachos et al. 2001, "Curved PN Triangles"); the old vertices stay where they are. Along creases the surface is
+    cut: each side has vertices and normals of its own, and new vertices lie on the straight edge, so that no gap opens.
 
     Args:
         mesh: its topology is kept; its points may differ from frame to frame.
+        creased: whether edges that are sharp at the mesh's points are creases; if not, it is smooth everywhere.
     """
 
-    def __init__(self, mesh: PolygonMesh):
-        self._mesh = mesh
-        self.triangles, _ = triangulate(mesh)
+    def __init__(self, mesh: PolygonMesh, creased: bool = False):
+        corner_vertices, self._source, sharp = cut_at_creases(mesh) if creased else leave_whole(mesh)
+        self._mesh = replace(mesh, points=mesh.points[self._source], face_vertex_indices=corner_vertices)
+        self.triangles, _ = triangulate(self._mesh)
+        corner_numbers = np.arange(len(corner_vertices), dtype=np.int32)
+        self._corners = triangulate(replace(self._mesh, face_vertex_indices=corner_numbers))[0]
         self._edges: list[NDArray[np.int32]] = []
-        vertex_count = mesh.vertex_count
+        self._straight: list[NDArray[np.bool_]] = []
+        self.vertex_count = len(self._source)
         while 0 < 4 * len(self.triangles) <= MOST_TRIANGLES and len(self._edges) < 2:
-            edges, self.triangles = _split(self.triangles, vertex_count)
-            vertex_count += len(edges)
+            edges, self.triangles = _split(self.triangles, self.vertex_count)
+            straight = _among(edges, sharp)
+            middles = self.vertex_count + np.flatnonzero(straight)
+            sharp = np.concatenate([np.stack([edges[straight, end], middles], axis=1) for end in (0, 1)])
+            self.vertex_count += len(edges)
             self._edges.append(edges)
+            self._straight.append(straight)
 
-    def refined(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Values at the mesh's points, shape (point_count, k), and midway at the new vertices."""
-        for edges in self._edges:
-            values = np.concatenate([values, 0.5 * (values[edges[:, 0]] + values[edges[:, 1]])])
-        return values
+    def spread(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values at the corners of the mesh's faces, shape (corner_count, k), at those of the triangles, three each.
+
+        Corners at new vertices have the mean of the two that they are between, within their face.
+        """
+        spread = values[self._corners]
+        for _ in self._edges:
+            middles = 0.5 * (spread + spread[:, [1, 2, 0]])
+            spread = np.concatenate([spread, middles], axis=1)[:, QUARTERS].reshape(-1, 3, values.shape[1])
+        return spread.reshape(-1, values.shape[1])
 
     def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """All vertices for some points, and their unit normals, each of shape (vertex_count, 3)."""
+        """All vertices for the mesh's points, and their unit normals, each of shape (vertex_count, 3)."""
+        points = points[self._source]
         normals = vertex_normals(replace(self._mesh, points=points))
-        for edges in self._edges:
+        for edges, straight in zip(self._edges, self._straight, strict=True):
             begin, end = points[edges[:, 0]], points[edges[:, 1]]
             normal_begin, normal_end = normals[edges[:, 0]], normals[edges[:, 1]]
             span = end - begin
             bulge = _dot(span, normal_end) * normal_end - _dot(span, normal_begin) * normal_begin
+            bulge[straight] = 0.0
             points = np.concatenate([points, 0.5 * (begin + end) + 0.125 * bulge])
             between = normal_begin + normal_end
             length = np.linalg.norm(between, axis=1, keepdims=True)
@@ -55,13 +77,19 @@ class SmoothSurface:
         return points, normals
 
 
+def _among(edges: NDArray[np.int32], some: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Which edges are among some, shape (len(edges),); pairs of vertices, lower first."""
+    factor = np.int64(1) << 32
+    return np.isin(edges[:, 0] * factor + edges[:, 1], some[:, 0] * factor + some[:, 1])
+
+
 def _split(triangles: NDArray[np.int32], vertex_count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Each triangle in four: the edges that get a vertex, in order, and the new triangles."""
     sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     edges, side_edge = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     middle = (vertex_count + side_edge.reshape(-1, 3)).astype(np.int32)
     corners = np.concatenate([triangles, middle], axis=1)
-    return edges, corners[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]].reshape(-1, 3)
+    return edges, corners[:, QUARTERS].reshape(-1, 3)
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,50 @@
+"""The command line on a terminal, and which package a process of its own runs."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from meshes import quad_sphere
+
+import balloon_warp
+from balloon_warp.mesh.obj import write_obj
+
+
+def read_all(terminal: int) -> str:
+    """What was written to a pseudo-terminal until its other end closed."""
+    parts = []
+    while True:
+        try:
+            part = os.read(terminal, 65536)
+        except OSError:  # how Linux says that the other end has closed
+            part = b""
+        if not part:
+            return b"".join(parts).decode()
+        parts.append(part)
+
+
+def test_a_process_of_its_own_runs_the_package_under_test(tmp_path: Path):
+    program = "import balloon_warp; print(balloon_warp.__path__[0])"
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert Path(done.stdout.strip()) == Path(balloon_warp.__path__[0]).resolve()
+
+
+def test_a_run_on_a_terminal_shows_frames_a_second(tmp_path: Path):
+    """On standard error; what is printed in the end is the same as in a pipe."""
+    pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    terminal, end = pty.openpty()
+    command = [sys.executable, "-m", "balloon_warp", "run", "ball.obj", "--device", "cpu", "--set", "frames=40"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "200"}
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=end, text=True, env=environment)
+    os.close(end)
+    shown = read_all(terminal)
+    os.close(terminal)
+    printed, _ = process.communicate(timeout=120)
+    assert process.returncode == 0
+    assert printed.splitlines()[1:] == ["wrote ball.usdc"]
+    assert "40/40" in shown
+    assert any(int(rate) > 0 for rate in re.findall(r"(\d+) frames/s", shown))
