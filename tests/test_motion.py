@@ -7,6 +7,7 @@ from meshes import cube, mesh_of, quad_sphere
 
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)

@@ -13,6 +13,8 @@ from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules import make_schedule
+from balloon_warp.schedules.banks import spread_over_banks, wavefronts
+from balloon_warp.schedules.tables import spring_ends
 from balloon_warp.simulator import Simulator
 
 ROUNDING = 1e-5
@@ -188,3 +190,36 @@ def test_an_unknown_schedule_is_refused():
 def test_auto_takes_a_schedule_and_says_which():
     assert Simulator(bare(), "cpu").schedule.name == "gather"
     assert Simulator(bare(), "cpu", 8).schedule.name == "lanes"
+
+
+def test_a_world_too_large_for_a_block_is_refused_and_gathered_instead():
+    """43 cells a side make 11,096 particles; two buffers of them take more than a block's memory."""
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(43), mass=50.0)])
+    with pytest.raises(InputError, match=r"^--schedule block: a world of 11,096 particles is too large .* use gather$"):
+        Simulator(scene, "cpu", schedule="block")
+    assert Simulator(scene, "cpu").schedule.name == "gather"
+
+
+def test_wavefronts_are_counted_by_hand():
+    """Sixty-four particles, one slot: the first warp meets in bank 0 twice, the second reads one particle alone."""
+    own = np.arange(64)
+    assert wavefronts(own[None]) == 1.0
+    clash = own.copy()
+    clash[1] = 32  # bank 0 for thread 1, beside particle 0 for thread 0
+    clash[32:] = 7  # the same word for all threads
+    assert wavefronts(clash[None]) == (2 + 1) / 2
+
+
+def test_slots_are_ordered_against_bank_conflicts():
+    """Of the structural springs of 488 particles; each particle keeps its neighbors."""
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(9), mass=5.0)])
+    ends = spring_ends(build_model(scene, "cpu"))
+    structural = ends.kind == 0
+    counts = ends.by_kind[:, 0]
+    slot = np.arange(structural.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    neighbors = np.repeat(np.arange(488)[None], 4, axis=0)
+    neighbors[slot, ends.particle[structural]] = ends.neighbor[structural]
+    spread = np.take_along_axis(neighbors, spread_over_banks(neighbors), axis=0)
+    np.testing.assert_array_equal(np.sort(spread, axis=0), np.sort(neighbors, axis=0))
+    assert wavefronts(neighbors) > 1.8
+    assert wavefronts(spread) < 1.4
