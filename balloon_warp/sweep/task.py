@@ -1,0 +1,36 @@
+"""What a batch is to do, and what came of it, wherever it is simulated."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.scene import Scene
+from balloon_warp.sweep.groups import BatchVary, Group
+
+
+@dataclass(frozen=True)
+class BatchTask:
+    """Worlds to simulate, and where their files go."""
+
+    scene: Scene
+    """what all worlds have in common"""
+    groups: list[Group]
+    vary: BatchVary
+    chosen: NDArray[np.int64]
+    """worlds of the stage, ascending"""
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a task was done."""
+
+    device: str
+    schedule: str
+    workers: int
+    """processes that simulated"""
+    healthy_worlds: int
+    seconds: float
+    """of simulating and writing"""
