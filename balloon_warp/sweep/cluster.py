@@ -1,7 +1,9 @@
 """Workers that simulate the shares of a batch: those of a running Dask scheduler, or processes of this machine."""
 
+import asyncio
 import logging
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -16,6 +18,7 @@ CONNECT_SECONDS = 10.0
 """within which a scheduler answers"""
 WORKER_SECONDS = 30.0
 """within which it has a worker"""
+EXAMPLE = "tcp://192.168.0.1:8786"
 LOOPBACK = "127.0.0.1"
 SETTINGS = {
     # A large mesh travels with its share: a copy that lay on one worker would be lost with it.
@@ -30,11 +33,11 @@ class Cluster:
     """Which workers simulate a batch: one of `address`, `gpus` and `workers` is given.
 
     Raises:
-        InputError: none or several are, or a number is below 1.
+        InputError: none or several are, the address is none, or a number is below 1.
     """
 
     address: str | None = None
-    """of a running scheduler, such as "tcp://192.168.0.1:8786" """
+    """of a running scheduler, such as `EXAMPLE`"""
     gpus: int | None = None
     """how many GPUs of this machine, a worker each"""
     workers: int | None = None
@@ -45,6 +48,8 @@ class Cluster:
     def __post_init__(self) -> None:
         if sum(choice is not None for choice in (self.address, self.gpus, self.workers)) != 1:
             raise InputError("--cluster, --gpus, --workers: expected one of them")
+        if self.address is not None and not re.fullmatch(r"(tcp|tls)://[^/]+:\d+", self.address):
+            raise InputError(f"--cluster {self.address}: expected an address such as {EXAMPLE}")
         for option, count in (("--gpus", self.gpus), ("--workers", self.workers)):
             if count is not None and count < 1:
                 raise InputError(f"{option} {count}: expected at least 1")
@@ -82,31 +87,42 @@ def connect(cluster: Cluster) -> Iterator["Client"]:
     try:
         import dask.config
         from distributed import Client
-        from distributed.utils import silence_logging_cmgr
+        from distributed.utils import LoopRunner, silence_logging_cmgr
     except ImportError:
         raise MissingExtraError(
             f"{cluster.option} needs dask.distributed: pip install 'balloon-warp[cluster]'"
         ) from None
     with dask.config.set(SETTINGS), silence_logging_cmgr(logging.CRITICAL), ExitStack() as stack:
-        place = cluster.address or stack.enter_context(_start_workers(_environments(cluster)))
+        if cluster.address is None:
+            workers = stack.enter_context(start_workers(worker_environments(cluster)))
+            yield stack.enter_context(Client(workers, set_as_default=False))
+            return
         try:
-            client = stack.enter_context(Client(place, timeout=CONNECT_SECONDS, set_as_default=False))
-        except (OSError, ValueError, TypeError):
+            LoopRunner().run_sync(_identify, cluster.address)
+            client = stack.enter_context(Client(cluster.address, timeout=CONNECT_SECONDS, set_as_default=False))
+        except OSError:
             raise InputError(
-                f"{cluster.option}: no scheduler answers there; expected the address of a running one, such as "
-                "tcp://192.168.0.1:8786"
+                f"{cluster.option}: no scheduler answers there within {CONNECT_SECONDS:g} s; expected one that runs"
             ) from None
         try:
-            client.wait_for_workers(cluster.gpus or cluster.workers or 1, timeout=WORKER_SECONDS)
+            client.wait_for_workers(1, timeout=WORKER_SECONDS)
         except TimeoutError:
             raise InputError(
-                f"{cluster.option}: the scheduler has no worker after {WORKER_SECONDS:.0f} s; start some with "
-                f"`dask worker {cluster.address} --nthreads 1`, one for each GPU"
+                f"{cluster.option}: the scheduler has no worker after {WORKER_SECONDS:g} s; start one for each GPU "
+                f"with `dask worker {cluster.address} --nthreads 1`"
             ) from None
         yield client
 
 
-def _environments(cluster: Cluster) -> list[dict[str, str]]:
+async def _identify(address: str) -> None:
+    """Ask who is there: a client by itself would wait forever for the word of some other service."""
+    from distributed import rpc
+
+    async with rpc(address) as scheduler:
+        await asyncio.wait_for(scheduler.identity(), CONNECT_SECONDS)
+
+
+def worker_environments(cluster: Cluster) -> list[dict[str, str]]:
     """Of each worker to start: which GPU it sees."""
     if not cluster.gpus:
         return [{}] * (cluster.workers or 0)
@@ -119,7 +135,7 @@ def _environments(cluster: Cluster) -> list[dict[str, str]]:
     return [{"CUDA_VISIBLE_DEVICES": name} for name in names[: cluster.gpus]]
 
 
-def _start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
+def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
     """A scheduler and workers that listen on loopback only. A worker that dies is replaced by its nanny."""
     from distributed import Nanny, Scheduler, SpecCluster
 

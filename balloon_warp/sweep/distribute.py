@@ -78,12 +78,14 @@ def _worker_devices(client: "Client", cluster: Cluster, device: str | None) -> l
     """The device of each worker, such as "cpu" or "cuda:0".
 
     Raises:
-        InputError: a worker has no such device, or no Balloon Warp.
+        InputError: a worker has no such device; or it, or the scheduler, has no Balloon Warp.
     """
     try:
-        names: Any = client.run(_device_name, device, cluster.prepare)
+        for run in (client.run_on_scheduler, client.run):  # Dask's scheduler opens what passes through it
+            run(exec, f"import {__name__}")
     except ImportError as error:
-        raise InputError(f"{cluster.option}: a worker cannot load Balloon Warp: {error}") from None
+        raise InputError(f"{cluster.option}: its scheduler or a worker cannot load Balloon Warp: {error}") from None
+    names: Any = client.run(_device_name, device, cluster.prepare)
     return list(names.values())
 
 
