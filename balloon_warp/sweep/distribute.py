@@ -25,7 +25,7 @@ from balloon_warp.sweep.task import BatchTask, Outcome
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-REPORT_SECONDS = 0.2
+REPORT_SECONDS = 0.1
 """between two words of a worker about the frame that it is at"""
 AHEAD = 2
 """shares that are out, for each worker: one at work and one that follows; more would only fill the memory"""
