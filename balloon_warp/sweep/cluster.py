@@ -139,11 +139,11 @@ def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
     """A scheduler and workers that listen on loopback only. A worker that dies is replaced by its nanny."""
     from distributed import Nanny, Scheduler, SpecCluster
 
-    common: dict[str, Any] = {"host": LOOPBACK, "dashboard": False}
+    common: dict[str, Any] = {"host": LOOPBACK, "dashboard": False, "dashboard_address": f"{LOOPBACK}:0"}
     # Memory is estimated before a share is laid out: a second limit would only end good runs.
     worker = {**common, "nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL}
     return SpecCluster(
-        scheduler={"cls": Scheduler, "options": {**common, "port": 0, "dashboard_address": f"{LOOPBACK}:0"}},
+        scheduler={"cls": Scheduler, "options": {**common, "port": 0}},
         workers={
             number: {"cls": Nanny, "options": {**worker, "env": environment}}
             for number, environment in enumerate(environments)
