@@ -3,6 +3,7 @@
 import functools
 import os
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -181,7 +182,7 @@ def test_the_command_spreads_over_a_scheduler(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ):
     monkeypatch.chdir(tmp_path)
-    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    write_ball(tmp_path)
     arguments = ["--worlds", "6", "--vary", "gravity=1:9", "--export", "2", "--set", "frames=3", "--device", "cpu"]
     assert batch(monkeypatch, *arguments, "-o", "alone") == 0
     assert batch(monkeypatch, *arguments, "-o", "both", "--cluster", address) == 0
@@ -219,7 +220,7 @@ def test_a_mistake_gets_one_sentence_and_status_2(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 1.0)
-    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    write_ball(tmp_path)
     assert batch(monkeypatch, *arguments) == 2
     captured = capfd.readouterr()
     assert captured.out == ""
@@ -232,6 +233,26 @@ def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
     with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_script_without_a_guard_is_told(tmp_path: Path):
+    """Each worker imports the script that starts it, and would start workers of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import balloon_warp as bw\n"
+        f"ball = bw.load_mesh({str(write_ball(tmp_path))!r})\n"
+        "scene = bw.Scene(balloon=[{'mesh': ball}], frames=1)\n"
+        "bw.run_batch(scene, 'out', 2, cluster=bw.Cluster(workers=1))\n"
+    )
+    ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: --workers 1: the workers do not")
+    assert not (tmp_path / "out").exists()
+
+
+def write_ball(folder: Path) -> Path:
+    write_obj(folder / "ball.obj", quad_sphere(2))
+    return folder / "ball.obj"
 
 
 def test_a_scheduler_without_workers_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

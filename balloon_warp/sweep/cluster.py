@@ -82,7 +82,8 @@ def connect(cluster: Cluster) -> Iterator["Client"]:
 
     Raises:
         MissingExtraError: dask.distributed is not installed.
-        InputError: no scheduler answers at the address, it has no worker, or this machine has fewer GPUs.
+        InputError: no scheduler answers at the address, it has no worker, this machine has fewer GPUs, or the workers
+            that it is to start do not start.
     """
     try:
         import dask.config
@@ -94,7 +95,13 @@ def connect(cluster: Cluster) -> Iterator["Client"]:
         ) from None
     with dask.config.set(SETTINGS), silence_logging_cmgr(logging.CRITICAL), ExitStack() as stack:
         if cluster.address is None:
-            workers = stack.enter_context(start_workers(worker_environments(cluster)))
+            try:
+                workers = stack.enter_context(start_workers(worker_environments(cluster)))
+            except RuntimeError:
+                raise InputError(
+                    f"{cluster.option}: the workers do not start; a script that starts them needs its main part under "
+                    '`if __name__ == "__main__":`, for each worker imports it'
+                ) from None
             yield stack.enter_context(Client(workers, set_as_default=False))
             return
         try:
