@@ -4,6 +4,7 @@ import errno
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.outputs.files import whole_file
 from balloon_warp.outputs.render import render, render_stage
 
-SMALL = {"size": (64, 36), "samples": 1, "device": "cpu"}
+SMALL: dict[str, Any] = {"size": (64, 36), "samples": 1, "device": "cpu"}
 
 
 @pytest.fixture
@@ -271,7 +272,7 @@ def test_a_long_gif_has_at_most_120_pictures(tmp_path: Path):
     made.SetTimeCodesPerSecond(10)
     add_sphere(made, "Ball", (0, 0, 0), 1.0, (1, 0, 0))
     made.GetRootLayer().Save()
-    frames = render_stage(path, tmp_path / "a.gif", **SMALL | {"size": (8, 8)})
+    frames = render_stage(path, tmp_path / "a.gif", size=(8, 8), samples=1, device="cpu")
     # 1000 / 120 = 8.3: every ninth frame.
     assert frames == list(range(0, 1000, 9))
 

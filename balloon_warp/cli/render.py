@@ -49,5 +49,5 @@ def render(
 def _parse_size(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d{1,12})[xX](\d{1,12})", text)
     if not match:
-        raise InputError(f"size: {text!r}; expected WIDTHxHEIGHT in pixels, such as 960x540")
+        raise InputError(f"size: {text[:40]!r}; expected WIDTHxHEIGHT in pixels, such as 960x540")
     return int(match[1]), int(match[2])

@@ -19,7 +19,7 @@ class Cut(NamedTuple):
 
     corner_vertices: NDArray[np.int32]
     """the vertex of each corner of the mesh's faces, shape (corner_count,)"""
-    vertex_points: NDArray[np.intp]
+    vertex_points: NDArray[np.integer]
     """the point that each vertex is at, shape (vertex_count,)"""
     creases: NDArray[np.int32]
     """sharp edges, a pair of vertices each, lower first, those of both sides, shape (crease_count, 2)"""
