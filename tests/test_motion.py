@@ -7,6 +7,7 @@ from meshes import cube, mesh_of, quad_sphere
 
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)
@@ -96,11 +97,12 @@ def test_spring_oscillates_at_its_frequency_at_first_order(device):
 
 def test_coincident_ends_give_no_force(device):
     """Two corners at one place: finite, and no force between them, though their spring has a rest length."""
-    simulator = Simulator(Scene(balloon=[triangle_balloon()], gravity=0.0), device, schedule="scatter")
+    simulator = Simulator(Scene(balloon=[triangle_balloon()], gravity=0.0), device)
     together = wp.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]], dtype=wp.vec3, device=device)
     wp.copy(simulator.state.points, together)
-    simulator.schedule.sum_forces(simulator.state)
-    forces = simulator.schedule.forces.numpy()[0]
+    scatter = ScatterSchedule(simulator.model)
+    scatter.sum_forces(simulator.state)
+    forces = scatter.forces.numpy()[0]
     pull = 50.0 * (np.sqrt(3.0) - 1.0)  # both other springs are squeezed to length 1
     np.testing.assert_allclose(forces, [[0, 2 * pull, 0], [0, -pull, 0], [0, -pull, 0]], rtol=1e-5)
 
@@ -110,10 +112,11 @@ def test_stiffness_goes_by_kind_and_by_spring(device):
     quad = mesh_of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     stiffness = Stiffness(structural=7.0, shear=3.0, flexion=11.0, variation=0.5, seed=4)
     balloon = Balloon(mesh=quad, stiffness=stiffness, inflation=NO_INFLATION, damping=0.0)
-    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device, schedule="scatter")
+    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device)
     points = quad.points * [1.3, 1.0, 1.0]
     wp.copy(simulator.state.points, wp.array(points[None], dtype=wp.vec3, device=device))
-    simulator.schedule.sum_forces(simulator.state)
+    scatter = ScatterSchedule(simulator.model)
+    scatter.sum_forces(simulator.state)
 
     shape = simulator.model.shapes[0]
     expected = np.zeros((4, 3))
@@ -124,7 +127,7 @@ def test_stiffness_goes_by_kind_and_by_spring(device):
         expected[p] += pull
         expected[q] -= pull
     assert 0.05 < np.ptp(shape.stiffness_scale) <= 1.0
-    np.testing.assert_allclose(simulator.schedule.forces.numpy()[0], expected, atol=1e-5)
+    np.testing.assert_allclose(scatter.forces.numpy()[0], expected, atol=1e-5)
 
 
 def test_fixed_and_unused_particles_stay(device):

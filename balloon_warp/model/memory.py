@@ -10,8 +10,8 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.model.plan import ModelPlan
 
-PARTICLE_BYTES = 4 * 12
-"""points, velocities, forces, inflation aims: a vec3 each"""
+PARTICLE_BYTES = 7 * 12
+"""points, velocities, inflation aims, and the most that a schedule keeps beside them, which is `lanes`: a vec3 each"""
 FACE_BYTES = 2 * 12
 """centers and area vectors"""
 USABLE = 0.9
