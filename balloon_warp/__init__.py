@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
+    from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
     from balloon_warp.mesh import PolygonMesh
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from balloon_warp.simulator import Frame, Simulator
     from balloon_warp.springs import build_springs
     from balloon_warp.sweep.batch import run_batch
+    from balloon_warp.sweep.cluster import Cluster
 
 __all__ = [
     "BlowUpError",
+    "Cluster",
     "Frame",
     "InputError",
     "MissingExtraError",
@@ -34,6 +36,7 @@ __all__ = [
     "Scene",
     "Simulator",
     "StageWriter",
+    "WorkersLostError",
     "animate",
     "build_springs",
     "bundled_scenes",
@@ -46,7 +49,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "errors": ("BlowUpError", "InputError", "MissingExtraError"),
+    "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),
     "mesh": ("PolygonMesh",),
@@ -58,6 +61,7 @@ _HOMES = {
     "simulator": ("Frame", "Simulator"),
     "springs": ("build_springs",),
     "sweep.batch": ("run_batch",),
+    "sweep.cluster": ("Cluster",),
 }
 
 # In a source tree kernels/ and scenes/ stand beside this folder; an installed package has them inside.

@@ -11,3 +11,7 @@ class MissingExtraError(ImportError):
 
 class BlowUpError(RuntimeError):
     """The simulation left the finite numbers: the message names the frame and the particle. Exit status 1."""
+
+
+class WorkersLostError(RuntimeError):
+    """The workers of a batch, or their scheduler, are gone: the message says what was lost. Exit status 1."""

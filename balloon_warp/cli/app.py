@@ -14,7 +14,7 @@ from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
 from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
-from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
+from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
 
 
 def _print_version(wanted: bool) -> None:
@@ -43,12 +43,13 @@ def balloon_warp(
 
 
 def main() -> None:
-    """Run a command. A user's mistake becomes one sentence on standard error and exit status 2; a blow-up, 1."""
+    """Run a command. A user's mistake becomes one sentence on standard error and exit status 2; a blow-up
+    or the loss of all workers, 1."""
     try:
         app()
     except (InputError, MissingExtraError) as mistake:
         _fail(mistake, status=2)
-    except BlowUpError as failure:
+    except (BlowUpError, WorkersLostError) as failure:
         _fail(failure, status=1)
 
 

@@ -40,6 +40,12 @@ def batch(
     schedule: Annotated[
         str, typer.Option(help="How the work is laid out: auto, scatter, gather, block or lanes.")
     ] = "auto",
+    gpus: Annotated[int | None, typer.Option(help="Spread the worlds over this many GPUs of this machine.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Spread the worlds over this many processes on the CPU.")] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Spread the worlds over the workers of a Dask scheduler."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
@@ -47,8 +53,12 @@ def batch(
     name = scene_name(scene)
     quiet_warp()
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
+    from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.values import parse_export, parse_vary, spread
 
+    spread_over = None
+    if (cluster, gpus, workers) != (None, None, None):
+        spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
     with frame_progress() as progress:
         task = progress.add_task(name, total=loaded.frames)
@@ -61,15 +71,17 @@ def batch(
             name=name,
             device=device,
             schedule=schedule,
+            cluster=spread_over,
             on_frame=lambda number: progress.update(task, completed=number),
         )
     if as_json:
         print(json.dumps(summary.as_json()))
         return
     console = Console(highlight=False, soft_wrap=True)
+    device_text = f"{summary.workers} x {summary.device}" if spread_over else summary.device
     console.print(
         f"{summary.scene}: {summary.worlds:,} worlds, {summary.particles:,} particles, {summary.frames} frames of "
-        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {summary.device} ({summary.schedule})"
+        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {device_text} ({summary.schedule})"
     )
     if summary.unhealthy_worlds:
         console.print(

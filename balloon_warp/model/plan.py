@@ -25,6 +25,16 @@ class ModelPlan:
     substeps: int
     """as many as the stiffest world asks"""
 
+    @property
+    def particle_count(self) -> int:
+        """in one world"""
+        return sum(shape.mesh.vertex_count for shape in self.shapes)
+
+    @property
+    def spring_count(self) -> int:
+        """in one world"""
+        return sum(shape.springs.count for shape in self.shapes)
+
 
 def plan_model(scene: Scene, world_count: int = 1, vary: Vary | None = None) -> ModelPlan:
     """Read the scene's meshes, string them, and give each world its parameters.

@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import warp as wp
-from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.model import lay_out
-from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
+from balloon_warp.sweep.cluster import Cluster
+from balloon_warp.sweep.groups import BatchVary, plan_groups
+from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.recorder import MEASURES, Recorder, picked_bytes, record_bytes
+from balloon_warp.sweep.recorder import Recorder
+from balloon_warp.sweep.task import BatchTask, Outcome
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class BatchSummary:
     scene: str
     device: str
     schedule: str
+    workers: int
+    """processes that simulated: 1 without a cluster"""
     worlds: int
     exported_worlds: int
     unhealthy_worlds: int
@@ -46,6 +48,7 @@ class BatchSummary:
     substeps: int
     """in one frame"""
     wall_seconds: float
+    """of simulating and writing, once there are workers"""
     particle_substeps_per_second: float
 
     def as_json(self) -> dict[str, Any]:
@@ -62,6 +65,7 @@ def run_batch(
     name: str = "",
     device: str | None = None,
     schedule: str = "auto",
+    cluster: Cluster | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> BatchSummary:
     """Simulate worlds that differ; write `table.npz`, `table.csv` and, of the chosen worlds, `worlds.usdc`.
@@ -75,62 +79,75 @@ def run_batch(
         name: what the summary calls the scene.
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
-        on_frame: told the number of each frame when it is simulated.
+        cluster: the workers that simulate it; this process does, when missing. The files are the same.
+        on_frame: told the number of each frame when it is simulated; on a cluster, now and then, of the average world.
 
     Raises:
         InputError: the scene cannot be simulated, a varied value is wrong, the worlds do not fit into the memory, or
-            the folder cannot be written; nothing is written then.
+            the folder cannot be written, or the cluster is not there; nothing is written then.
+        MissingExtraError: a cluster is given and dask.distributed is not installed.
+        WorkersLostError: the cluster's workers end, or its scheduler does; nothing is written then.
     """
-    began = time.perf_counter()
-    vary, folder, chosen = vary or {}, Path(folder), np.unique(np.asarray(export, dtype=np.int64))
+    vary, chosen = vary or {}, np.unique(np.asarray(export, dtype=np.int64))
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
+    worker_device = cluster.device(device) if cluster else device
+    task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, Path(folder), schedule)
+    if cluster:
+        from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
+
+        outcome = distribute_batch(task, cluster, worker_device, on_frame)
+    else:
+        outcome = _simulate_here(task, device, on_frame)
+    groups = task.groups
+    substeps, particles = (
+        groups[0].plan.substeps,
+        sum(len(group.worlds) * group.plan.particle_count for group in groups),
+    )
+    return BatchSummary(
+        output=str(folder),
+        table=[str(task.folder / "table.npz"), str(task.folder / "table.csv")],
+        stage=str(task.folder / "worlds.usdc") if len(chosen) else None,
+        scene=name,
+        device=outcome.device,
+        schedule=outcome.schedule,
+        workers=outcome.workers,
+        worlds=world_count,
+        exported_worlds=len(chosen),
+        unhealthy_worlds=world_count - outcome.healthy_worlds,
+        particles=particles,
+        springs=sum(len(group.worlds) * group.plan.spring_count for group in groups),
+        frames=scene.frames,
+        substeps=substeps,
+        wall_seconds=round(outcome.seconds, 3),
+        particle_substeps_per_second=round(particles * substeps * scene.frames / outcome.seconds),
+    )
+
+
+def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int], None]) -> Outcome:
+    """All worlds at once, in this process."""
+    began = time.perf_counter()
     target = pick_device(device)
-    groups = plan_groups(scene, world_count, vary)
-    _require_memory(target, groups, chosen, scene)
-    simulators = [Simulator.of_model(lay_out(group.plan, target), schedule) for group in groups]
+    require_batch_memory(target, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
+    schedule = task.settled_schedule(on_cpu=target.is_cpu)
+    simulators = [Simulator.of_model(lay_out(group.plan, target), schedule) for group in task.groups]
     recorders = [
-        Recorder(simulator, group.rows_of(chosen)) for simulator, group in zip(simulators, groups, strict=True)
+        Recorder(simulator, group.rows_of(task.chosen))
+        for simulator, group in zip(simulators, task.groups, strict=True)
     ]
-    with BatchOutput(folder, scene, groups, chosen, vary) as output, Background() as writer:
-        for number in range(scene.frames + 1):
+    with (
+        BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output,
+        Background() as writer,
+    ):
+        for number in range(task.scene.frames + 1):
             for simulator in simulators if number else ():
                 simulator.advance()
             writer.submit(output.write, [recorder.read() for recorder in recorders])
             on_frame(number)
-    seconds = time.perf_counter() - began
-    particles = sum(simulator.model.particle_count * simulator.model.world_count for simulator in simulators)
-    return BatchSummary(
-        output=str(folder),
-        table=[str(folder / "table.npz"), str(folder / "table.csv")],
-        stage=str(folder / "worlds.usdc") if len(chosen) else None,
-        scene=name,
+    return Outcome(
         device=str(target),
         schedule=simulators[0].schedule.name,
-        worlds=world_count,
-        exported_worlds=len(chosen),
-        unhealthy_worlds=world_count - output.healthy_count,
-        particles=particles,
-        springs=sum(simulator.model.spring_count * simulator.model.world_count for simulator in simulators),
-        frames=scene.frames,
-        substeps=groups[0].plan.substeps,
-        wall_seconds=round(seconds, 3),
-        particle_substeps_per_second=round(particles * groups[0].plan.substeps * scene.frames / seconds),
+        workers=1,
+        healthy_worlds=output.healthy_count,
+        seconds=time.perf_counter() - began,
     )
-
-
-def _require_memory(device: wp.Device, groups: list[Group], chosen: NDArray[np.integer], scene: Scene) -> None:
-    """Before anything is allocated: the worlds on the device, the table and the frames under way on the host."""
-    counts = [len(group.worlds) for group in groups]
-    on_device, on_host = [], []
-    for group in groups:
-        picked = picked_bytes(group.plan) * len(group.rows_of(chosen)) // len(group.worlds)
-        measures = len(MEASURES) + len(scene.sphere)
-        on_device.append(world_bytes(group.plan) + record_bytes(group.plan) + picked)
-        on_host.append(4 * (scene.frames + 1) * (measures + 1) + (WAITING + 2) * picked)
-    host = wp.get_device("cpu")
-    if device.is_cpu:
-        on_host = [sum(both) for both in zip(on_device, on_host, strict=True)]
-    else:
-        require_memory(device, counts, on_device)
-    require_memory(host, counts, on_host)

@@ -1,5 +1,6 @@
 """What a batch leaves behind: the table of all worlds, and the stage of the chosen ones."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,9 @@ from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
 from balloon_warp.sweep.recorder import MEASURES, Record
+
+Rows = tuple[NDArray[np.float32], NDArray[np.int32]]
+"""the measures and the health of some worlds in one frame, as in `Record`"""
 
 
 class BatchOutput:
@@ -60,11 +64,20 @@ class BatchOutput:
 
     def write(self, records: list[Record]) -> None:
         """A frame: a record of each group."""
-        for number, (group, record) in enumerate(zip(self.groups, records, strict=True)):
-            self._measures[group.worlds] = record.measures
-            self._healthy[group.worlds] = record.healthy
-            if self._stage:
-                self._stage.write(record.number, number, record.points, record.velocities, record.sphere_positions)
+        for number, record in enumerate(records):
+            self.write_shapes(number, record)
+        self.write_measures([(record.measures, record.healthy) for record in records])
+
+    def write_shapes(self, number: int, record: Record) -> None:
+        """The chosen worlds of one group in one frame."""
+        if self._stage:
+            self._stage.write(record.number, number, record.points, record.velocities, record.sphere_positions)
+
+    def write_measures(self, rows: Sequence[Rows]) -> None:
+        """The table's next frame: the rows of each group."""
+        for group, (measures, healthy) in zip(self.groups, rows, strict=True):
+            self._measures[group.worlds] = measures
+            self._healthy[group.worlds] = healthy
         self._table.write(self._measures, self._healthy)
 
     def __exit__(

@@ -38,6 +38,7 @@ class StageWriter:
 
     def __enter__(self) -> Self:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
+        self._file.push(self._save)
         describe_stage(self.stage, self.model.scene)
         self._prims = self._define_prims()
         return self
@@ -51,9 +52,12 @@ class StageWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if error is None:
-            self.stage.GetRootLayer().Save()
         self._file.__exit__(kind, error, traceback)
+
+    def _save(self, kind: type[BaseException] | None, *_: object) -> None:
+        """What the file's end begins with, so that a failure to save is one of its own."""
+        if kind is None:
+            self.stage.GetRootLayer().Save()
 
     def _define_prims(self) -> list[BalloonPrim | SpherePrim | StringPrim | NetForcesPrim]:
         stage, model = self.stage, self.model

@@ -1,0 +1,191 @@
+"""The shares of a batch on many workers: they go out, and their results come back in any order."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.device import pick_device
+from balloon_warp.errors import InputError, WorkersLostError
+from balloon_warp.model.memory import require_memory
+from balloon_warp.sweep.cluster import Cluster, connect
+from balloon_warp.sweep.groups import Group
+from balloon_warp.sweep.memory import table_bytes
+from balloon_warp.sweep.output import BatchOutput, Rows
+from balloon_warp.sweep.shares import ShareResult, cut_into_shares, simulate_share
+from balloon_warp.sweep.task import BatchTask, Outcome
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+REPORT_SECONDS = 0.1
+"""between two words of a worker about the frame that it is at"""
+AHEAD = 2
+"""shares that are out, for each worker: one at work and one that follows; more would only fill the memory"""
+
+_one_at_a_time = threading.Lock()  # a worker may have many threads, but it has one device
+
+
+def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_frame: Callable[[int], None]) -> Outcome:
+    """Simulate a batch on workers, and write its files here, as if it had been simulated here.
+
+    Args:
+        device: the Warp device of each worker; its GPU where it has one, when missing.
+        on_frame: told how many frames are simulated, on the average of all worlds.
+
+    Raises:
+        InputError, MissingExtraError, WorkersLostError: as `run_batch`; nothing is written then.
+    """
+    _require_table_memory(task)
+    with connect(cluster) as client:
+        devices = _worker_devices(client, cluster, device)
+        began = time.perf_counter()
+        # Where workers differ, the shares are small enough for the least of them.
+        on_gpus = all(name.startswith("cuda") for name in devices)
+        shares = cut_into_shares(task.groups, "cuda" if on_gpus else "cpu")
+        schedule = task.settled_schedule(on_cpu=not on_gpus)
+        rows: list[list[Rows]] = [[] for _ in shares]
+        schedules = set()
+        with BatchOutput(task.folder, task.scene, shares, task.chosen, task.vary) as output:
+            for number, result in _run_shares(
+                client, cluster, shares, task.chosen, device, schedule, len(devices), on_frame
+            ):
+                schedules.add(result.schedule)
+                rows[number] = [(record.measures, record.healthy) for record in result.records]
+                for record in result.records:
+                    output.write_shapes(number, record)
+            for frame in zip(*rows, strict=True):
+                output.write_measures(frame)
+        return Outcome(
+            device=", ".join(sorted(set(devices))),
+            schedule=", ".join(sorted(schedules)),
+            workers=len(devices),
+            healthy_worlds=output.healthy_count,
+            seconds=time.perf_counter() - began,
+        )
+
+
+def _require_table_memory(task: BatchTask) -> None:
+    """The table is in memory twice: as it came from the workers, and as it is written."""
+    counts = [len(group.worlds) for group in task.groups]
+    require_memory(wp.get_device("cpu"), counts, [2 * table_bytes(task.scene)] * len(counts))
+
+
+def _worker_devices(client: "Client", cluster: Cluster, device: str | None) -> list[str]:
+    """The device of each worker, such as "cpu" or "cuda:0".
+
+    Raises:
+        InputError: a worker has no such device; or it, or the scheduler, has no Balloon Warp.
+    """
+    try:
+        for run in (client.run_on_scheduler, client.run):  # Dask's scheduler opens what passes through it
+            run(exec, f"import {__name__}")
+    except ImportError as error:
+        raise InputError(f"{cluster.option}: its scheduler or a worker cannot load Balloon Warp: {error}") from None
+    names: Any = client.run(_device_name, device, cluster.prepare)
+    return list(names.values())
+
+
+def _run_shares(
+    client: "Client",
+    cluster: Cluster,
+    shares: Sequence[Group],
+    chosen: NDArray[np.integer],
+    device: str | None,
+    schedule: str,
+    worker_count: int,
+    on_frame: Callable[[int], None],
+) -> Iterator[tuple[int, ShareResult]]:
+    """Simulate the shares, and give each one's number and result as it comes. What a lost worker had is done again.
+
+    Args:
+        chosen: the worlds whose shape is wanted, by their numbers in the batch.
+        device: the Warp device of each worker; its GPU where it has one, when missing.
+        schedule: as `Simulator` takes it.
+        worker_count: how many workers there are.
+        on_frame: told how many frames are simulated, on the average of all worlds.
+
+    Raises:
+        InputError: a share does not fit into a worker's memory.
+        WorkersLostError: a share lost one worker after the other, or the scheduler is gone.
+    """
+    topic = f"balloon-warp-{uuid4().hex}"
+    events: SimpleQueue[tuple[int, int | Future]] = SimpleQueue()  # a share, and its frame or its end
+    client.subscribe_topic(topic, lambda event: events.put(event[1]))
+    waiting = iter(range(len(shares)))
+
+    def send_next() -> None:
+        if (number := next(waiting, None)) is not None:
+            work = (shares[number], chosen, device, schedule, cluster.prepare, topic, number)
+            future = client.submit(_work, *work, key=f"{topic}-{number}", pure=False)
+            future.add_done_callback(lambda done: events.put((number, done)))
+
+    for _ in range(AHEAD * worker_count):
+        send_next()
+    frames = np.zeros(len(shares), dtype=np.int64)
+    weights = np.array([len(share.worlds) for share in shares]) / sum(len(share.worlds) for share in shares)
+    missing = len(shares)
+    while missing:
+        number, news = events.get()
+        if isinstance(news, int):
+            frames[number] = news
+        else:
+            result = _result(news)
+            frames[number] = len(result.records) - 1
+            missing -= 1
+            send_next()
+            yield number, result
+        on_frame(int(frames @ weights + 1.0e-6))
+
+
+def _result(future: "Future") -> ShareResult:
+    from distributed.scheduler import KilledWorker
+
+    try:
+        return future.result()
+    except KilledWorker as error:
+        raise WorkersLostError(
+            f"a share of the batch ended {error.allowed_failures + 1} workers, one after the other; nothing is written"
+        ) from None
+    except CancelledError:
+        raise WorkersLostError("the scheduler is gone; nothing is written") from None
+
+
+def _work(
+    share: Group,
+    chosen: NDArray[np.integer],
+    device: str | None,
+    schedule: str,
+    prepare: Callable[[], None] | None,
+    topic: str,
+    number: int,
+) -> ShareResult:
+    """Runs on a worker."""
+    from distributed import get_worker
+
+    worker, last = get_worker(), time.monotonic()
+
+    def report(frame: int) -> None:
+        nonlocal last
+        if (now := time.monotonic()) - last > REPORT_SECONDS:
+            worker.log_event(topic, (number, frame))
+            last = now
+
+    with _one_at_a_time:
+        if prepare:
+            prepare()
+        return simulate_share(share, chosen, device, schedule, report)
+
+
+def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:
+    """Runs on a worker."""
+    if prepare:
+        prepare()
+    return str(pick_device(device))

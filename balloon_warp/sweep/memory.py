@@ -1,0 +1,41 @@
+"""What a batch takes besides its models, and whether all fits, before anything is allocated."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.model.memory import require_memory, world_bytes
+from balloon_warp.scene import Scene
+from balloon_warp.sweep.groups import Group
+from balloon_warp.sweep.recorder import MEASURES, picked_bytes, record_bytes
+
+
+def require_batch_memory(
+    device: wp.Device, groups: Sequence[Group], chosen: NDArray[np.integer], scene: Scene, frames_held: int
+) -> None:
+    """Make sure that all worlds fit on the device, and the table and some frames of the chosen worlds on the host.
+
+    Args:
+        frames_held: frames of the chosen worlds that are in the host's memory at a time.
+
+    Raises:
+        InputError: they do not; the message says how many worlds would.
+    """
+    counts = [len(group.worlds) for group in groups]
+    on_device, on_host = [], []
+    for group in groups:
+        picked = picked_bytes(group.plan) * len(group.rows_of(chosen)) // len(group.worlds)
+        on_device.append(world_bytes(group.plan) + record_bytes(group.plan) + picked)
+        on_host.append(table_bytes(scene) + frames_held * picked)
+    if device.is_cpu:
+        on_host = [sum(both) for both in zip(on_device, on_host, strict=True)]
+    else:
+        require_memory(device, counts, on_device)
+    require_memory(wp.get_device("cpu"), counts, on_host)
+
+
+def table_bytes(scene: Scene) -> int:
+    """Host memory of a world's rows of the table: its measures and its health in every frame."""
+    return 4 * (scene.frames + 1) * (len(MEASURES) + len(scene.sphere) + 1)

@@ -1,0 +1,79 @@
+"""A batch cut into shares: worlds that one worker simulates together, wherever it is."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, log2
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.device import pick_device
+from balloon_warp.model import ModelPlan, lay_out
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.groups import Group
+from balloon_warp.sweep.memory import require_batch_memory
+from balloon_warp.sweep.recorder import Record, Recorder
+
+SHARES = 64
+"""into how many shares a large batch is cut, about: enough to keep many workers busy to the end"""
+GRAIN = {"cpu": 2**11, "cuda": 2**18}
+"""particles that a share has at least, by the kind of device: enough to fill it"""
+
+
+@dataclass(frozen=True)
+class ShareResult:
+    """What a worker hands back."""
+
+    records: list[Record]
+    """a frame each, the start among them"""
+    schedule: str
+
+
+def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
+    """Cut groups into groups of fewer worlds.
+
+    The cut depends on the batch and the kind of device, "cpu" or "cuda", and never on the number of workers. It has the
+    planned step of the whole, and the geometry, so that a worker needs neither the other worlds nor any file.
+    """
+    world_count = sum(len(group.worlds) for group in groups)
+    shares = []
+    for group in groups:
+        size = 2 ** ceil(log2(max(world_count / SHARES, GRAIN[device_kind] / group.plan.particle_count, 1.0)))
+        begin = 0
+        for worlds in np.array_split(group.worlds, ceil(len(group.worlds) / size)):
+            shares.append(Group(_part_of_plan(group.plan, begin, len(worlds)), worlds))
+            begin += len(worlds)
+    return shares
+
+
+def simulate_share(
+    share: Group, chosen: NDArray[np.integer], device: str | None, schedule: str, on_frame: Callable[[int], None]
+) -> ShareResult:
+    """Simulate a share from its start to its end.
+
+    Args:
+        chosen: the worlds whose shape is wanted, by their numbers in the batch.
+        device: a Warp device; the GPU where there is one, when missing.
+        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
+        on_frame: told the number of each frame when it is simulated.
+
+    Raises:
+        InputError: there is no such device, or the share does not fit into its memory.
+    """
+    scene, target = share.plan.scene, pick_device(device)
+    require_batch_memory(target, [share], chosen, scene, frames_held=scene.frames + 1)
+    simulator = Simulator.of_model(lay_out(share.plan, target), schedule)
+    recorder = Recorder(simulator, share.rows_of(chosen))
+    records = []
+    for number in range(scene.frames + 1):
+        if number:
+            simulator.advance()
+        records.append(recorder.read())
+        on_frame(number)
+    return ShareResult(records, simulator.schedule.name)
+
+
+def _part_of_plan(plan: ModelPlan, begin: int, world_count: int) -> ModelPlan:
+    end = begin + world_count
+    parameters = {name: values[begin:end] if len(values) > 1 else values for name, values in plan.parameters.items()}
+    return replace(plan, world_count=world_count, parameters=parameters)

@@ -1,0 +1,314 @@
+"""A batch on many workers: what one process writes, whoever simulated it."""
+
+import functools
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube, quad_sphere
+from pxr import Sdf
+
+from balloon_warp import Cluster, InputError, MissingExtraError, Scene, WorkersLostError, run_batch
+from balloon_warp.cli import main
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.sweep import cluster as cluster_module
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.shares import cut_into_shares
+
+distributed = pytest.importorskip("distributed", reason="needs the extra `cluster`")
+psutil = pytest.importorskip("psutil")
+
+WORLDS = 24
+
+
+def scene(**fields) -> Scene:
+    """A small scene with one of each."""
+    balloons = [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0), Balloon(mesh=cube(), position=(3, 1, 0))]
+    fields = {
+        "balloon": balloons,
+        "sphere": [Sphere(position=(0, 4, 0), radius=0.3)],
+        "string": [String(anchor=(0, 0, 0), length=1.5)],
+        "ground": Ground(),
+        "frames": 4,
+        "substeps": 40,
+    } | fields
+    return Scene(**fields)
+
+
+@pytest.fixture(autouse=True)
+def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small batches are cut, too."""
+    monkeypatch.setitem(shares.GRAIN, "cpu", 1)
+    monkeypatch.setattr(shares, "SHARES", 8)
+
+
+@pytest.fixture
+def vary(tmp_path: Path) -> dict:
+    """Two meshes in turn, which makes two groups, and a mass of its own for each world."""
+    paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
+    for path, size in zip(paths, (3, 4), strict=True):
+        write_obj(path, quad_sphere(size))
+    return {
+        "balloon.0.mesh": [paths[world % 2] for world in range(WORLDS)],
+        "balloon.mass": np.linspace(0.1, 0.2, WORLDS),
+    }
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """A scheduler of one worker that is there already."""
+    with cluster_module.start_workers([{}]) as workers:
+        yield address_of(workers)
+
+
+def address_of(workers: Any) -> str:
+    """Of their scheduler; Dask's types take them for something to wait for."""
+    return workers.scheduler_address
+
+
+def assert_same_files(folder: Path, expected: Path) -> None:
+    """To the last bit: the table byte by byte, the stage sample by sample."""
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in expected.iterdir())
+    for name in ("table.csv", "table.npz"):
+        assert (folder / name).read_bytes() == (expected / name).read_bytes()
+    stages = [Sdf.Layer.FindOrOpen(str(place / "worlds.usdc")) for place in (folder, expected)]
+    assert stages[0].ExportToString() == stages[1].ExportToString()
+
+
+def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
+    """Without the mesh files: what a worker needs travels with its share."""
+    export = [1, 7, 22]
+    alone = run_batch(scene(), tmp_path / "alone", WORLDS, vary, export=export, device="cpu", name="small")
+    gone = functools.partial(remove, list(map(str, set(vary["balloon.0.mesh"]))))
+    seen = []
+    local = Cluster(workers=2, prepare=gone)
+    together = run_batch(
+        scene(), tmp_path / "both", WORLDS, vary, export=export, cluster=local, name="small", on_frame=seen.append
+    )
+    assert not any(path.exists() for path in vary["balloon.0.mesh"])
+    assert_same_files(tmp_path / "both", tmp_path / "alone")
+    assert (together.workers, together.device, together.schedule) == (2, "cpu", alone.schedule)
+    same = ("worlds", "exported_worlds", "unhealthy_worlds", "particles", "springs", "frames", "substeps")
+    assert all(getattr(together, name) == getattr(alone, name) for name in same)
+    assert seen == sorted(seen)
+    assert seen[-1] == 4
+
+
+def remove(paths: list[str]) -> None:
+    for path in paths:
+        Path(path).unlink(missing_ok=True)
+
+
+def test_the_share_of_a_killed_worker_is_done_again(tmp_path: Path):
+    """Each start of a share is noted by its process; the first process that is in the middle of one is killed."""
+    heavy = scene(frames=30, substeps=1000)
+    run_batch(heavy, tmp_path / "alone", 4, export=[0, 3], device="cpu")
+    (tmp_path / "starts").mkdir()
+    killed = []
+
+    def kill(frame: int) -> None:
+        if not killed and 0 < frame < 30 // 4:  # told by a worker: none of the four shares is done
+            killed.append(next(pid for pid in starts(tmp_path) if starts(tmp_path)[pid] > 0))
+            os.kill(killed[0], signal.SIGKILL)
+
+    local = Cluster(workers=2, prepare=functools.partial(note_start, str(tmp_path / "starts")))
+    run_batch(heavy, tmp_path / "both", 4, export=[0, 3], cluster=local, on_frame=kill)
+    assert_same_files(tmp_path / "both", tmp_path / "alone")
+    assert killed
+    assert not psutil.pid_exists(killed[0])
+    assert sum(starts(tmp_path).values()) == 4 + 1  # four shares, one of them twice
+
+
+def note_start(folder: str) -> None:
+    """In a worker: a byte for each share that it starts; none when it is only asked for its device."""
+    with open(f"{folder}/{os.getpid()}", "ab") as file:
+        file.write(b"." if is_at_work() else b"")
+
+
+def is_at_work() -> bool:
+    try:
+        distributed.get_worker().get_current_task()
+    except ValueError:
+        return False
+    return True
+
+
+def starts(folder: Path) -> dict[int, int]:
+    return {int(path.name): path.stat().st_size for path in (folder / "starts").iterdir()}
+
+
+def test_a_share_that_ends_every_worker_is_given_up(address: str, tmp_path: Path):
+    cluster = Cluster(address=address, prepare=end_worker)
+    with pytest.raises(WorkersLostError, match=r"^a share of the batch ended 4 workers, one after the other"):
+        run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
+    with cluster_module.start_workers([{}]) as workers:
+        cluster = Cluster(address=address_of(workers))
+        with pytest.raises(WorkersLostError, match=r"^the scheduler is gone"):
+            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.close())
+    assert list(tmp_path.iterdir()) == []
+
+
+def end_worker() -> None:
+    if is_at_work():
+        os._exit(1)
+
+
+def test_an_interrupt_leaves_the_good_files(address: str, tmp_path: Path):
+    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
+    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def interrupt(frame: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(scene(), tmp_path, 8, export=[0], device="cpu", cluster=Cluster(address=address), on_frame=interrupt)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
+
+
+def test_the_command_spreads_over_a_scheduler(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    write_ball(tmp_path)
+    arguments = ["--worlds", "6", "--vary", "gravity=1:9", "--export", "2", "--set", "frames=3", "--device", "cpu"]
+    assert batch(monkeypatch, *arguments, "-o", "alone") == 0
+    assert batch(monkeypatch, *arguments, "-o", "both", "--cluster", address) == 0
+    captured = capfd.readouterr()
+    assert captured.err == ""
+    assert " on 1 x cpu (" in captured.out.splitlines()[4]
+    assert_same_files(tmp_path / "both", tmp_path / "alone")
+
+
+def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    """Exit status of the command."""
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "ball.obj", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--cluster", "localhost"], "--cluster localhost: expected an address such as tcp://192.168.0.1:8786"),
+        (["--cluster", "tcp://127.0.0.1:1"], "--cluster tcp://127.0.0.1:1: no scheduler answers there within 1 s"),
+        (["--workers", "0"], "--workers 0: expected at least 1"),
+        (["--gpus", "99"], "--gpus 99: this machine has "),
+        (["--gpus", "1", "--workers", "2"], "--cluster, --gpus, --workers: expected one of them"),
+        (["--workers", "1", "--device", "cpu"], "--device cpu: goes with --cluster"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_and_status_2(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    arguments: list[str],
+    sentence: str,
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 1.0)
+    write_ball(tmp_path)
+    assert batch(monkeypatch, *arguments) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"error: {sentence}")
+    assert len(captured.err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["ball.obj"]
+
+
+def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
+    with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
+        run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_script_without_a_guard_is_told(tmp_path: Path):
+    """Each worker imports the script that starts it, and would start workers of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import balloon_warp as bw\n"
+        f"ball = bw.load_mesh({str(write_ball(tmp_path))!r})\n"
+        "scene = bw.Scene(balloon=[{'mesh': ball}], frames=1)\n"
+        "bw.run_batch(scene, 'out', 2, cluster=bw.Cluster(workers=1))\n"
+    )
+    ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: --workers 1: the workers do not")
+    assert not (tmp_path / "out").exists()
+
+
+def write_ball(folder: Path) -> Path:
+    write_obj(folder / "ball.obj", quad_sphere(2))
+    return folder / "ball.obj"
+
+
+def test_a_scheduler_without_workers_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cluster_module, "WORKER_SECONDS", 0.5)
+    with (
+        cluster_module.start_workers([]) as nobody,
+        pytest.raises(InputError, match=r"^--cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
+    ):
+        run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[cluster\]'"):
+        run_batch(scene(), tmp_path, 2, cluster=Cluster(workers=2))
+
+
+def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatch):
+    """And of the GPUs that the process itself may see."""
+    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
+    environments = cluster_module.worker_environments(Cluster(gpus=2))
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
+    assert cluster_module.worker_environments(Cluster(gpus=1)) == [{"CUDA_VISIBLE_DEVICES": "0"}]
+    with cluster_module.start_workers(environments) as workers, distributed.Client(workers) as client:
+        seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
+        assert sorted(seen.values()) == ["5", "6"]
+        here = psutil.Process()
+        listening = [
+            connection.laddr.ip
+            for process in (here, *here.children(recursive=True))
+            for connection in process.net_connections()
+            if connection.status == psutil.CONN_LISTEN
+        ]
+        assert len(listening) >= 3  # a scheduler and two workers
+        assert set(listening) == {"127.0.0.1"}
+
+
+@pytest.mark.parametrize(
+    ("worlds", "sizes"),
+    [
+        (1, [1]),
+        (9, [5, 4]),
+        (64, [8] * 8),
+        (65, [13] * 5),  # more than eight times eight: the next power of two, 16, makes five shares
+    ],
+)
+def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
+    """At most eight shares of at least 64 particles, which are eight cubes; each has its own part of what varies."""
+    monkeypatch.setitem(shares.GRAIN, "cpu", 64)
+    mass = np.linspace(1.0, 0.01, worlds)
+    groups = plan_groups(Scene(balloon=[Balloon(mesh=cube())]), worlds, {"balloon.mass": mass})
+    cut = cut_into_shares(groups, "cpu")
+    assert [share.plan.world_count for share in cut] == sizes
+    np.testing.assert_array_equal(np.concatenate([share.worlds for share in cut]), np.arange(worlds))
+    np.testing.assert_array_equal(np.concatenate([share.plan.parameters["mass"][:, 0] for share in cut]), mass)
+    assert {len(share.plan.parameters["gravity"]) for share in cut} == {1}
+    assert {share.plan.substeps for share in cut} == {groups[0].plan.substeps}  # that of the lightest world
