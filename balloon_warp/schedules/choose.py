@@ -36,13 +36,14 @@ def make_schedule(model: Model, name: str = "auto") -> Schedule:
     return SCHEDULES[name](model)
 
 
-def fastest_schedule(model: Model) -> str:
-    """By device and size.
+def fastest_schedule(model: Model, world_count: int | None = None) -> str:
+    """By device, size and number of worlds: the model's, or that of a batch of which the model is a part.
 
     On a GPU, blocks where a world fits in one and either each particle has a thread, or there are enough worlds to give
     each multiprocessor one. On the CPU, eight worlds side by side cost little more than one, but one costs as much.
     """
+    worlds = world_count or model.world_count
     if model.device.is_cpu:
-        return "lanes" if model.world_count > 1 else "gather"
-    enough = thread_a_particle(model) or model.world_count >= model.device.sm_count
+        return "lanes" if worlds > 1 else "gather"
+    enough = thread_a_particle(model) or worlds >= model.device.sm_count
     return "block" if fits_in_block(model) and enough else "gather"

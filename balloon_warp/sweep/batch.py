@@ -92,18 +92,15 @@ def run_batch(
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
     worker_device = cluster.device(device) if cluster else device
-    task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, Path(folder), schedule)
+    task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, schedule, Path(folder))
     if cluster:
         from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
 
         outcome = distribute_batch(task, cluster, worker_device, on_frame)
     else:
         outcome = _simulate_here(task, device, on_frame)
-    groups = task.groups
-    substeps, particles = (
-        groups[0].plan.substeps,
-        sum(len(group.worlds) * group.plan.particle_count for group in groups),
-    )
+    substeps = task.groups[0].plan.substeps
+    particles = sum(len(group.worlds) * group.plan.particle_count for group in task.groups)
     return BatchSummary(
         output=str(folder),
         table=[str(task.folder / "table.npz"), str(task.folder / "table.csv")],
@@ -116,7 +113,7 @@ def run_batch(
         exported_worlds=len(chosen),
         unhealthy_worlds=world_count - outcome.healthy_worlds,
         particles=particles,
-        springs=sum(len(group.worlds) * group.plan.spring_count for group in groups),
+        springs=sum(len(group.worlds) * group.plan.spring_count for group in task.groups),
         frames=scene.frames,
         substeps=substeps,
         wall_seconds=round(outcome.seconds, 3),
@@ -129,8 +126,7 @@ def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int]
     began = time.perf_counter()
     target = pick_device(device)
     require_batch_memory(target, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
-    schedule = task.settled_schedule(on_cpu=target.is_cpu)
-    simulators = [Simulator.of_model(lay_out(group.plan, target), schedule) for group in task.groups]
+    simulators = [Simulator.of_model(lay_out(group.plan, target), task.schedule) for group in task.groups]
     recorders = [
         Recorder(simulator, group.rows_of(task.chosen))
         for simulator, group in zip(simulators, task.groups, strict=True)
@@ -146,7 +142,7 @@ def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int]
             on_frame(number)
     return Outcome(
         device=str(target),
-        schedule=simulators[0].schedule.name,
+        schedule=", ".join(sorted({simulator.schedule.name for simulator in simulators})),
         workers=1,
         healthy_worlds=output.healthy_count,
         seconds=time.perf_counter() - began,

@@ -16,10 +16,9 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.model.memory import require_memory
 from balloon_warp.sweep.cluster import Cluster, connect
-from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import table_bytes
 from balloon_warp.sweep.output import BatchOutput, Rows
-from balloon_warp.sweep.shares import ShareResult, cut_into_shares, simulate_share
+from balloon_warp.sweep.shares import Share, ShareResult, cut_into_shares, simulate_share
 from balloon_warp.sweep.task import BatchTask, Outcome
 
 if TYPE_CHECKING:
@@ -48,15 +47,11 @@ def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_f
         devices = _worker_devices(client, cluster, device)
         began = time.perf_counter()
         # Where workers differ, the shares are small enough for the least of them.
-        on_gpus = all(name.startswith("cuda") for name in devices)
-        shares = cut_into_shares(task.groups, "cuda" if on_gpus else "cpu")
-        schedule = task.settled_schedule(on_cpu=not on_gpus)
+        shares = cut_into_shares(task.groups, "cuda" if all(name.startswith("cuda") for name in devices) else "cpu")
         rows: list[list[Rows]] = [[] for _ in shares]
         schedules = set()
         with BatchOutput(task.folder, task.scene, shares, task.chosen, task.vary) as output:
-            for number, result in _run_shares(
-                client, cluster, shares, task.chosen, device, schedule, len(devices), on_frame
-            ):
+            for number, result in _run_shares(client, cluster, task, shares, device, len(devices), on_frame):
                 schedules.add(result.schedule)
                 rows[number] = [(record.measures, record.healthy) for record in result.records]
                 for record in result.records:
@@ -96,19 +91,17 @@ def _worker_devices(client: "Client", cluster: Cluster, device: str | None) -> l
 def _run_shares(
     client: "Client",
     cluster: Cluster,
-    shares: Sequence[Group],
-    chosen: NDArray[np.integer],
+    task: BatchTask,
+    shares: Sequence[Share],
     device: str | None,
-    schedule: str,
     worker_count: int,
     on_frame: Callable[[int], None],
 ) -> Iterator[tuple[int, ShareResult]]:
     """Simulate the shares, and give each one's number and result as it comes. What a lost worker had is done again.
 
     Args:
-        chosen: the worlds whose shape is wanted, by their numbers in the batch.
+        task: what the shares are of.
         device: the Warp device of each worker; its GPU where it has one, when missing.
-        schedule: as `Simulator` takes it.
         worker_count: how many workers there are.
         on_frame: told how many frames are simulated, on the average of all worlds.
 
@@ -123,7 +116,7 @@ def _run_shares(
 
     def send_next() -> None:
         if (number := next(waiting, None)) is not None:
-            work = (shares[number], chosen, device, schedule, cluster.prepare, topic, number)
+            work = (shares[number], task.chosen, task.schedule, device, cluster.prepare, topic, number)
             future = client.submit(_work, *work, key=f"{topic}-{number}", pure=False)
             future.add_done_callback(lambda done: events.put((number, done)))
 
@@ -159,10 +152,10 @@ def _result(future: "Future") -> ShareResult:
 
 
 def _work(
-    share: Group,
+    share: Share,
     chosen: NDArray[np.integer],
-    device: str | None,
     schedule: str,
+    device: str | None,
     prepare: Callable[[], None] | None,
     topic: str,
     number: int,
@@ -181,7 +174,7 @@ def _work(
     with _one_at_a_time:
         if prepare:
             prepare()
-        return simulate_share(share, chosen, device, schedule, report)
+        return simulate_share(share, chosen, schedule, device, report)
 
 
 def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:

@@ -35,7 +35,9 @@ class BatchOutput:
         InputError: the folder cannot be written to.
     """
 
-    def __init__(self, folder: Path, scene: Scene, groups: list[Group], chosen: NDArray[np.integer], vary: BatchVary):
+    def __init__(
+        self, folder: Path, scene: Scene, groups: Sequence[Group], chosen: NDArray[np.integer], vary: BatchVary
+    ):
         _prepare_folder(folder)
         self.groups = groups
         measures = [*MEASURES, *(f"sphere_{number}_height" for number in range(len(scene.sphere)))]

@@ -20,15 +20,9 @@ class BatchTask:
     vary: BatchVary
     chosen: NDArray[np.int64]
     """worlds of the stage, ascending"""
+    schedule: str
+    """"auto" for the fastest"""
     folder: Path
-    schedule: str = "auto"
-    """as asked for"""
-
-    def settled_schedule(self, on_cpu: bool) -> str:
-        """The schedule of all of its worlds. `auto` is settled here for a batch on the CPU, so that a world's result
-        does not depend on how many others it is simulated with."""
-        many = sum(len(group.worlds) for group in self.groups) > 1
-        return "lanes" if self.schedule == "auto" and on_cpu and many else self.schedule
 
 
 @dataclass(frozen=True)
