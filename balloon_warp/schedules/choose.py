@@ -30,20 +30,25 @@ def make_schedule(model: Model, name: str = "auto") -> Schedule:
         InputError: there is no such schedule, or it cannot simulate this model.
     """
     if name == "auto":
-        name = fastest_schedule(model)
+        name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
     return SCHEDULES[name](model)
 
 
-def fastest_schedule(model: Model, world_count: int | None = None) -> str:
-    """By device, size and number of worlds: the model's, or that of a batch of which the model is a part.
+def settled_schedule(name: str, model: Model, world_count: int) -> str:
+    """`name`, with `auto` settled for a batch of that many worlds, of which the model may be any part: a world's result
+    does not depend on how many others it is simulated with."""
+    return fastest_schedule(model, world_count) if name == "auto" else name
+
+
+def fastest_schedule(model: Model, world_count: int) -> str:
+    """By device, size and number of worlds.
 
     On a GPU, blocks where a world fits in one and either each particle has a thread, or there are enough worlds to give
     each multiprocessor one. On the CPU, eight worlds side by side cost little more than one, but one costs as much.
     """
-    worlds = world_count or model.world_count
     if model.device.is_cpu:
-        return "lanes" if worlds > 1 else "gather"
-    enough = thread_a_particle(model) or worlds >= model.device.sm_count
+        return "lanes" if world_count > 1 else "gather"
+    enough = thread_a_particle(model) or world_count >= model.device.sm_count
     return "block" if fits_in_block(model) and enough else "gather"

@@ -13,6 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.model import lay_out
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.scene import Scene
+from balloon_warp.schedules.choose import settled_schedule
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
@@ -92,7 +93,7 @@ def run_batch(
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
     worker_device = cluster.device(device) if cluster else device
-    task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, schedule, Path(folder))
+    task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, Path(folder), schedule)
     if cluster:
         from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
 
@@ -126,7 +127,10 @@ def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int]
     began = time.perf_counter()
     target = pick_device(device)
     require_batch_memory(target, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
-    simulators = [Simulator.of_model(lay_out(group.plan, target), task.schedule) for group in task.groups]
+    models = [lay_out(group.plan, target) for group in task.groups]
+    simulators = [
+        Simulator.of_model(model, settled_schedule(task.schedule, model, task.world_count)) for model in models
+    ]
     recorders = [
         Recorder(simulator, group.rows_of(task.chosen))
         for simulator, group in zip(simulators, task.groups, strict=True)

@@ -16,9 +16,10 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.model.memory import require_memory
 from balloon_warp.sweep.cluster import Cluster, connect
+from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import table_bytes
 from balloon_warp.sweep.output import BatchOutput, Rows
-from balloon_warp.sweep.shares import Share, ShareResult, cut_into_shares, simulate_share
+from balloon_warp.sweep.shares import ShareResult, cut_into_shares, simulate_share
 from balloon_warp.sweep.task import BatchTask, Outcome
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def _run_shares(
     client: "Client",
     cluster: Cluster,
     task: BatchTask,
-    shares: Sequence[Share],
+    shares: Sequence[Group],
     device: str | None,
     worker_count: int,
     on_frame: Callable[[int], None],
@@ -116,8 +117,8 @@ def _run_shares(
 
     def send_next() -> None:
         if (number := next(waiting, None)) is not None:
-            work = (shares[number], task.chosen, task.schedule, device, cluster.prepare, topic, number)
-            future = client.submit(_work, *work, key=f"{topic}-{number}", pure=False)
+            share = (shares[number], task.chosen, device, task.schedule, task.world_count)
+            future = client.submit(_work, *share, cluster.prepare, topic, number, key=f"{topic}-{number}", pure=False)
             future.add_done_callback(lambda done: events.put((number, done)))
 
     for _ in range(AHEAD * worker_count):
@@ -152,10 +153,11 @@ def _result(future: "Future") -> ShareResult:
 
 
 def _work(
-    share: Share,
+    share: Group,
     chosen: NDArray[np.integer],
-    schedule: str,
     device: str | None,
+    schedule: str,
+    world_count: int,
     prepare: Callable[[], None] | None,
     topic: str,
     number: int,
@@ -174,7 +176,7 @@ def _work(
     with _one_at_a_time:
         if prepare:
             prepare()
-        return simulate_share(share, chosen, schedule, device, report)
+        return simulate_share(share, chosen, device, schedule, world_count, report)
 
 
 def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.model import ModelPlan, lay_out
-from balloon_warp.schedules.choose import fastest_schedule
+from balloon_warp.schedules.choose import settled_schedule
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import require_batch_memory
@@ -22,14 +22,6 @@ GRAIN = {"cpu": 2**11, "cuda": 2**18}
 
 
 @dataclass(frozen=True)
-class Share(Group):
-    """Some worlds of a group."""
-
-    group_size: int
-    """how many worlds the whole group has"""
-
-
-@dataclass(frozen=True)
 class ShareResult:
     """What a worker hands back."""
 
@@ -38,11 +30,11 @@ class ShareResult:
     schedule: str
 
 
-def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Share]:
-    """Cut groups into shares.
+def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
+    """Cut groups into groups of fewer worlds.
 
-    The cut depends on the batch and the kind of device, "cpu" or "cuda", never on the number of workers. A share has
-    the planned step of the whole, and the geometry, so that a worker needs neither the other worlds nor any file.
+    The cut depends on the batch and the kind of device, "cpu" or "cuda", and never on the number of workers. It has the
+    planned step of the whole, and the geometry, so that a worker needs neither the other worlds nor any file.
     """
     world_count = sum(len(group.worlds) for group in groups)
     shares = []
@@ -50,22 +42,26 @@ def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Share]:
         size = 2 ** ceil(log2(max(world_count / SHARES, GRAIN[device_kind] / group.plan.particle_count, 1.0)))
         begin = 0
         for worlds in np.array_split(group.worlds, ceil(len(group.worlds) / size)):
-            plan = _part_of_plan(group.plan, begin, len(worlds))
-            shares.append(Share(plan, worlds, group_size=len(group.worlds)))
+            shares.append(Group(_part_of_plan(group.plan, begin, len(worlds)), worlds))
             begin += len(worlds)
     return shares
 
 
 def simulate_share(
-    share: Share, chosen: NDArray[np.integer], schedule: str, device: str | None, on_frame: Callable[[int], None]
+    share: Group,
+    chosen: NDArray[np.integer],
+    device: str | None,
+    schedule: str,
+    world_count: int,
+    on_frame: Callable[[int], None],
 ) -> ShareResult:
     """Simulate a share from its start to its end.
 
     Args:
         chosen: the worlds whose shape is wanted, by their numbers in the batch.
-        schedule: how the work is laid out; "auto" for what is fastest for the whole group, so that all its worlds are
-            simulated alike.
         device: a Warp device; the GPU where there is one, when missing.
+        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
+        world_count: how many worlds the whole batch has.
         on_frame: told the number of each frame when it is simulated.
 
     Raises:
@@ -74,7 +70,7 @@ def simulate_share(
     scene, target = share.plan.scene, pick_device(device)
     require_batch_memory(target, [share], chosen, scene, frames_held=scene.frames + 1)
     model = lay_out(share.plan, target)
-    simulator = Simulator.of_model(model, fastest_schedule(model, share.group_size) if schedule == "auto" else schedule)
+    simulator = Simulator.of_model(model, settled_schedule(schedule, model, world_count))
     recorder = Recorder(simulator, share.rows_of(chosen))
     records = []
     for number in range(scene.frames + 1):

@@ -20,9 +20,13 @@ class BatchTask:
     vary: BatchVary
     chosen: NDArray[np.int64]
     """worlds of the stage, ascending"""
-    schedule: str
-    """"auto" for the fastest"""
     folder: Path
+    schedule: str = "auto"
+    """as asked for"""
+
+    @property
+    def world_count(self) -> int:
+        return sum(len(group.worlds) for group in self.groups)
 
 
 @dataclass(frozen=True)
