@@ -12,7 +12,7 @@ from balloon_warp.cli.quiet import quiet_warp
 
 
 def bench(
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ... [default: the GPU if there is one]")] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A few cases only.")] = False,
     output: Annotated[Path | None, typer.Option("--json", help="Write the results to this file, too.")] = None,
 ) -> None:
