@@ -1,5 +1,7 @@
 """Signed distance to a closed mesh of even quads: surface nets, then relaxation on the surface."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
@@ -46,7 +48,8 @@ def extract(values: NDArray[np.float64], lower: NDArray[np.float64], cell: float
         lower: place of the first node, shape (3,).
         cell: width of a grid cell.
     """
-    vertices, indices = IsoSurfaceNets.extract(wp.array3d(values, dtype=wp.float32), 0.0, topology="quad")
+    field: Any = wp.array3d(values, dtype=wp.float32)
+    vertices, indices = IsoSurfaceNets.extract(field, 0.0, topology="quad")
     corners = indices.numpy().astype(np.int32)
     return PolygonMesh(
         # Warp gives points in grid units: placed here in float64.

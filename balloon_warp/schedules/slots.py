@@ -18,7 +18,7 @@ def kind_slots(ends: SpringEnds) -> tuple[int, int, int]:
     return structural, shear, flexion
 
 
-def slot_table(model: Model, ends: SpringEnds) -> SlotTable:
+def slot_table(model: Model, ends: SpringEnds) -> Any:
     """The table; slots that are left over hold a spring of no stiffness from the particle to itself."""
     neighbors, scales, rest_lengths = (
         np.concatenate(parts) for parts in zip(*(_slots_of_kind(ends, kind) for kind in range(3)), strict=True)

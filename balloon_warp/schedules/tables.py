@@ -57,7 +57,7 @@ def spring_ends(model: Model) -> SpringEnds:
     )
 
 
-def spring_table(model: Model, ends: SpringEnds) -> SpringTable:
+def spring_table(model: Model, ends: SpringEnds) -> Any:
     """Each particle's springs in slices of 32 particles."""
     valence = ends.by_kind.sum(axis=1)
     slot = np.arange(len(ends.particle)) - np.repeat(np.cumsum(valence) - valence, valence)
@@ -87,7 +87,7 @@ def spring_table(model: Model, ends: SpringEnds) -> SpringTable:
     return table
 
 
-def string_table(model: Model) -> StringTable:
+def string_table(model: Model) -> Any:
     """Strings by the particle that they hold."""
     held = model.string_particle.numpy()
     order = np.argsort(held, kind="stable")
@@ -102,7 +102,7 @@ def string_table(model: Model) -> StringTable:
     return table
 
 
-def body_table(model: Model) -> BodyTable:
+def body_table(model: Model) -> Any:
     """What pulls at each particle by itself."""
     table = BodyTable()
     table.balloon = model.particle_balloon
@@ -115,7 +115,7 @@ def body_table(model: Model) -> BodyTable:
     return table
 
 
-def obstacle_table(model: Model) -> ObstacleTable:
+def obstacle_table(model: Model) -> Any:
     """Spheres and ground."""
     table = ObstacleTable()
     table.sphere_mass = model.sphere_mass
@@ -127,7 +127,7 @@ def obstacle_table(model: Model) -> ObstacleTable:
     return table
 
 
-def face_table(model: Model) -> FaceTable:
+def face_table(model: Model) -> Any:
     """Faces, and the faces around each particle."""
     table = FaceTable()
     table.offsets = model.face_offsets
@@ -140,7 +140,7 @@ def face_table(model: Model) -> FaceTable:
     return table
 
 
-def world_state(state: State) -> WorldState:
+def world_state(state: State) -> Any:
     """The arrays of a state."""
     worlds = WorldState()
     for name in WorldState.vars:

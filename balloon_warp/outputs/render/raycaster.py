@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -85,7 +86,7 @@ class RayCaster:
         self._launch(raycast.develop, [*light, *noisy], [self._picture])
         return np.array(self._picture.numpy(), np.uint8)  # a copy: on the CPU the next picture would change a view
 
-    def _launch(self, kernel: wp.Kernel, inputs: list, outputs: list) -> None:
+    def _launch(self, kernel: Any, inputs: list, outputs: list) -> None:
         """Each band on a thread of its own, since a launch on the CPU uses one core and frees the GIL."""
 
         def launch(band: int) -> None:

@@ -1,5 +1,7 @@
 """Where the lights stand: over the photographer's left shoulder, and behind the subject on the right."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -15,7 +17,7 @@ KEY_RADIANCE = (1.06, 1.02, 0.96)
 KEY_SPREAD = 0.15
 
 
-def light_studio(camera: Camera) -> Studio:
+def light_studio(camera: Camera) -> Any:
     """The lights for a camera. They turn with it, but only around the vertical."""
     right, _, backward = camera.axes
     level_right = _unit(np.array([right[0], 0.0, right[2]]))
