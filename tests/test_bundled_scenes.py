@@ -155,7 +155,7 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
 )
 def test_scenes_do_not_flutter(name: str):
     """When the action is over, hardly any particle changes its velocity from frame to frame by more than a third of a
-    meter a second; fluttering, as with cached normals, it is meters a second."""
+    meter a second. With cached normals the tether's particles change theirs by 2.9, the inflated squirrel's by 0.7."""
     _, frames = played(name)
     change = np.linalg.norm(frames[-1].velocities[0] - frames[-2].velocities[0], axis=1)
     assert np.percentile(change, 90) < 0.33
