@@ -73,7 +73,7 @@ def _newton_model(newton: Any, model: Model) -> Any:
     balloon = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64)
     kind = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
-    points = model.initial_points.numpy()[0].tolist()
+    points = model.initial_points.numpy().tolist()
     masses = (model.particle_mass_share.numpy() * np.asarray(model.mass.numpy())[0, balloon]).tolist()
     by_kind = np.asarray(model.stiffness.numpy())[0, balloon[pairs[:, 0]], kind]
     one = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))

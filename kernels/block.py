@@ -10,7 +10,7 @@ import warp as wp
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
-from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState, row_of_world
+from balloon_warp.kernels.tables import FaceTable, ObstacleTable, WorldState, ground_friction, row_of_world
 
 FORCE_ROWS = 3
 """rows of the spheres' forces in a world: a substep adds to one, reads that of the last, and clears that of the next"""
@@ -157,11 +157,13 @@ def meet_sphere(
 
 
 @wp.func
-def meet_ground(obstacles: ObstacleTable, point: wp.vec3, velocity: wp.vec3, up: wp.vec3):
+def meet_ground(
+    obstacles: ObstacleTable, world: wp.int32, point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float
+):
     """A particle up to the ground; most are above and go on at once."""
-    if wp.dot(point, up) >= obstacles.ground_height:
+    if wp.dot(point, up) >= height:
         return point, velocity
-    new_point, new_velocity = leave_ground(point, velocity, up, obstacles.ground_height, obstacles.ground_friction)
+    new_point, new_velocity = leave_ground(point, velocity, up, height, ground_friction(obstacles, world))
     return new_point, new_velocity
 
 

@@ -37,6 +37,8 @@ from balloon_warp.kernels.tables import (
     ObstacleTable,
     StringTable,
     WorldState,
+    ground_height,
+    ground_restitution,
     particle_damping,
     particle_mass,
     row_of_world,
@@ -99,6 +101,7 @@ def resident_kernel(
         scales: Numbers
         rests: Numbers  # rest length times spring constant [N]
         touched_before: bool  # whether spheres were touched two substeps ago
+        ground_height: float
         sphere_radii: SphereNumbers
         centers: Spheres
         motions: Spheres
@@ -212,7 +215,7 @@ def resident_kernel(
                 pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
                 center, motion = move_sphere(
                     row_of(me.centers, sphere), row_of(me.motions, sphere), pushed, me.sphere_radii[sphere],
-                    me.gravity, bodies.up, obstacles.ground_height, obstacles.ground_restitution, step_seconds,
+                    me.gravity, bodies.up, me.ground_height, ground_restitution(obstacles, world), step_seconds,
                 )  # fmt: skip
                 me.centers[sphere] = center
                 me.motions[sphere] = motion
@@ -235,7 +238,7 @@ def resident_kernel(
                 me.point = point
                 me.velocity = velocity
             if wp.static(has_ground):
-                point, velocity = meet_ground(obstacles, me.point, me.velocity, bodies.up)
+                point, velocity = meet_ground(obstacles, world, me.point, me.velocity, bodies.up, me.ground_height)
                 me.point = point
                 me.velocity = velocity
         wp.tile_scatter_masked(target, particle, me.point, active)
@@ -268,6 +271,7 @@ def resident_kernel(
         mass = particle_mass(bodies, world, particle)
         me = Particle()
         me.gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+        me.ground_height = ground_height(obstacles, world)
         helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon]
         ramp = state.inflation_ramp[world, balloon]
 

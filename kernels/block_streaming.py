@@ -32,6 +32,8 @@ from balloon_warp.kernels.tables import (
     SpringTable,
     StringTable,
     WorldState,
+    ground_height,
+    ground_restitution,
     particle_damping,
     particle_mass,
     row_of_world,
@@ -72,6 +74,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
         count = state.points.shape[1]
         threads = wp.block_dim()
         gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+        height = ground_height(obstacles, world)
         rounds = (count + threads - 1) // threads
         points = wp.tile_zeros(shape=buffers, dtype=wp.vec3, storage="shared")
         if lane == 0:
@@ -100,7 +103,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
                 pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
                 center, motion = move_sphere(
                     row_of(centers, sphere), row_of(motions, sphere), pushed, sphere_radius(obstacles, world, sphere),
-                    gravity, bodies.up, obstacles.ground_height, obstacles.ground_restitution, step_seconds,
+                    gravity, bodies.up, height, ground_restitution(obstacles, world), step_seconds,
                 )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
@@ -136,7 +139,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
                             row_of(centers, sphere), row_of(motions, sphere),
                             sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
                         )  # fmt: skip
-                    point, velocity = meet_ground(obstacles, point, velocity, bodies.up)
+                    point, velocity = meet_ground(obstacles, world, point, velocity, bodies.up, height)
                 if active:
                     state.velocities[world, particle] = velocity
                 wp.tile_scatter_masked(points, capacity - first + particle, point, active)

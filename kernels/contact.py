@@ -100,8 +100,8 @@ def resolve_contacts(
     sphere_radius: wp.array2d[float],
     sphere_penalty: wp.array2d[float],
     up: wp.vec3,
-    ground_height: float,
-    ground_friction: float,
+    ground_height: wp.array[float],
+    ground_friction: wp.array[float],
     time_in_frame: float,
     # state in
     inflation_aims: wp.array2d[wp.vec3],
@@ -131,7 +131,9 @@ def resolve_contacts(
             if wp.length_sq(outward) > 0.0:
                 penalty = sphere_penalty[world % sphere_penalty.shape[0], sphere]
                 wp.atomic_add(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
-        point, velocity = leave_ground(point, velocity, up, ground_height, ground_friction)
+        height = ground_height[world % ground_height.shape[0]]
+        friction = ground_friction[world % ground_friction.shape[0]]
+        point, velocity = leave_ground(point, velocity, up, height, friction)
     new_points[world, particle] = point
     new_velocities[world, particle] = velocity
 
@@ -143,8 +145,8 @@ def move_spheres(
     sphere_radius: wp.array2d[float],
     gravity: wp.array[float],
     up: wp.vec3,
-    ground_height: float,
-    ground_restitution: float,
+    ground_height: wp.array[float],
+    ground_restitution: wp.array[float],
     step_seconds: float,
     # state in and out
     sphere_positions: wp.array2d[wp.vec3],
@@ -160,8 +162,8 @@ def move_spheres(
         sphere_radius[world % sphere_radius.shape[0], sphere],
         gravity[world % gravity.shape[0]],
         up,
-        ground_height,
-        ground_restitution,
+        ground_height[world % ground_height.shape[0]],
+        ground_restitution[world % ground_restitution.shape[0]],
         step_seconds,
     )
     sphere_positions[world, sphere] = position

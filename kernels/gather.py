@@ -15,6 +15,9 @@ from balloon_warp.kernels.tables import (
     ObstacleTable,
     SpringTable,
     StringTable,
+    ground_friction,
+    ground_height,
+    ground_restitution,
     particle_damping,
     particle_mass,
     row_of_world,
@@ -130,7 +133,7 @@ def particle_kernel(springs_vary: bool) -> Any:
                     penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
                     add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
             point, velocity = leave_ground(
-                point, velocity, bodies.up, obstacles.ground_height, obstacles.ground_friction
+                point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
             )
         velocities[world, particle] = velocity
         new_points[world, particle] = point
@@ -159,8 +162,8 @@ def move_gathered_spheres(
         obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
         bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
         bodies.up,
-        obstacles.ground_height,
-        obstacles.ground_restitution,
+        ground_height(obstacles, world),
+        ground_restitution(obstacles, world),
         step_seconds,
     )
     sphere_positions[world, sphere] = position

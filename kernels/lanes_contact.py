@@ -4,9 +4,17 @@ import warp as wp
 
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.inflation import inflation_force
-from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState
+from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState, world_of
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column, squared_lengths
-from balloon_warp.kernels.tables import BodyTable, ObstacleTable, WorldState, row_of_world
+from balloon_warp.kernels.tables import (
+    BodyTable,
+    ObstacleTable,
+    WorldState,
+    ground_friction,
+    ground_height,
+    ground_restitution,
+    row_of_world,
+)
 
 
 @wp.func
@@ -31,8 +39,8 @@ def move_sphere_lanes(
                     obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
                     bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
                     bodies.up,
-                    obstacles.ground_height,
-                    obstacles.ground_restitution,
+                    ground_height(obstacles, world),
+                    ground_restitution(obstacles, world),
                     step_seconds,
                 )
                 state.sphere_positions[world, sphere] = position
@@ -50,12 +58,13 @@ def touches_sphere(lanes: LaneState, group: wp.int32, sphere: wp.int32, point: L
 
 
 @wp.func
-def touches_ground(obstacles: ObstacleTable, up: wp.vec3, point: Lanes3):
+def touches_ground(lanes: LaneState, group: wp.int32, up: wp.vec3, point: Lanes3):
     """Whether a particle is below the ground in any of the worlds."""
-    heights = Lanes()
+    grounds = lanes.ground_heights[group]
+    gaps = Lanes()
     for lane in range(LANE_COUNT):
-        heights[lane] = up[0] * point[0, lane] + up[1] * point[1, lane] + up[2] * point[2, lane]
-    return wp.min(heights) < obstacles.ground_height
+        gaps[lane] = up[0] * point[0, lane] + up[1] * point[1, lane] + up[2] * point[2, lane] - grounds[lane]
+    return wp.min(gaps) < 0.0
 
 
 @wp.func
@@ -96,6 +105,7 @@ def leave_sphere_lanes(
 def leave_ground_lanes(
     bodies: BodyTable,
     obstacles: ObstacleTable,
+    state: WorldState,
     lanes: LaneState,
     points: wp.array[Lanes3],
     group: wp.int32,
@@ -103,12 +113,13 @@ def leave_ground_lanes(
 ):
     """A particle up to the ground, world by world."""
     for lane in range(LANE_COUNT):
+        world = world_of(state, group, lane)
         point, velocity = leave_ground(
             column(points[particle], lane),
             column(lanes.velocities[group, particle], lane),
             bodies.up,
-            obstacles.ground_height,
-            obstacles.ground_friction,
+            ground_height(obstacles, world),
+            ground_friction(obstacles, world),
         )
         points[particle] = set_column(points[particle], lane, point)
         lanes.velocities[group, particle] = set_column(lanes.velocities[group, particle], lane, velocity)
@@ -130,5 +141,5 @@ def leave_obstacle_lanes(
             for sphere in range(state.sphere_positions.shape[1]):
                 if touches_sphere(lanes, group, sphere, points[particle]):
                     leave_sphere_lanes(bodies, obstacles, state, lanes, points, group, particle, sphere, time_in_frame)
-            if touches_ground(obstacles, bodies.up, points[particle]):
-                leave_ground_lanes(bodies, obstacles, lanes, points, group, particle)
+            if touches_ground(lanes, group, bodies.up, points[particle]):
+                leave_ground_lanes(bodies, obstacles, state, lanes, points, group, particle)

@@ -3,7 +3,15 @@
 import warp as wp
 
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column
-from balloon_warp.kernels.tables import BodyTable, ObstacleTable, SpringTable, WorldState, row_of_world, spring_constant
+from balloon_warp.kernels.tables import (
+    BodyTable,
+    ObstacleTable,
+    SpringTable,
+    WorldState,
+    ground_height,
+    row_of_world,
+    spring_constant,
+)
 
 # What a balloon has in `LaneState.balloons`: a number in each world.
 MASS = wp.constant(3)  # 0, 1 and 2 are the spring constants of the kinds
@@ -29,6 +37,7 @@ class LaneState:
     balloons: wp.array3d[Lanes]
     sphere_centers: wp.array2d[Lanes3]
     sphere_squared_radii: wp.array2d[Lanes]
+    ground_heights: wp.array[Lanes]
 
 
 @wp.func
@@ -49,6 +58,7 @@ def read_lanes(
     """Into the lanes, what a frame begins with."""
     for lane in range(LANE_COUNT):
         world = world_of(state, group, lane)
+        lanes.ground_heights[group][lane] = ground_height(obstacles, world)
         for particle in range(state.points.shape[1]):
             for axis in range(3):
                 lanes.points[group, particle][axis, lane] = state.points[world, particle][axis]

@@ -57,7 +57,7 @@ def pull_of_strings(strings: StringTable, point: wp.vec3, world: wp.int32, parti
     if strings.offsets.shape[0] > 0:
         for held in range(strings.offsets[particle], strings.offsets[particle + 1]):
             string = strings.order[held]
-            d = strings.anchors[string] - point
+            d = strings.anchors[row_of_world(world, strings.anchors.shape[0]), string] - point
             length = strings.lengths[row_of_world(world, strings.lengths.shape[0]), string]
             stiffness = strings.stiffness[row_of_world(world, strings.stiffness.shape[0]), string]
             force += string_coefficient(squared_length(d), stiffness, length) * d

@@ -71,7 +71,7 @@ def add_spring_forces(
 def add_string_forces(
     # model
     string_particle: wp.array[wp.int32],
-    string_anchor: wp.array[wp.vec3],
+    string_anchor: wp.array2d[wp.vec3],
     string_length: wp.array2d[float],
     string_stiffness: wp.array2d[float],
     # state in
@@ -82,7 +82,7 @@ def add_string_forces(
     """A thread a (world, string): the pull of a taut string on its particle."""
     world, string = wp.tid()
     p = string_particle[string]
-    d = string_anchor[string] - points[world, p]
+    d = string_anchor[world % string_anchor.shape[0], string] - points[world, p]
     k = string_stiffness[world % string_stiffness.shape[0], string]
     length = string_length[world % string_length.shape[0], string]
     wp.atomic_add(forces, world, p, string_coefficient(squared_length(d), k, length) * d)

@@ -42,7 +42,7 @@ class StringTable:
     """the particle that each holds, in order"""
     order: wp.array[wp.int32]
     """the string's number in the model"""
-    anchors: wp.array[wp.vec3]
+    anchors: wp.array2d[wp.vec3]
     lengths: wp.array2d[float]
     stiffness: wp.array2d[float]
 
@@ -67,9 +67,9 @@ class ObstacleTable:
     sphere_mass: wp.array2d[float]
     sphere_radius: wp.array2d[float]
     sphere_penalty: wp.array2d[float]
-    ground_height: float
-    ground_friction: float
-    ground_restitution: float
+    ground_height: wp.array[float]
+    ground_friction: wp.array[float]
+    ground_restitution: wp.array[float]
 
 
 @wp.struct
@@ -103,6 +103,24 @@ class WorldState:
 def row_of_world(world: wp.int32, rows: wp.int32):
     """`world % rows` for a parameter with one row, or one for each world, without a division."""
     return wp.where(rows == 1, 0, world)
+
+
+@wp.func
+def ground_height(obstacles: ObstacleTable, world: wp.int32):
+    """[m], minus infinity where there is no ground."""
+    return obstacles.ground_height[row_of_world(world, obstacles.ground_height.shape[0])]
+
+
+@wp.func
+def ground_friction(obstacles: ObstacleTable, world: wp.int32):
+    """Coulomb's coefficient."""
+    return obstacles.ground_friction[row_of_world(world, obstacles.ground_friction.shape[0])]
+
+
+@wp.func
+def ground_restitution(obstacles: ObstacleTable, world: wp.int32):
+    """Rebound speed over impact speed of spheres."""
+    return obstacles.ground_restitution[row_of_world(world, obstacles.ground_restitution.shape[0])]
 
 
 @wp.func

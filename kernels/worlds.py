@@ -11,6 +11,20 @@ def spread_over_worlds(rows: wp.array2d[wp.vec3], every: wp.array2d[wp.vec3]):
 
 
 @wp.kernel(enable_backward=False)
+def place_balloons(
+    # model
+    points: wp.array[wp.vec3d],
+    shifts: wp.array2d[wp.vec3d],
+    particle_balloon: wp.array[wp.int32],
+    # out
+    every: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): its place. In double precision, so that it is what the host would place there."""
+    world, particle = wp.tid()
+    every[world, particle] = wp.vec3(points[particle] + shifts[world % shifts.shape[0], particle_balloon[particle]])
+
+
+@wp.kernel(enable_backward=False)
 def pick_healthy_worlds(
     every: wp.array2d[wp.vec3], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.vec3]
 ):

@@ -207,6 +207,26 @@ def test_strings_hang_by_their_own_lengths_from_anchor_to_particle(stage: Usd.St
             np.testing.assert_array_equal(string.Get(time_code), expected)
 
 
+def test_where_grounds_and_anchors_differ_each_world_has_its_own(tmp_path: Path):
+    heights, anchors = np.array([-1.0, 0.25]), np.array([0.5, 2.0])
+    vary = {"ground.height": heights, "string.1.anchor.1": anchors}
+    run_batch(scene(), tmp_path / "out", 2, vary, export=[0, 1], device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "out" / "worlds.usdc"))
+    assert not stage.GetPrimAtPath("/World/Ground")
+    boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
+    for world in (0, 1):
+        floor = boxes.ComputeWorldBound(stage.GetPrimAtPath(f"/World/World_{world}/Floor")).ComputeAlignedRange()
+        assert floor.GetMin()[1] == floor.GetMax()[1] == heights[world]
+        string = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/World_{world}/String_1")).GetPointsAttr().Get(0)
+        assert tuple(string[0]) == (4.0, anchors[world], 0.0)
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert UsdValidation.ValidationContext(validators).Validate(stage) == []
+    run_batch(scene(), tmp_path / "alike", 2, {"ground.height": heights[[1, 1]]}, export=[0, 1], device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "alike" / "worlds.usdc"))
+    assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground")).GetPointsAttr().Get()[0][1] == heights[1]
+    assert not stage.GetPrimAtPath("/World/World_0/Floor")
+
+
 @pytest.mark.parametrize(("up_axis", "flat"), [("Y", 1), ("Z", 2)])
 def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
     shifts = grid_shifts(9, 2.0, up_axis)

@@ -31,7 +31,11 @@ def everything() -> Scene:
     ]
     return Scene(
         balloon=balloons,
-        sphere=[Sphere(position=(0.3, 1.1, 0.1), radius=0.4), Sphere(position=(3.5, 1.2, 0.5), radius=0.3)],
+        sphere=[
+            Sphere(position=(0.3, 1.1, 0.1), radius=0.4),
+            Sphere(position=(3.5, 1.2, 0.5), radius=0.3),
+            Sphere(position=(-3.0, -0.75, 0.0), velocity=(0.0, -1.0, 0.0), radius=0.3),
+        ],
         string=[String(anchor=(0.0, -2.0, 0.0), length=0.5)],
         ground=Ground(height=-1.1),
         frames=4,
@@ -95,6 +99,13 @@ def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
         ("sphere.0.velocity.0", (-1.0, 1.0)),
         ("string.0.length", (0.3, 0.9)),
         ("string.stiffness", (5.0, 40.0)),
+        ("string.0.anchor.0", (-0.3, 0.7)),
+        ("string.anchor.1", (-2.0, -1.7)),
+        ("balloon.position.0", (0.013, 0.31)),
+        ("balloon.1.position.2", (-0.2, 0.07)),
+        ("ground.height", (-1.1, -0.91)),
+        ("ground.friction", (0.05, 0.9)),
+        ("ground.restitution", (0.1, 0.9)),
     ],
 )
 def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tuple[float, float]):
@@ -104,6 +115,24 @@ def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tup
         alone = run(Simulator(override_scene(everything(), [(path, value)]), "cpu", schedule="lanes"))
         np.testing.assert_array_equal(end_state(batch, world), end_state(alone, 0))
     assert np.abs(end_state(batch, 0) - end_state(batch, 1)).max() > 1e-4
+
+
+def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon():
+    scene = everything().model_copy(
+        update={"string": [String(anchor=(0.0, -2.0, 0.0)), String(anchor=(1, 0, 0), length=0.5)]}
+    )
+    heights, anchors = np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.3, 0.0])
+    plan = plan_model(scene, 3, {"balloon.0.position.1": heights, "string.0.anchor.0": anchors})
+    lengths = plan.parameters["string_length"]
+    for world in range(3):
+        held = quad_sphere(3).points[plan.held[0]] + [0.0, heights[world], 0.0]
+        assert lengths[world, 0] == pytest.approx(np.linalg.norm(held - [anchors[world], -2.0, 0.0]), rel=1e-12)
+    np.testing.assert_array_equal(lengths[:, 1], 0.5)
+
+
+def test_a_scene_without_a_ground_says_that_it_has_none():
+    with pytest.raises(InputError, match=r"^ground\.height: cannot differ between worlds, the scene has no ground$"):
+        plan_model(everything().model_copy(update={"ground": None}), 2, {"ground.height": [0.0, 1.0]})
 
 
 def test_several_things_differ_at_once_and_the_last_named_wins():
@@ -142,12 +171,15 @@ def test_the_step_suits_the_stiffest_world(path: str, values: list[float]):
         ({"balloon.mass": [1.0, 2.0]}, r"^balloon\.mass: expected a value for each of 4 worlds \(got shape \(2,\)\)$"),
         ({"balloon.mass": ["a", "b", "c", "d"]}, r"^balloon\.mass: expected a number for each world \(got \['a'"),
         ({"balloon.mas": [1.0] * 4}, r"^balloon\.0\.mas: unknown field; did you mean mass\?$"),
-        ({"sphere.5.mass": [1.0] * 4}, r"^sphere\.5\.mass: there is no sphere 5, the scene has 2, counted from 0$"),
+        ({"sphere.5.mass": [1.0] * 4}, r"^sphere\.5\.mass: there is no sphere 5, the scene has 3, counted from 0$"),
         (
             {"frames": [1] * 4},
-            r"^frames: cannot differ between worlds; what can is gravity, balloon\.mass, .*string\.len",
+            r"^frames: cannot differ between worlds; what can is gravity, ground\.height, .*string\.len",
         ),
-        ({"ground.height": [1.0] * 4}, r"^ground\.height: cannot differ between worlds; what can is gravity"),
+        (
+            {"balloon.1.position.2": [0.0, 1.0, 0.0, 1.0e6]},
+            r"^mesh: is 1 m large and 1e\+06 m from the origin, too far",
+        ),
     ],
 )
 def test_a_wrong_value_is_told_in_a_sentence(vary: dict, complaint: str):
@@ -173,7 +205,7 @@ def test_a_batch_that_does_not_fit_is_refused_with_the_number_that_would(monkeyp
     world = memory.world_bytes(plan)
     particles, faces = 56 + 8, 54 + 6
     # points, velocities, aims, and four more that lanes keeps; centers, areas
-    assert world == 4 * 3 * (7 * particles + 2 * faces + 3 * 2)
+    assert world == 4 * 3 * (7 * particles + 2 * faces + 3 * 3)
     varied = memory.world_bytes(plan_model(everything(), 2, {"balloon.mass": [1.0, 2.0]}))
     assert varied == world + 4 * 2
     monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))

@@ -182,7 +182,7 @@ def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
     assert small.gravity == pytest.approx(0.0981)
     turned = load_with(tmp_path / "box.obj", "balloon.rotation=[45, 0, 0]")
     assert turned.ground is not None
-    assert turned.ground.height < build_model(turned, "cpu").initial_points.numpy()[..., 1].min()
+    assert turned.ground.height < build_model(turned, "cpu").initial_points.numpy()[:, 1].min()
 
 
 def test_an_override_seeks_a_mesh_in_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -243,11 +243,11 @@ def test_a_mesh_is_placed_by_scale_rotation_and_position():
     """Twice as large, turned by 90 degrees about y (z goes to x), then moved; a Z-up mesh is turned upright first."""
     mesh = cube()
     turned = Balloon(mesh=mesh, scale=2.0, rotation=(0, 90, 0), position=(10, 0, 0))
-    points = build_model(Scene(balloon=[turned]), "cpu").initial_points.numpy()[0]
+    points = build_model(Scene(balloon=[turned]), "cpu").initial_points.numpy()
     expected = np.stack([10 + 2 * mesh.points[:, 2], 2 * mesh.points[:, 1], -2 * mesh.points[:, 0]], axis=1)
     np.testing.assert_allclose(points, expected, atol=1e-5)
 
     z_up = replace(mesh, up_axis="Z", meters_per_unit=0.01)
-    points = build_model(Scene(balloon=[Balloon(mesh=z_up)]), "cpu").initial_points.numpy()[0]
+    points = build_model(Scene(balloon=[Balloon(mesh=z_up)]), "cpu").initial_points.numpy()
     np.testing.assert_allclose(points[:, 1], 0.01 * mesh.points[:, 2], atol=1e-6)
     np.testing.assert_allclose(points[:, 2], -0.01 * mesh.points[:, 1], atol=1e-6)

@@ -155,16 +155,19 @@ def test_a_world_alone_is_the_same_world_in_a_batch(normals, schedule, device):
 
 PER_WORLD = ["stiffness", "mass", "helium", "damping", "keyframe_values", "gravity"]
 PER_WORLD += ["sphere_mass", "sphere_radius", "sphere_penalty", "string_length", "string_stiffness"]
+PER_WORLD += ["string_anchor", "ground_height", "ground_friction", "ground_restitution"]
 
 
 def states_of_worlds(factors: list[float], schedule: str, device: str) -> list[np.ndarray]:
     """Points and sphere positions of a batch in which each parameter of a world is multiplied by its factor."""
     model = build_model(everything(), wp.get_device(device), len(factors))
-    rows = {name: getattr(model, name).numpy() for name in PER_WORLD}
-    varied = {
-        name: wp.array(np.concatenate([factor * row for factor in factors]), dtype=float, device=device)
-        for name, row in rows.items()
-    }
+    varied = {}
+    for name in PER_WORLD:
+        shared = getattr(model, name)
+        rows = np.concatenate([factor * shared.numpy() for factor in factors])
+        varied[name] = wp.array(rows, dtype=shared.dtype, device=device)
+    heights = 0.2 * (np.array(factors) - 1.0)  # of the ground, which is at 0
+    varied["ground_height"] = wp.array(heights, dtype=float, device=device)
     model = replace(model, **varied)
     state = initial_state(model)
     advance = make_schedule(model, schedule)

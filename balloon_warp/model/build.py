@@ -13,6 +13,9 @@ from balloon_warp.model.parameters import Vary
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.scene import Scene
 
+VECTORS = ("initial_sphere_positions", "initial_sphere_velocities", "string_anchor")
+"""the parameters with three numbers to an item"""
+
 
 def build_model(scene: Scene, device: wp.DeviceLike = None, world_count: int = 1, vary: Vary | None = None) -> Model:
     """Read the scene's meshes, string them, and lay everything out on the device.
@@ -43,7 +46,7 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
 
     def of_worlds(name: str) -> Any:
         values = plan.parameters[name]
-        if name in ("initial_sphere_positions", "initial_sphere_velocities"):
+        if name in VECTORS:
             return array(values.reshape(-1, 3), wp.vec3).reshape(values.shape[:2])
         return array(values, float)
 
@@ -61,7 +64,8 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
         substeps=plan.substeps,
         frame_seconds=1.0 / scene.frames_per_second,
         up=wp.vec3(*scene.up),
-        initial_points=array(np.concatenate([shape.mesh.points for shape in shapes])[None], wp.vec3),
+        initial_points=array(np.concatenate([shape.mesh.points for shape in shapes]), wp.vec3d),
+        initial_shifts=array(plan.position_shifts.reshape(-1, 3), wp.vec3d).reshape((-1, len(shapes))),
         particle_balloon=array(np.repeat(np.arange(len(shapes)), np.diff(offsets)), wp.int32),
         particle_mass_share=joined([shape.mass_share for shape in shapes], float),
         particle_face_offsets=array(incidence_offsets, wp.int32),
@@ -80,11 +84,7 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
             [particle + offsets[string.balloon] for string, particle in zip(scene.string, plan.held, strict=True)],
             wp.int32,
         ),
-        string_anchor=array(np.array([string.anchor for string in scene.string]).reshape(-1, 3), wp.vec3),
-        **{name: of_worlds(name) for name in plan.parameters},
-        ground_height=scene.ground.height if scene.ground else -np.inf,
-        ground_friction=scene.ground.friction if scene.ground else 0.0,
-        ground_restitution=scene.ground.restitution if scene.ground else 0.0,
+        **{name: of_worlds(name) for name in plan.parameters if name != "initial_balloon_positions"},
     )
 
 

@@ -29,7 +29,9 @@ class Model:
 
     # particles
     initial_points: wp.array
-    """[m], shape (1, particle_count), vec3"""
+    """where the scene puts them [m], shape (particle_count,), vec3d"""
+    initial_shifts: wp.array
+    """of each balloon from there [m], shape (W, balloon_count), vec3d"""
     particle_balloon: wp.array
     """the balloon of each particle, shape (particle_count,), int32"""
     particle_mass_share: wp.array
@@ -87,7 +89,7 @@ class Model:
     string_particle: wp.array
     """the particle each holds, shape (string_count,), int32"""
     string_anchor: wp.array
-    """[m], shape (string_count,), vec3"""
+    """[m], shape (W, string_count), vec3"""
     string_length: wp.array
     """[m], shape (W, string_count), float32"""
     string_stiffness: wp.array
@@ -96,10 +98,12 @@ class Model:
     # surroundings
     gravity: wp.array
     """[m/s^2], shape (W,), float32"""
-    ground_height: float
-    """[m]; minus infinity where there is no ground"""
-    ground_friction: float
-    ground_restitution: float
+    ground_height: wp.array
+    """[m], minus infinity where there is no ground, shape (W,), float32"""
+    ground_friction: wp.array
+    """Coulomb's coefficient for balloons, shape (W,), float32"""
+    ground_restitution: wp.array
+    """rebound speed over impact speed of spheres, shape (W,), float32"""
 
     @property
     def step_seconds(self) -> float:

@@ -1,12 +1,12 @@
 """The parameters that may differ between worlds: where each stands in the scene, and in the model."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.scene import Scene
+from balloon_warp.scene import Ground, Scene
 from balloon_warp.scene.overrides import override_scene
 
 Parameters = dict[str, NDArray[np.float64]]
@@ -17,15 +17,13 @@ Place = tuple[str, tuple[int | slice, ...]]
 """an array of `Parameters`, and an index into each world's part of it"""
 
 KINDS = ("structural", "shear", "flexion")
+NO_GROUND = Ground.model_construct(height=-np.inf, friction=0.0, restitution=0.0)
 
 
-def scene_parameters(scene: Scene, string_lengths: Sequence[float]) -> Parameters:
-    """What the scene says, alike in all worlds.
-
-    Args:
-        string_lengths: of the scene's strings [m], the missing ones filled in.
-    """
-    balloons, spheres = scene.balloon, scene.sphere
+def scene_parameters(scene: Scene) -> Parameters:
+    """What the scene says, alike in all worlds; the length of a string is NaN where the scene says none."""
+    balloons, spheres, strings = scene.balloon, scene.sphere, scene.string
+    ground = scene.ground or NO_GROUND
     keyframes = [balloon.inflation.keyframes for balloon in balloons]
     longest = max(len(keys) for keys in keyframes)
     return {
@@ -34,14 +32,19 @@ def scene_parameters(scene: Scene, string_lengths: Sequence[float]) -> Parameter
         "helium": np.array([[balloon.helium for balloon in balloons]]),
         "damping": np.array([[balloon.damping for balloon in balloons]]),
         "keyframe_values": np.array([[[v for _, v in keys + keys[-1:] * (longest - len(keys))] for keys in keyframes]]),
+        "initial_balloon_positions": np.array([[balloon.position for balloon in balloons]]),
         "initial_sphere_positions": np.array([sphere.position for sphere in spheres]).reshape(1, -1, 3),
         "initial_sphere_velocities": np.array([sphere.velocity for sphere in spheres]).reshape(1, -1, 3),
         "sphere_mass": np.array([[sphere.mass for sphere in spheres]]),
         "sphere_radius": np.array([[sphere.radius for sphere in spheres]]),
         "sphere_penalty": np.array([[sphere.penalty for sphere in spheres]]),
-        "string_length": np.array([string_lengths], dtype=np.float64),
-        "string_stiffness": np.array([[string.stiffness for string in scene.string]]),
+        "string_anchor": np.array([string.anchor for string in strings]).reshape(1, -1, 3),
+        "string_length": np.array([[np.nan if string.length is None else string.length for string in strings]]),
+        "string_stiffness": np.array([[string.stiffness for string in strings]]),
         "gravity": np.array([scene.gravity]),
+        "ground_height": np.array([ground.height]),
+        "ground_friction": np.array([ground.friction]),
+        "ground_restitution": np.array([ground.restitution]),
     }
 
 
@@ -73,6 +76,8 @@ def check_vary(scene: Scene, world_count: int, vary: Vary) -> dict[str, NDArray[
     for path, given in vary.items():
         if path not in places:
             override_scene(scene, [(path, np.ravel(given).tolist()[0])])  # says so where there is no such path
+            if path.startswith("ground.") and not scene.ground:
+                raise InputError(f"{path}: cannot differ between worlds, the scene has no ground")
             raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
         checked[path] = _checked(scene, path, given, world_count)
     return checked
@@ -99,18 +104,23 @@ def _places(scene: Scene) -> dict[str, list[Place]]:
     """By path: `balloon.0.mass` is one place, `balloon.mass` one for each balloon."""
     places: dict[str, list[Place]] = {}
     for path, place in _numbered_places(scene):
-        table, _, rest = path.partition(".")
         places.setdefault(path, []).append(place)
-        if rest:
-            places.setdefault(f"{table}.{rest.partition('.')[2]}", []).append(place)
+        if _is_numbered(path):
+            table, _, field = path.split(".", 2)
+            places.setdefault(f"{table}.{field}", []).append(place)
     return places
 
 
 def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
     yield "gravity", ("gravity", ())
+    if scene.ground:
+        for field in ("height", "friction", "restitution"):
+            yield f"ground.{field}", (f"ground_{field}", ())
     for number, balloon in enumerate(scene.balloon):
         for field in ("mass", "helium", "damping"):
             yield f"balloon.{number}.{field}", (field, (number,))
+        for axis in range(3):
+            yield f"balloon.{number}.position.{axis}", ("initial_balloon_positions", (number, axis))
         for kind, name in enumerate(KINDS):
             yield f"balloon.{number}.stiffness.{name}", ("stiffness", (number, kind))
         # As in overrides, a number takes the place of all keyframes, and a keyframe's value has a path of its own.
@@ -127,8 +137,14 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
     for number in range(len(scene.string)):
         for field in ("length", "stiffness"):
             yield f"string.{number}.{field}", (f"string_{field}", (number,))
+        for axis in range(3):
+            yield f"string.{number}.anchor.{axis}", ("string_anchor", (number, axis))
 
 
 def _summary(places: Mapping[str, list[Place]]) -> list[str]:
     """The paths without the numbers of balloons, spheres and strings."""
-    return [path for path in places if not path.split(".")[1:2] or not path.split(".")[1].isdecimal()]
+    return [path for path in places if not _is_numbered(path)]
+
+
+def _is_numbered(path: str) -> bool:
+    return path.partition(".")[2].partition(".")[0].isdecimal()

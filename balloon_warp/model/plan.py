@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.model.parameters import Parameters, Vary, scene_parameters, vary_parameters
-from balloon_warp.model.shape import BalloonShape, shape_balloon
+from balloon_warp.model.shape import BalloonShape, require_resolution, shape_balloon
 from balloon_warp.model.stability import choose_substeps, stable_step
 from balloon_warp.scene import Scene, String
 
@@ -24,6 +26,16 @@ class ModelPlan:
     parameters: Parameters
     substeps: int
     """as many as the stiffest world asks"""
+
+    def of_world(self, name: str, world: int) -> Any:
+        """A parameter of one world, as a number or lists of numbers."""
+        values = self.parameters[name]
+        return values[world % len(values)].tolist()
+
+    @property
+    def position_shifts(self) -> NDArray[np.float64]:
+        """how far each balloon starts from where the scene puts it [m], shape (W, balloon_count, 3)"""
+        return position_shifts(self.scene, self.parameters)
 
     @property
     def particle_count(self) -> int:
@@ -47,8 +59,10 @@ def plan_model(scene: Scene, world_count: int = 1, vary: Vary | None = None) -> 
         raise InputError(f"world_count: must be at least 1 (got {world_count})")
     shapes = [shape_balloon(balloon, scene) for balloon in scene.balloon]
     held = [_held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
-    lengths = [_string_length(string, particle, shapes) for string, particle in zip(scene.string, held, strict=True)]
-    parameters = vary_parameters(scene_parameters(scene, lengths), scene, world_count, vary or {})
+    parameters = vary_parameters(scene_parameters(scene), scene, world_count, vary or {})
+    for number, shape in enumerate(shapes):
+        require_resolution(shape, position_shifts(scene, parameters)[:, number])
+    parameters["string_length"] = _string_lengths(scene, shapes, held, parameters)
     return ModelPlan(
         scene=scene,
         world_count=world_count,
@@ -73,6 +87,19 @@ def _held_particle(number: int, string: String, scene: Scene, shapes: Sequence[B
     return string.particle
 
 
-def _string_length(string: String, particle: int, shapes: Sequence[BalloonShape]) -> float:
-    at_start = shapes[string.balloon].mesh.points[particle] - np.array(string.anchor)
-    return string.length or float(np.linalg.norm(at_start))
+def position_shifts(scene: Scene, parameters: Parameters) -> NDArray[np.float64]:
+    """How far each balloon starts from where the scene puts it [m], shape (W, balloon_count, 3)."""
+    return parameters["initial_balloon_positions"] - np.array([balloon.position for balloon in scene.balloon])
+
+
+def _string_lengths(
+    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
+) -> NDArray[np.float64]:
+    """Where the scene says none, the distance [m] from anchor to particle at the start, shape (W, string_count)."""
+    lengths = parameters["string_length"]
+    if not np.isnan(lengths).any():
+        return lengths
+    balloons = [string.balloon for string in scene.string]
+    points = np.array([shapes[balloon].mesh.points[particle] for balloon, particle in zip(balloons, held, strict=True)])
+    starts = points + position_shifts(scene, parameters)[:, balloons]
+    return np.where(np.isnan(lengths), np.linalg.norm(starts - parameters["string_anchor"], axis=-1), lengths)

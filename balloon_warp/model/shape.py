@@ -70,10 +70,29 @@ def _outward(mesh: PolygonMesh) -> PolygonMesh:
 
 def _check_size(mesh: PolygonMesh, source: object) -> None:
     """Refuse what float32 cannot simulate: positions far from the origin for their size, and extreme sizes."""
-    points = mesh.points[mesh.face_vertex_indices]
-    size, reach = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
+    size = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max())
     if not LEAST_SIZE <= size <= LARGEST_SIZE:
         raise InputError(f"{source}: is {size:g} m large; expected {LEAST_SIZE:g} to {LARGEST_SIZE:g} m")
+    _check_reach(mesh, source, np.zeros((1, 3)))
+
+
+def require_resolution(shape: BalloonShape, shifts: NDArray[np.float64]) -> None:
+    """Make sure that float32 resolves the balloon wherever a world puts it.
+
+    Args:
+        shifts: from where the scene puts it [m], shape (W, 3).
+
+    Raises:
+        InputError: it does not.
+    """
+    _check_reach(shape.mesh, shape.name, shifts)
+
+
+def _check_reach(mesh: PolygonMesh, source: object, shifts: NDArray[np.float64]) -> None:
+    points = mesh.points[mesh.face_vertex_indices]
+    lowest, highest = points.min(axis=0), points.max(axis=0)
+    size = float((highest - lowest).max())
+    reach = max(float(np.abs(lowest + shifts).max()), float(np.abs(highest + shifts).max()))
     if size < LEAST_SIZE_OVER_DISTANCE * reach:
         raise InputError(
             f"{source}: is {size:g} m large and {reach:g} m from the origin, too far for 32-bit numbers; move it closer"

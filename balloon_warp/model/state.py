@@ -1,10 +1,11 @@
 """The state: what changes during a simulation."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.worlds import spread_over_worlds
+from balloon_warp.kernels.worlds import place_balloons, spread_over_worlds
 from balloon_warp.model.model import Model
 
 
@@ -34,17 +35,19 @@ def initial_state(model: Model) -> State:
     """Every world at the start: at rest, in the shape of the meshes."""
     worlds, device = model.world_count, model.device
 
-    def in_every_world(rows: wp.array) -> wp.array:
-        every = wp.zeros((worlds, rows.shape[1]), dtype=wp.vec3, device=device)
-        wp.launch(spread_over_worlds, every.shape, inputs=[rows], outputs=[every], device=device)
+    def of_worlds(count: int, kernel: Any, *inputs: wp.array) -> wp.array:
+        every = wp.zeros((worlds, count), dtype=wp.vec3, device=device)
+        wp.launch(kernel, every.shape, inputs=inputs, outputs=[every], device=device)
         return every
 
     return State(
         frame=wp.zeros(1, dtype=wp.int32, device=device),
-        points=in_every_world(model.initial_points),
+        points=of_worlds(
+            model.particle_count, place_balloons, model.initial_points, model.initial_shifts, model.particle_balloon
+        ),
         velocities=wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device),
-        sphere_positions=in_every_world(model.initial_sphere_positions),
-        sphere_velocities=in_every_world(model.initial_sphere_velocities),
+        sphere_positions=of_worlds(model.sphere_count, spread_over_worlds, model.initial_sphere_positions),
+        sphere_velocities=of_worlds(model.sphere_count, spread_over_worlds, model.initial_sphere_velocities),
         sphere_forces=wp.zeros((worlds, model.sphere_count), dtype=wp.vec3, device=device),
         inflation_ramp=wp.zeros((worlds, model.balloon_count), dtype=wp.vec2, device=device),
         inflation_aims=wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device),

@@ -97,4 +97,5 @@ def _lane_state(model: Model, group_count: int) -> Any:
     lanes.balloons = wp.zeros((group_count, model.balloon_count, BALLOON_NUMBERS), dtype=Lanes, device=model.device)
     lanes.sphere_centers = rows(model.sphere_count, Lanes3)
     lanes.sphere_squared_radii = rows(model.sphere_count, Lanes)
+    lanes.ground_heights = wp.zeros(group_count, dtype=Lanes, device=model.device)
     return lanes

@@ -19,6 +19,8 @@ from balloon_warp.outputs.usd.ground import SIZES, define_square
 from balloon_warp.outputs.usd.metadata import describe_stage
 from balloon_warp.outputs.usd.prototypes import Prototypes
 
+FLOOR = 0.4
+"""half the side of a world's own floor, as a part of its cell"""
 SAVE_BYTES = 64 * 2**20
 """time samples that are kept in memory before they are added to the file"""
 
@@ -64,12 +66,16 @@ class GridWriter:
         lowest, highest = world_bounds(plans)
         side = ROOM * float(np.max((highest - lowest)[list(horizontal_axes(scene.up_axis))]))
         shifts = grid_shifts(len(members), side, scene.up_axis)
+        middle = 0.5 * (lowest + highest)
+        heights = {plans[number].of_world("ground_height", row) for _, number, row in members}
         stage = Usd.Stage.Open(self._layer)
         describe_stage(stage, scene)
         prototypes = Prototypes(stage, plans)
-        if scene.ground:
+        if scene.ground and len(heights) == 1:
             half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
-            define_square(stage, Sdf.Path("/World/Ground"), 0.5 * (lowest + highest), half, scene)
+            define_square(stage, Sdf.Path("/World/Ground"), middle, half, heights.pop(), scene.up_axis)
+        elif scene.ground:
+            prototypes.define_floor(stage, middle, FLOOR * side, scene.up_axis)
         del stage  # it would follow each change of the layer
         root, digits = self._layer.GetPrimAtPath("/World"), len(str(members[-1][0]))
         self._worlds: list[list[GridWorld]] = [[] for _ in self.groups]

@@ -21,8 +21,10 @@ def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArr
     """The box [m] around balloons, spheres and anchors of every world at the start: its lowest and highest corner."""
     clouds = []
     for plan in plans:
-        clouds += [shape.mesh.points for shape in plan.shapes]
-        clouds += [np.array([string.anchor for string in plan.scene.string]).reshape(-1, 3)]
+        for number, shape in enumerate(plan.shapes):
+            shifts, points = plan.position_shifts[:, number], shape.mesh.points
+            clouds += [points.min(axis=0) + shifts, points.max(axis=0) + shifts]
+        clouds += [plan.parameters["string_anchor"].reshape(-1, 3)]
         centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]
         clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3)]
     points = np.concatenate(clouds)

@@ -39,8 +39,7 @@ class GridWorld:
     ):
         self.plan, self.layer = plan, parent.layer
         world = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef, "Xform")
-        _set(world, "xformOp:translate", Types.Double3, Gf.Vec3d(*shift.tolist()))
-        _set(world, "xformOpOrder", Types.TokenArray, Vt.TokenArray(["xformOp:translate"]), Sdf.VariabilityUniform)
+        _translated(world, shift)
         names = prim_names((shape.name for shape in plan.shapes), prototypes.other_names)
         self._balloons = [
             _animated(
@@ -52,7 +51,7 @@ class GridWorld:
         self._spheres = []
         for number, path in enumerate(prototypes.spheres):
             sphere = _referring(world, path.name, path)
-            radius = self._parameter("sphere_radius", row)[number]
+            radius = plan.of_world("sphere_radius", row)[number]
             if radius != plan.scene.sphere[number].radius:
                 _set(sphere, "radius", Types.Double, radius)
                 _set(sphere, "extent", Types.Float3Array, Vt.Vec3fArray([Gf.Vec3f(-radius), Gf.Vec3f(radius)]))
@@ -61,7 +60,12 @@ class GridWorld:
             _animated(_referring(world, path.name, path), {"points": Types.Point3fArray, "extent": Types.Float3Array})
             for path in prototypes.strings
         ]
-        self._string_lengths = self._parameter("string_length", row)
+        self._ground_height = plan.of_world("ground_height", row)
+        if prototypes.floor:
+            floor = _referring(world, "Floor", prototypes.floor)
+            _translated(floor, self._ground_height * np.array(plan.scene.up))
+        self._string_anchors = plan.of_world("string_anchor", row)
+        self._string_lengths = plan.of_world("string_length", row)
         self._string_widths = prototypes.string_widths
 
     def write(
@@ -89,16 +93,11 @@ class GridWorld:
             self.layer.SetTimeSample(extent_path, time, extent)
 
     def _string_curve(self, number: int, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        scene = self.plan.scene
-        string = scene.string[number]
+        string = self.plan.scene.string[number]
         before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[: string.balloon])
         end = points[before + self.plan.held[number]]
-        ground = scene.ground.height if scene.ground else -np.inf
-        return string_curve(string.anchor, end, self._string_lengths[number], scene.up, ground)
-
-    def _parameter(self, name: str, row: int) -> list[float]:
-        values = self.plan.parameters[name]
-        return values[row % len(values)].tolist()
+        anchor, length = self._string_anchors[number], self._string_lengths[number]
+        return string_curve(anchor, end, length, self.plan.scene.up, self._ground_height)
 
 
 def _referring(parent: Sdf.PrimSpec, name: str, prototype: Sdf.Path) -> Sdf.PrimSpec:
@@ -112,6 +111,11 @@ def _set(
     prim: Sdf.PrimSpec, name: str, kind: Sdf.ValueTypeName, value: Any, how: Sdf.Variability = Sdf.VariabilityVarying
 ) -> None:
     Sdf.AttributeSpec(prim, name, kind, how).default = value
+
+
+def _translated(prim: Sdf.PrimSpec, shift: NDArray[np.float64]) -> None:
+    _set(prim, "xformOp:translate", Types.Double3, Gf.Vec3d(*shift.tolist()))
+    _set(prim, "xformOpOrder", Types.TokenArray, Vt.TokenArray(["xformOp:translate"]), Sdf.VariabilityUniform)
 
 
 def _animated(prim: Sdf.PrimSpec, attributes: dict[str, Sdf.ValueTypeName]) -> list[Sdf.Path]:

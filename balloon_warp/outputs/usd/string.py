@@ -25,14 +25,12 @@ class StringPrim:
         self.model = model
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
+        self.anchor = model.string_anchor.numpy()[0, number]
         self.length = float(model.string_length.numpy()[0, number])
+        self.ground_height = float(model.ground_height.numpy()[0])
         self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
 
     def write(self, frame: Frame) -> None:
         end = frame.points[self.string.balloon][self.particle]
-        model = self.model
-        write_lines(
-            self.prim,
-            string_curve(self.string.anchor, end, self.length, model.scene.up, model.ground_height),
-            frame.number,
-        )
+        curve = string_curve(self.anchor, end, self.length, self.model.scene.up, self.ground_height)
+        write_lines(self.prim, curve, frame.number)
