@@ -77,6 +77,20 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, cap
     assert said[2:] == ["wrote ball_batch/table.npz", "wrote ball_batch/table.csv"]
 
 
+def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    assert batch(monkeypatch, "--worlds", "2", "--export", "all") == 0
+    assert batch(monkeypatch, "--worlds", "2", "--vary", "gravity=2:1") == 2
+    assert (folder / "ball_batch" / "worlds.usdc").exists()  # a batch that is refused leaves all as it was
+    capsys.readouterr()
+    assert batch(monkeypatch, "--worlds", "3") == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("removed ball_batch/worlds.usdc")
+    assert sorted(path.name for path in (folder / "ball_batch").iterdir()) == ["table.csv", "table.npz"]
+    assert batch(monkeypatch, "--worlds", "3") == 0
+    assert "removed" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

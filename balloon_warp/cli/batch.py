@@ -90,3 +90,5 @@ def batch(
         )
     for path in [*summary.table, *([summary.stage] if summary.stage else [])]:
         console.print(f"wrote {path}")
+    if summary.removed_stage:
+        console.print(f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds")

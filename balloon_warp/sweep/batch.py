@@ -18,7 +18,7 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.memory import require_batch_memory
-from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.output import STAGE_NAME, BatchOutput
 from balloon_warp.sweep.recorder import Recorder
 from balloon_warp.sweep.task import BatchTask, Outcome
 
@@ -32,6 +32,8 @@ class BatchSummary:
     table: list[str]
     stage: str | None
     """of the exported worlds"""
+    removed_stage: str | None
+    """of an earlier batch in the same folder, where this one exports no worlds"""
     scene: str
     device: str
     schedule: str
@@ -71,6 +73,8 @@ def run_batch(
 ) -> BatchSummary:
     """Simulate worlds that differ; write `table.npz`, `table.csv` and, of the chosen worlds, `worlds.usdc`.
 
+    All in the folder is of one batch: where no world is chosen, the `worlds.usdc` of an earlier one is removed.
+
     Args:
         scene: what all worlds have in common.
         folder: where the files go; made if it is not there.
@@ -105,7 +109,8 @@ def run_batch(
     return BatchSummary(
         output=str(folder),
         table=[str(task.folder / "table.npz"), str(task.folder / "table.csv")],
-        stage=str(task.folder / "worlds.usdc") if len(chosen) else None,
+        stage=str(task.folder / STAGE_NAME) if len(chosen) else None,
+        removed_stage=str(task.folder / STAGE_NAME) if outcome.removed_stage else None,
         scene=name,
         device=outcome.device,
         schedule=outcome.schedule,
@@ -150,4 +155,5 @@ def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int]
         workers=1,
         healthy_worlds=output.healthy_count,
         seconds=time.perf_counter() - began,
+        removed_stage=output.removed_stage,
     )

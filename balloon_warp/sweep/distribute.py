@@ -65,6 +65,7 @@ def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_f
             workers=len(devices),
             healthy_worlds=output.healthy_count,
             seconds=time.perf_counter() - began,
+            removed_stage=output.removed_stage,
         )
 
 

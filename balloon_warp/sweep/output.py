@@ -20,6 +20,8 @@ from balloon_warp.sweep.recorder import MEASURES, Record
 Rows = tuple[NDArray[np.float32], NDArray[np.int32]]
 """the measures and the health of some worlds in one frame, as in `Record`"""
 
+STAGE_NAME = "worlds.usdc"
+
 
 class BatchOutput:
     """Writes frames of a batch; its files appear when the `with` block ends well.
@@ -28,7 +30,7 @@ class BatchOutput:
         folder: where `table.npz`, `table.csv` and `worlds.usdc` go; made if it is not there.
         scene: what all worlds have in common.
         groups: the worlds.
-        chosen: those of the stage, ascending; where there are none there is no stage.
+        chosen: those of the stage, ascending; where there are none there is no stage, and that of an earlier batch goes.
         vary: what differs between the worlds.
 
     Raises:
@@ -44,10 +46,13 @@ class BatchOutput:
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
         self._table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, measures, worlds)
+        self.stage_path = folder / STAGE_NAME
+        self.removed_stage = False
+        """whether the stage of an earlier batch was there and this one has none"""
         self._stage = None
         if len(chosen):
             in_grid = [GridGroup(group.plan, group.rows_of(chosen), group.those_of(chosen)) for group in groups]
-            self._stage = GridWriter(folder / "worlds.usdc", in_grid)
+            self._stage = GridWriter(self.stage_path, in_grid)
         self._measures = np.zeros((worlds, len(measures)), dtype=np.float32)
         self._healthy = np.ones(worlds, dtype=np.int32)
 
@@ -86,6 +91,9 @@ class BatchOutput:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._files.__exit__(kind, error, traceback)
+        if kind is None and not self._stage and self.stage_path.exists():
+            self.stage_path.unlink()
+            self.removed_stage = True
 
 
 def _prepare_folder(folder: Path) -> None:

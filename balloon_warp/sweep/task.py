@@ -40,3 +40,5 @@ class Outcome:
     healthy_worlds: int
     seconds: float
     """of simulating and writing"""
+    removed_stage: bool
+    """whether the folder had the stage of an earlier batch, and this batch has none"""
