@@ -13,8 +13,9 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.health import find_non_finite
 from balloon_warp.model import Model, Vary, build_model, initial_state
+from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.scene import Scene
-from balloon_warp.schedules import make_schedule
+from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.readout import ForceReader
 
 HEALTHY = np.iinfo(np.int32).max
@@ -68,15 +69,21 @@ class Simulator:
 
     @classmethod
     def of_model(cls, model: Model, schedule: str = "auto") -> Self:
-        """A simulator of a model that is laid out already."""
+        """A simulator of a model that is laid out already.
+
+        Raises:
+            InputError: the worlds do not fit into the device's memory, or there is no such schedule.
+        """
         simulator = cls.__new__(cls)
         simulator._begin(model, schedule)
         return simulator
 
     def _begin(self, model: Model, schedule: str) -> None:
+        kind = schedule_named(schedule, model)
+        require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
         self.model = model
-        self.state = initial_state(self.model)
-        self.schedule = make_schedule(self.model, schedule)
+        self.state = initial_state(model)
+        self.schedule = kind(model)
         self.frame_number = 0
         self.first_bad_particle = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
         """of each world, the lowest particle that was ever at no finite place, or `HEALTHY`, shape (world_count,)"""

@@ -13,14 +13,15 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdValidation
 
 from balloon_warp import InputError, Scene, Simulator, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.model import memory
+from balloon_warp.model import lay_out, memory
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.outputs.usd import grid
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.schedules import SCHEDULES
+from balloon_warp.sweep.groups import Group, plan_groups
 
 FRAMES, WORLDS = 5, 5
 RADII = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
@@ -333,13 +334,19 @@ def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
     assert len({one[0].plan.substeps for one in alone}) == 3
 
 
+def simulated_bytes(groups: list[Group]) -> int:
+    models = [lay_out(group.plan, "cpu") for group in groups]
+    kept = SCHEDULES["lanes"].world_bytes
+    return sum(model.world_count * (memory.world_bytes(model) + kept(model)) for model in models)
+
+
 def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
     tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
 ):
     """All groups count, what is exported, and the table: in each case the rest alone would fit."""
     varied = {"balloon.0.mesh": meshes * 20}
-    one_mesh = 40 * memory.world_bytes(plan_groups(scene(), 1, {})[0].plan)
-    two_meshes = sum(20 * memory.world_bytes(group.plan) for group in plan_groups(scene(), 40, varied))
+    one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
+    two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))
     sums = 40 * (2 * 32 * 40 + 4 * 6)  # 32 lanes of each balloon, six measures
     row = 40 * 4 * 7  # of the table: six measures and the health
     table = (FRAMES + 1) * row

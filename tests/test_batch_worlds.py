@@ -7,7 +7,7 @@ import pytest
 from meshes import cube, quad_sphere
 
 from balloon_warp.errors import InputError
-from balloon_warp.model import memory, plan_model
+from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
@@ -198,22 +198,6 @@ def test_many_worlds_are_planned_without_a_loop_over_them():
     assert time.perf_counter() - began < 5.0
     np.testing.assert_array_equal(plan.parameters["mass"], np.stack([draw, draw], axis=1))
     assert plan.parameters["helium"].shape == (1, 2)
-
-
-def test_a_batch_that_does_not_fit_is_refused_with_the_number_that_would(monkeypatch: pytest.MonkeyPatch):
-    plan = plan_model(everything())
-    world = memory.world_bytes(plan)
-    particles, faces = 56 + 8, 54 + 6
-    # points, velocities, aims, and four more that lanes keeps; centers, areas
-    assert world == 4 * 3 * (7 * particles + 2 * faces + 3 * 3)
-    varied = memory.world_bytes(plan_model(everything(), 2, {"balloon.mass": [1.0, 2.0]}))
-    assert varied == world + 4 * 2
-    monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
-    Simulator(everything(), "cpu", 10)
-    with pytest.raises(
-        InputError, match=r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
-    ):
-        Simulator(everything(), "cpu", 64)
 
 
 def test_overriding_a_scene_keeps_all_else():

@@ -7,7 +7,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Vary
 from balloon_warp.model.plan import ModelPlan, plan_model
@@ -22,19 +21,14 @@ def build_model(scene: Scene, device: wp.DeviceLike = None, world_count: int = 1
 
     Raises:
         InputError: a mesh cannot be read or strung, a particle is not in its balloon, a varied value is wrong, the step
-            is not stable, or the worlds do not fit into the device's memory.
+            is not stable.
     """
     return lay_out(plan_model(scene, world_count, vary), device)
 
 
 def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
-    """The planned model on a device.
-
-    Raises:
-        InputError: the worlds do not fit into the device's memory.
-    """
+    """The planned model on a device. What is large is in states and schedules."""
     device = wp.get_device(device)
-    require_memory(device, [plan.world_count], [world_bytes(plan)])
     scene, shapes = plan.scene, plan.shapes
     offsets = np.cumsum([0] + [shape.mesh.vertex_count for shape in shapes])
 

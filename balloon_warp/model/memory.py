@@ -8,23 +8,17 @@ from pathlib import Path
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.model.plan import ModelPlan
+from balloon_warp.model.model import Model
 
-PARTICLE_BYTES = 7 * 12
-"""points, velocities, inflation aims, and the most that a schedule keeps beside them, which is `lanes`: a vec3 each"""
-FACE_BYTES = 2 * 12
-"""centers and area vectors"""
+VECTOR_BYTES = 12
 USABLE = 0.9
 """the part of the free memory that a batch may take; kernels, graphs and the allocator want some, too"""
 
 
-def world_bytes(plan: ModelPlan) -> int:
-    """Device memory of one world: its state, what a schedule keeps beside it, and its own parameters."""
-    particles = sum(shape.mesh.vertex_count for shape in plan.shapes)
-    faces = sum(shape.mesh.face_count for shape in plan.shapes)
-    own = sum(array[0].size for array in plan.parameters.values() if array.shape[0] > 1)
-    spheres = 3 * 12 * len(plan.scene.sphere)
-    return PARTICLE_BYTES * particles + FACE_BYTES * faces + spheres + 4 * own
+def world_bytes(model: Model) -> int:
+    """Device memory of one world's state."""
+    vectors = 3 * model.particle_count + 3 * model.sphere_count
+    return VECTOR_BYTES * vectors + 8 * model.balloon_count
 
 
 def free_memory(device: wp.Device) -> int:

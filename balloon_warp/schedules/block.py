@@ -80,6 +80,11 @@ class BlockSchedule:
             self._springs = spring_table(model, ends)
             self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), ends.vary, fresh)
 
+    @staticmethod
+    def world_bytes(model: Model) -> int:
+        """Device memory that it keeps for each world, beside the state."""
+        return FORCE_ROWS * (24 * model.sphere_count + 4)
+
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""
         model = self.model

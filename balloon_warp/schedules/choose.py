@@ -9,8 +9,6 @@ from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.scatter import ScatterSchedule
 
-SCHEDULES = {schedule.name: schedule for schedule in (ScatterSchedule, GatherSchedule, BlockSchedule, LanesSchedule)}
-
 
 class Schedule(Protocol):
     """Advances states of a model by whole frames."""
@@ -19,8 +17,21 @@ class Schedule(Protocol):
     capturable: bool
     """whether a frame is nothing but launches, so that it can be recorded once and replayed"""
 
+    def __init__(self, model: Model):
+        """Allocate what it keeps."""
+
+    @staticmethod
+    def world_bytes(model: Model) -> int:
+        """Device memory that it keeps for each world, beside the state."""
+        ...
+
     def advance_frame(self, state: State) -> None:
         """Advance every world by one frame, in place."""
+
+
+SCHEDULES: dict[str, type[Schedule]] = {
+    schedule.name: schedule for schedule in (ScatterSchedule, GatherSchedule, BlockSchedule, LanesSchedule)
+}
 
 
 def make_schedule(model: Model, name: str = "auto") -> Schedule:
@@ -29,11 +40,20 @@ def make_schedule(model: Model, name: str = "auto") -> Schedule:
     Raises:
         InputError: there is no such schedule, or it cannot simulate this model.
     """
+    return schedule_named(name, model)(model)
+
+
+def schedule_named(name: str, model: Model) -> type[Schedule]:
+    """The schedule of that name, or the fastest for the model, not made yet.
+
+    Raises:
+        InputError: there is no such schedule.
+    """
     if name == "auto":
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
-    return SCHEDULES[name](model)
+    return SCHEDULES[name]
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:

@@ -15,6 +15,7 @@ from balloon_warp.kernels.gather import (
     write_sphere_forces,
 )
 from balloon_warp.model import Model, State
+from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, spring_table, string_table
 
@@ -36,6 +37,11 @@ class GatherSchedule:
         self._aims = AimRefresher(model)
         self._other_points = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
         self._sphere_quanta = wp.zeros((model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device)
+
+    @staticmethod
+    def world_bytes(model: Model) -> int:
+        """Device memory that it keeps for each world, beside the state."""
+        return VECTOR_BYTES * model.particle_count + 24 * model.sphere_count + AimRefresher.world_bytes(model)
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""

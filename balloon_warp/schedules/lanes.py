@@ -13,6 +13,7 @@ from balloon_warp.kernels.lanes import advance_groups
 from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.model import Model, State
+from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.tables import (
     body_table,
@@ -55,6 +56,14 @@ class LanesSchedule:
         ]
         self._lanes = _lane_state(model, group_count)
         wp.load_module("balloon_warp.kernels.lanes", device=model.device)  # before the threads do
+
+    @staticmethod
+    def world_bytes(model: Model) -> int:
+        """Device memory that it keeps for each world, beside the state."""
+        vectors = 4 * model.particle_count + 2 * model.face_count + model.sphere_count
+        numbers = (BALLOON_NUMBERS + 1) * model.balloon_count + model.sphere_count + 1
+        filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
+        return filled_up * (VECTOR_BYTES * vectors + 4 * numbers) // model.world_count
 
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""

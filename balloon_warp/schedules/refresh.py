@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.areas import sum_face_areas
 from balloon_warp.kernels.inflation import aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.model import Model, State
+from balloon_warp.model.memory import VECTOR_BYTES
 
 GPU_SUM_THREADS = 1024
 """threads that sum the faces of a balloon"""
@@ -34,6 +35,11 @@ class AimRefresher:
         self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._face_area_vectors = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._balloon_areas = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
+
+    @staticmethod
+    def world_bytes(model: Model) -> int:
+        """Device memory that it keeps for each world."""
+        return 2 * VECTOR_BYTES * model.face_count + 4 * model.balloon_count
 
     def refresh(self, points: wp.array, aims: wp.array) -> None:
         """Fill `aims` for `points`, both of shape (world_count, particle_count)."""

@@ -13,6 +13,7 @@ from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measur
 from balloon_warp.kernels.motion import integrate_symplectic_euler, set_body_forces
 from balloon_warp.kernels.springs import add_spring_forces, add_string_forces
 from balloon_warp.model import Model, State
+from balloon_warp.model.memory import VECTOR_BYTES
 
 
 class ScatterSchedule:
@@ -29,6 +30,11 @@ class ScatterSchedule:
         self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._face_area_vectors = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._balloon_areas = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
+
+    @staticmethod
+    def world_bytes(model: Model) -> int:
+        """Device memory that it keeps for each world, beside the state."""
+        return VECTOR_BYTES * (model.particle_count + 2 * model.face_count) + 4 * model.balloon_count
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""

@@ -131,11 +131,10 @@ def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int]
     """All worlds at once, in this process."""
     began = time.perf_counter()
     target = pick_device(device)
-    require_batch_memory(target, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
     models = [lay_out(group.plan, target) for group in task.groups]
-    simulators = [
-        Simulator.of_model(model, settled_schedule(task.schedule, model, task.world_count)) for model in models
-    ]
+    schedules = [settled_schedule(task.schedule, model, task.world_count) for model in models]
+    require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
+    simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
     recorders = [
         Recorder(simulator, group.rows_of(task.chosen))
         for simulator, group in zip(simulators, task.groups, strict=True)

@@ -30,7 +30,7 @@ class BatchOutput:
         folder: where `table.npz`, `table.csv` and `worlds.usdc` go; made if it is not there.
         scene: what all worlds have in common.
         groups: the worlds.
-        chosen: those of the stage, ascending; where there are none there is no stage, and that of an earlier batch goes.
+        chosen: those of the stage, ascending; where there are none there is no stage, and an earlier batch's goes.
         vary: what differs between the worlds.
 
     Raises:

@@ -67,10 +67,11 @@ def simulate_share(
     Raises:
         InputError: there is no such device or schedule, or the share does not fit into its memory.
     """
-    scene, target = share.plan.scene, pick_device(device)
-    require_batch_memory(target, [share], chosen, scene, frames_held=scene.frames + 1)
-    model = lay_out(share.plan, target)
-    simulator = Simulator.of_model(model, settled_schedule(schedule, model, world_count))
+    scene = share.plan.scene
+    model = lay_out(share.plan, pick_device(device))
+    settled = settled_schedule(schedule, model, world_count)
+    require_batch_memory([model], [settled], [share], chosen, scene, frames_held=scene.frames + 1)
+    simulator = Simulator.of_model(model, settled)
     recorder = Recorder(simulator, share.rows_of(chosen))
     records = []
     for number in range(scene.frames + 1):

@@ -1,0 +1,86 @@
+"""What worlds take, by the estimate, is what they take; and what does not fit is refused before it is allocated."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube, quad_sphere
+
+from balloon_warp.errors import InputError
+from balloon_warp.model import Model, build_model, memory
+from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.schedules import SCHEDULES
+from balloon_warp.simulator import Simulator
+
+FEW, MANY = 16, 48
+"""worlds; eight divide both, so that lanes has none to fill up"""
+
+
+def scene() -> Scene:
+    """A thing of each kind."""
+    return Scene(
+        balloon=[Balloon(mesh=quad_sphere(4)), Balloon(mesh=cube(), position=(3.0, 0.0, 0.0))],
+        sphere=[Sphere(position=(0.0, 3.0, 0.0)), Sphere(position=(1.0, 3.0, 0.0))],
+        string=[String(anchor=(0.0, -2.0, 0.0))],
+        ground=Ground(height=-3.0),
+    )
+
+
+def arrays_in(thing: Any) -> dict[int, wp.array]:
+    """Every device array that can be reached, by its address."""
+    if isinstance(thing, wp.array):
+        return {thing.ptr: thing} if thing.ptr else {}
+    if isinstance(thing, list | tuple):
+        parts = thing
+    elif hasattr(thing, "_cls"):  # an instance of a Warp struct
+        parts = [getattr(thing, name) for name in thing._cls.vars]
+    elif type(thing).__module__.startswith("balloon_warp") and not isinstance(thing, Model):
+        parts = vars(thing).values()
+    else:
+        return {}
+    return {address: array for part in parts for address, array in arrays_in(part).items()}
+
+
+def bytes_taken(simulator: Simulator) -> int:
+    return sum(array.capacity for array in arrays_in(simulator).values())
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES)
+def test_the_estimate_is_what_is_allocated(schedule: str, device: str):
+    """Of each world more; half a percent is left for numbers of which there is one for a world."""
+    if schedule == "lanes" and device != "cpu":
+        pytest.skip("lanes is for the CPU")
+    few, many = (Simulator(scene(), device, worlds, schedule=schedule) for worlds in (FEW, MANY))
+    taken = (bytes_taken(many) - bytes_taken(few)) / (MANY - FEW)
+    estimate = memory.world_bytes(many.model) + SCHEDULES[schedule].world_bytes(many.model)
+    assert estimate == pytest.approx(taken, rel=0.005)
+
+
+def test_lanes_counts_the_worlds_that_fill_up_the_last_eight():
+    one, nine = (build_model(scene(), "cpu", worlds) for worlds in (1, 9))
+    kept = SCHEDULES["lanes"].world_bytes
+    assert kept(one) == 8 * kept(build_model(scene(), "cpu", 8))
+    assert 9 * kept(nine) == pytest.approx(2 * kept(one), rel=1e-3)  # rounded to whole bytes
+
+
+def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch: pytest.MonkeyPatch):
+    model = build_model(scene(), "cpu")
+    world = memory.world_bytes(model) + SCHEDULES["scatter"].world_bytes(model)
+    monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
+    assert len(Simulator(scene(), "cpu", 10, schedule="scatter").state.points) == 10
+    with pytest.raises(
+        InputError, match=r"^64 worlds do not fit: they need .* GiB, and cpu has .* enough for 10 worlds$"
+    ):
+        Simulator(scene(), "cpu", 64, schedule="scatter")
+
+
+def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch: pytest.MonkeyPatch):
+    model = build_model(scene(), "cpu", 64)
+    kept = {name: schedule.world_bytes(model) for name, schedule in SCHEDULES.items()}
+    assert kept["block"] < kept["scatter"] < kept["lanes"]
+    needed = 64 * (memory.world_bytes(model) + np.mean([kept["block"], kept["scatter"]]))
+    monkeypatch.setattr(memory, "free_memory", lambda device: int(needed / memory.USABLE))
+    Simulator.of_model(model, "block")
+    with pytest.raises(InputError, match=r"^64 worlds do not fit"):
+        Simulator.of_model(model, "scatter")
