@@ -8,10 +8,10 @@ import warp as wp
 #if defined(__CUDA_ARCH__)
     return rsqrtf(x);
 #else
-    return 1.0f / sqrt(x);
+    return 1.0f / sqrtf(x);
 #endif
     """,
-    adj_snippet="adj_x -= 0.5f * adj_ret / (x * sqrt(x));",
+    adj_snippet="adj_x -= 0.5f * adj_ret / (x * sqrtf(x));",
 )
 def inverse_root(x: float) -> float:
     """1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
