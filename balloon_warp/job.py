@@ -58,7 +58,7 @@ def animate(
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
         device: a Warp device; the GPU where there is one, when missing.
-        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
+        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_frame: told the number of each frame when it is written.
         on_warning: told what is odd about a mesh, in a sentence.
 

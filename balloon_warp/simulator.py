@@ -50,7 +50,8 @@ class Simulator:
         world_count: how many copies of the scene.
         vary: what differs between the worlds: dotted paths as in overrides, and arrays of shape (world_count,), such as
             {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
-        schedule: how the work is laid out: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
+        schedule: how the work is laid out: "scatter", "gather", "block", "lanes", "octets", or "auto" for the
+            fastest.
 
     Raises:
         InputError: the scene's meshes, particles or step are wrong, a varied value is, the worlds do not fit into the

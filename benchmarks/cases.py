@@ -66,5 +66,8 @@ CPU_CASES = [
     Case("64 balloons, fresh normals", "lanes", 64, normals="fresh", peer=True),
     Case("64 balloons", "gather", 64),
     Case("64 balloons", "scatter", 64),
-    Case("one balloon", "gather", 1, peer=True, quick=True),
+    Case("one balloon", "octets", 1, peer=True, quick=True),
+    Case("one balloon, sphere and ground", "octets", 1, obstacles=True),
+    Case("one balloon, fresh normals", "octets", 1, normals="fresh", peer=True),
+    Case("one balloon", "gather", 1),
 ]

@@ -4,7 +4,7 @@ import warp as wp
 
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
 from balloon_warp.kernels.lanes_state import LaneState
-from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column
+from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column
 from balloon_warp.kernels.tables import BodyTable, FaceTable
 
 
@@ -34,6 +34,37 @@ def measure_face_lanes(
 
 
 @wp.func
+def look_at_faces(
+    point: Lanes3, center: Lanes3, area_vector: Lanes3, normals: Lanes3, squared_distances: Lanes, areas: Lanes
+):
+    """The sums of unit normals around eight particles and their nearest faces so far, with one more face of each."""
+    for lane in range(LANE_COUNT):
+        normal = wp.normalize(column(area_vector, lane))
+        nearest = nearer_area(
+            wp.vec2(squared_distances[lane], areas[lane]),
+            column(point, lane),
+            column(center, lane),
+            column(area_vector, lane),
+        )
+        squared_distances[lane] = nearest[0]
+        areas[lane] = nearest[1]
+        normals[0, lane] += normal[0]
+        normals[1, lane] += normal[1]
+        normals[2, lane] += normal[2]
+    return normals, squared_distances, areas
+
+
+@wp.func
+def aims_of_lanes(normals: Lanes3, squared_distances: Lanes, areas: Lanes, balloon_areas: Lanes):
+    """(A_p / A_total) n of eight particles."""
+    aims = Lanes3()
+    for lane in range(LANE_COUNT):
+        nearest = wp.vec2(squared_distances[lane], areas[lane])
+        aims = set_column(aims, lane, aim_of(column(normals, lane), nearest, balloon_areas[lane]))
+    return aims
+
+
+@wp.func
 def aim_lanes(
     faces: FaceTable,
     particle: wp.int32,
@@ -48,28 +79,10 @@ def aim_lanes(
     areas = Lanes()
     for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
         face = faces.around_particles[incidence]
-        center = centers[face]
-        area_vector = area_vectors[face]
-        for lane in range(LANE_COUNT):
-            normal = wp.normalize(column(area_vector, lane))
-            nearest = nearer_area(
-                wp.vec2(squared_distances[lane], areas[lane]),
-                column(point, lane),
-                column(center, lane),
-                column(area_vector, lane),
-            )
-            squared_distances[lane] = nearest[0]
-            areas[lane] = nearest[1]
-            normals[0, lane] += normal[0]
-            normals[1, lane] += normal[1]
-            normals[2, lane] += normal[2]
-    aims = Lanes3()
-    for lane in range(LANE_COUNT):
-        aim = aim_of(column(normals, lane), wp.vec2(squared_distances[lane], areas[lane]), balloon_area[lane])
-        aims[0, lane] = aim[0]
-        aims[1, lane] = aim[1]
-        aims[2, lane] = aim[2]
-    return aims
+        normals, squared_distances, areas = look_at_faces(
+            point, centers[face], area_vectors[face], normals, squared_distances, areas
+        )
+    return aims_of_lanes(normals, squared_distances, areas, balloon_area)
 
 
 @wp.func

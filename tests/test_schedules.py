@@ -12,7 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.schedules import make_schedule
+from balloon_warp.schedules import choose, make_schedule, octets
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
 from balloon_warp.schedules.tables import spring_ends
 from balloon_warp.simulator import Simulator
@@ -64,11 +64,11 @@ def bare() -> Scene:
 SCENES = {"everything": everything(), "fresh": everything("fresh"), "bare": bare()}
 
 
-@pytest.fixture(params=["gather", "lanes", "block"])
+@pytest.fixture(params=["gather", "lanes", "octets", "block"])
 def schedule(request: pytest.FixtureRequest, device: str) -> str:
     """Each schedule that is tested against `scatter`, where it runs."""
-    if request.param == "lanes" and device != "cpu":
-        pytest.skip("lanes is for the CPU")
+    if request.param in ("lanes", "octets") and device != "cpu":
+        pytest.skip(f"{request.param} is for the CPU")
     return request.param
 
 
@@ -191,16 +191,24 @@ def test_an_unknown_schedule_is_refused():
 
 
 def test_auto_takes_a_schedule_and_says_which():
-    assert Simulator(bare(), "cpu").schedule.name == "gather"
+    assert Simulator(bare(), "cpu").schedule.name == "octets"
     assert Simulator(bare(), "cpu", 8).schedule.name == "lanes"
 
 
-def test_a_world_too_large_for_a_block_is_refused_and_gathered_instead():
+def test_what_octets_lacks_is_refused_and_gathered_instead(monkeypatch: pytest.MonkeyPatch):
+    for module in (octets, choose):
+        monkeypatch.setattr(module, "beyond_octets", lambda model: "torsion springs")
+    with pytest.raises(InputError, match=r"^--schedule octets: does not simulate torsion springs; use gather$"):
+        Simulator(bare(), "cpu", schedule="octets")
+    assert Simulator(bare(), "cpu").schedule.name == "gather"
+
+
+def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
     """43 cells a side make 11,096 particles; two buffers of them take more than a block's memory."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(43), mass=50.0)])
     with pytest.raises(InputError, match=r"^--schedule block: a world of 11,096 particles is too large .* use gather$"):
-        Simulator(scene, "cpu", schedule="block")
-    assert Simulator(scene, "cpu").schedule.name == "gather"
+        Simulator(scene, device, schedule="block")
+    assert Simulator(scene, device).schedule.name == ("octets" if device == "cpu" else "gather")
 
 
 def test_wavefronts_are_counted_by_hand():

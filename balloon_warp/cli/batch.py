@@ -38,7 +38,7 @@ def batch(
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     schedule: Annotated[
-        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block or lanes.")
+        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
     ] = "auto",
     gpus: Annotated[int | None, typer.Option(help="Spread the worlds over this many GPUs of this machine.")] = None,
     workers: Annotated[int | None, typer.Option(help="Spread the worlds over this many processes on the CPU.")] = None,

@@ -27,7 +27,7 @@ def run(
     ] = None,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     schedule: Annotated[
-        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block or lanes.")
+        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
     ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:

@@ -7,6 +7,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.schedules.block import BlockSchedule, fits_in_block, thread_a_particle
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.schedules.octets import OctetsSchedule, beyond_octets
 from balloon_warp.schedules.scatter import ScatterSchedule
 
 
@@ -30,7 +31,8 @@ class Schedule(Protocol):
 
 
 SCHEDULES: dict[str, type[Schedule]] = {
-    schedule.name: schedule for schedule in (ScatterSchedule, GatherSchedule, BlockSchedule, LanesSchedule)
+    schedule.name: schedule
+    for schedule in (ScatterSchedule, GatherSchedule, BlockSchedule, LanesSchedule, OctetsSchedule)
 }
 
 
@@ -66,9 +68,11 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     """By device, size and number of worlds.
 
     On a GPU, blocks where a world fits in one and either each particle has a thread, or there are enough worlds to give
-    each multiprocessor one. On the CPU, eight worlds side by side cost little more than one, but one costs as much.
+    each multiprocessor one. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     """
     if model.device.is_cpu:
-        return "lanes" if world_count > 1 else "gather"
+        if world_count > 1:
+            return "lanes"
+        return "gather" if beyond_octets(model) else "octets"
     enough = thread_a_particle(model) or world_count >= model.device.sm_count
     return "block" if fits_in_block(model) and enough else "gather"

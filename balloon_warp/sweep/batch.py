@@ -83,7 +83,7 @@ def run_batch(
         export: the worlds that go into the stage.
         name: what the summary calls the scene.
         device: a Warp device; the GPU where there is one, when missing.
-        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
+        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         cluster: the workers that simulate it; this process does, when missing. The files are the same.
         on_frame: told the number of each frame when it is simulated; on a cluster, now and then, of the average world.
 

@@ -60,7 +60,7 @@ def simulate_share(
     Args:
         chosen: the worlds whose shape is wanted, by their numbers in the batch.
         device: a Warp device; the GPU where there is one, when missing.
-        schedule: "scatter", "gather", "block", "lanes", or "auto" for the fastest.
+        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         world_count: how many worlds the whole batch has.
         on_frame: told the number of each frame when it is simulated.
 
