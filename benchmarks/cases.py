@@ -1,24 +1,25 @@
 """The cases, one a line."""
 
 from dataclasses import dataclass
+from math import cos, pi, sin
 from typing import Literal
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness
 
-SUBSTEPS = 32
-
 
 @dataclass(frozen=True)
 class Case:
-    """A batch of one balloon a world: a quad sphere of 6 cells^2 + 2 particles."""
+    """A batch of one balloon a world, a quad sphere of 6 cells^2 + 2 particles: its particle-substeps a second."""
 
     name: str
     schedule: str
     worlds: int
     cells: int = 9
-    obstacles: bool = False
-    """one sphere, which falls on the balloon and lies on it, and the ground"""
+    substeps: int = 32
+    spheres: int = 0
+    """they fall on the balloon; one alone lies on it"""
+    ground: bool = False
     normals: Literal["cached", "fresh"] = "cached"
     peer: bool = False
     """side by side with Newton, which has no obstacles then"""
@@ -26,7 +27,7 @@ class Case:
     """part of a quick run"""
 
     def scene(self) -> Scene:
-        """The same springs, masses and step in every case; a particle's mass does not depend on their number."""
+        """The same springs and masses in every case; a particle's mass does not depend on their number."""
         weight = 0.3 * (6 * self.cells**2 + 2) / 488
         balloon = Balloon(
             mesh=quad_sphere(self.cells, radius=0.5),
@@ -38,36 +39,113 @@ class Case:
         )
         return Scene(
             balloon=[balloon],
-            sphere=[Sphere(position=(0.0, 1.4, 0.0), radius=0.2, mass=0.3)] if self.obstacles else [],
-            ground=Ground() if self.obstacles else None,
-            substeps=SUBSTEPS,
+            sphere=_spheres(self.spheres),
+            ground=Ground() if self.ground else None,
+            substeps=self.substeps,
             normals=self.normals,
         )
 
 
-GPU_CASES = [
+def _spheres(count: int) -> list[Sphere]:
+    """One above the middle, or some in a ring above the balloon."""
+    ring = 0.0 if count == 1 else 0.35
+    turns = [2.0 * pi * number / max(count, 1) for number in range(count)]
+    return [Sphere(position=(ring * cos(turn), 1.4, ring * sin(turn)), radius=0.2, mass=0.3) for turn in turns]
+
+
+@dataclass(frozen=True)
+class ExportCase:
+    """Frames that were simulated before are written as a stage: megabytes (1e6) of its file a second."""
+
+    name: str
+    worlds: int
+    cells: int
+    frames: int
+    quick: bool = False
+
+    def scene(self) -> Scene:
+        """As the other cases', the step aside."""
+        batch = Case(self.name, "auto", self.worlds, self.cells, spheres=1, ground=True)
+        return batch.scene().model_copy(update={"frames": self.frames, "substeps": "auto"})
+
+
+@dataclass(frozen=True)
+class FirstFrameCase:
+    """Seconds from the start of a Python process to the first frame of a bundled scene, on the host."""
+
+    name: str
+    cold: bool
+    """with no kernel compiled before; otherwise with all of them in the cache"""
+    scene: str = "squirrel_inflate"
+    quick: bool = False
+
+
+@dataclass(frozen=True)
+class RealTimeCase:
+    """One balloon side by side with Blender's cloth, with pressure, on the same mesh: simulated seconds a second."""
+
+    name: str
+    cells: int = 9
+    quick: bool = False
+
+    def scene(self) -> Scene:
+        """With the step that stability asks for, at Blender's 24 frames a second."""
+        return (
+            Case(self.name, "auto", 1, self.cells)
+            .scene()
+            .model_copy(update={"substeps": "auto", "frames_per_second": 24.0})
+        )
+
+
+AnyCase = Case | ExportCase | FirstFrameCase | RealTimeCase
+
+COMMON_CASES: list[AnyCase] = [
+    FirstFrameCase("time to first frame, kernels to be compiled [s]", cold=True),
+    FirstFrameCase("time to first frame, kernels in the cache [s]", cold=False, quick=True),
+    ExportCase("export of one world of 9,602 particles [MB/s]", 1, cells=40, frames=60, quick=True),
+    ExportCase("export of 64 worlds of 488 particles [MB/s]", 64, cells=9, frames=60, quick=True),
+]
+
+GPU_CASES: list[AnyCase] = [
     Case("4,096 balloons", "block", 4096, peer=True, quick=True),
-    Case("4,096 balloons, sphere and ground", "block", 4096, obstacles=True, quick=True),
+    Case("4,096 balloons, sphere and ground", "block", 4096, spheres=1, ground=True, quick=True),
     Case("4,096 balloons, fresh normals", "block", 4096, normals="fresh", peer=True),
     Case("65,536 balloons", "block", 65536),
     Case("64 balloons", "block", 64),
     Case("one balloon", "block", 1, peer=True, quick=True),
-    Case("one balloon, sphere and ground", "block", 1, obstacles=True),
+    Case("one balloon, sphere and ground", "block", 1, spheres=1, ground=True),
     Case("512 balloons of 2,648 particles", "block", 512, cells=21),
     Case("4,096 balloons", "gather", 4096),
     Case("4,096 balloons", "scatter", 4096),
     Case("one balloon of 99,848 particles", "gather", 1, cells=129, quick=True),
-    Case("one balloon of 99,848 particles, sphere and ground", "gather", 1, cells=129, obstacles=True),
+    Case("one balloon of 99,848 particles, sphere and ground", "gather", 1, cells=129, spheres=1, ground=True),
+    *[
+        Case(f"{6 * n * n + 2:,} particles a balloon", "auto", 2**21 // (6 * n * n + 2), cells=n)
+        for n in (4, 9, 18, 36)
+    ],
+    *[Case(f"{worlds:,} worlds", "block", worlds) for worlds in (16, 256, 1024, 16384)],
+    *[Case(f"{substeps} substeps a frame", "block", 4096, substeps=substeps) for substeps in (8, 16, 64, 128)],
+    *[Case(f"{spheres} spheres and the ground", "block", 4096, spheres=spheres, ground=True) for spheres in (2, 4, 8)],
+    *COMMON_CASES,
 ]
 
-CPU_CASES = [
+CPU_CASES: list[AnyCase] = [
     Case("64 balloons", "lanes", 64, peer=True, quick=True),
-    Case("64 balloons, sphere and ground", "lanes", 64, obstacles=True),
+    Case("64 balloons, sphere and ground", "lanes", 64, spheres=1, ground=True),
     Case("64 balloons, fresh normals", "lanes", 64, normals="fresh", peer=True),
     Case("64 balloons", "gather", 64),
     Case("64 balloons", "scatter", 64),
     Case("one balloon", "octets", 1, peer=True, quick=True),
-    Case("one balloon, sphere and ground", "octets", 1, obstacles=True),
+    Case("one balloon, sphere and ground", "octets", 1, spheres=1, ground=True),
     Case("one balloon, fresh normals", "octets", 1, normals="fresh", peer=True),
     Case("one balloon", "gather", 1),
+    *[
+        Case(f"{6 * n * n + 2:,} particles a balloon", "lanes", 2**15 // (6 * n * n + 2), cells=n)
+        for n in (4, 9, 18, 26)
+    ],
+    *[Case(f"{worlds} worlds", "lanes", worlds) for worlds in (8, 16, 256)],
+    *[Case(f"{substeps} substeps a frame", "lanes", 64, substeps=substeps) for substeps in (8, 16, 64, 128)],
+    *[Case(f"{spheres} spheres and the ground", "lanes", 64, spheres=spheres, ground=True) for spheres in (2, 4, 8)],
+    RealTimeCase("one balloon [simulated s/s]", quick=True),
+    *COMMON_CASES,
 ]

@@ -1,15 +1,22 @@
 """The benchmark's peer simulates the same balloons, and its cases are what they say."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import warp as wp
 from meshes import quad_sphere as looped_quad_sphere
+from pxr import Usd, UsdGeom
 
-from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case
+from balloon_warp.benchmarks import bound, export, first_frame, measure
+from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, RealTimeCase
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.benchmarks.run import run_case
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.model import build_model, initial_state
+from balloon_warp.model import build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import SCHEDULES, make_schedule
+from balloon_warp.simulator import Simulator
 
 
 def test_the_mesh_is_the_quad_sphere_of_the_other_tests():
@@ -20,19 +27,113 @@ def test_the_mesh_is_the_quad_sphere_of_the_other_tests():
     np.testing.assert_allclose(signed_volume(found), signed_volume(expected), rtol=1e-12)  # winds outward
 
 
-@pytest.mark.parametrize("case", {case.cells: case for case in CPU_CASES + GPU_CASES if case.cells < 100}.values())
+SCHEDULE_CASES = [case for case in CPU_CASES + GPU_CASES if isinstance(case, Case)]
+
+
+@pytest.mark.parametrize("case", {case.cells: case for case in SCHEDULE_CASES if case.cells < 100}.values())
 def test_the_cases_can_be_built(case):
     model = build_model(case.scene(), "cpu")
     assert model.particle_count == 6 * case.cells**2 + 2
-    assert all(case.schedule in SCHEDULES for case in CPU_CASES + GPU_CASES)
+    assert all(case.schedule in (*SCHEDULES, "auto") for case in SCHEDULE_CASES)
+
+
+@pytest.mark.parametrize("spheres", [1, 8])
+def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
+    """Over all frames that are timed."""
+    model = build_model(Case("", "lanes", 1, spheres=spheres, ground=True).scene(), "cpu")
+    state = initial_state(model)
+    schedule = make_schedule(model, "lanes")
+    touched = np.zeros(spheres, dtype=bool)
+    for _ in range(1 + FRAMES * (1 + REPEATS)):
+        schedule.advance_frame(state)
+        touched |= (state.sphere_forces.numpy()[0] != 0.0).any(axis=1)
+    assert touched.all()
+    assert np.isfinite(state.points.numpy()).all()
 
 
 def test_every_frame_that_is_timed_is_simulated():
-    """The warm-up, its repeat, and the repeats that count; recorded frames are replayed, not only recorded."""
+    """Of each contender: the warm-up, its repeat, and the repeats that count; recorded frames are replayed."""
     model = build_model(Case("", "gather", 1, cells=2).scene(), "cpu")
-    state = initial_state(model)
-    assert seconds_a_frame(make_schedule(model, "gather"), model, state) > 0.0
-    assert state.frame.numpy()[0] == 1 + FRAMES * (1 + REPEATS)
+    contenders = [(make_schedule(model, name), initial_state(model)) for name in ("gather", "lanes")]
+    assert min(seconds_a_frame(contenders, model)) > 0.0
+    for _, state in contenders:
+        assert state.frame.numpy()[0] == 1 + FRAMES * (1 + REPEATS)
+
+
+def test_a_case_gives_the_promised_keys(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(measure, "FRAMES", 2)
+    result = run_case(Case("two balloons", "lanes", 2, cells=2), wp.get_device("cpu")).as_json()
+    names = "case device schedule worlds particles rate peer peer_rate ratio bound_fraction"
+    assert list(result) == names.split()
+    said = {name: result[name] for name in names.split()[:5]}
+    assert said == {"case": "two balloons", "device": "cpu", "schedule": "lanes", "worlds": 2, "particles": 26}
+    assert result["rate"] > 0.0
+
+
+def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path: Path):
+    case = ExportCase("", 3, cells=2, frames=4)
+    plan = plan_model(case.scene(), 3, {"balloon.inflation.k_normal": [0.1, 0.2, 0.3]})
+    simulator = Simulator.of_model(lay_out(plan, "cpu"))
+    export._batch_writer(simulator, plan)(tmp_path / "batch.usdc")
+    stage = Usd.Stage.Open(str(tmp_path / "batch.usdc"))
+    assert stage.GetEndTimeCode() == 4
+    points = [UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{n}/balloon")).GetPointsAttr().Get(4) for n in range(3)]
+    assert points[0] != points[1] != points[2] != points[0]
+    export._world_writer(Simulator(case.scene(), "cpu"))(tmp_path / "world.usdc")
+    assert Usd.Stage.Open(str(tmp_path / "world.usdc")).GetEndTimeCode() == 4
+    result = run_case(case, wp.get_device("cpu"))
+    assert (result.worlds, result.particles, result.peer) == (3, 26, None)
+    assert result.rate > 0.0
+
+
+@pytest.mark.parametrize("cold", [True, False])
+def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, monkeypatch: pytest.MonkeyPatch):
+    """The process is replaced by one that says what it found in its cache, and leaves something there."""
+    found = []
+
+    def process(case: FirstFrameCase, device: wp.Device, cache: str) -> str:
+        found.append(sorted(path.name for path in Path(cache).glob("*")) if Path(cache).exists() else [])
+        Path(cache).mkdir(exist_ok=True)
+        (Path(cache) / "kernel").touch()
+        return "gather 26"
+
+    monkeypatch.setattr(first_frame, "_simulate", process)
+    result = run_case(FirstFrameCase("", cold), wp.get_device("cpu"))
+    timed = found[-first_frame.REPEATS :]
+    assert timed == [[] if cold else ["kernel"]] * first_frame.REPEATS
+    assert (result.schedule, result.particles) == ("gather", 26)
+
+
+def test_a_process_simulates_a_first_frame():
+    wp.init()
+    cache = Path(str(wp.config.kernel_cache_dir)).parent  # Warp adds its version
+    said = first_frame._simulate(FirstFrameCase("", cold=False), wp.get_device("cpu"), str(cache))
+    schedule, particles = said.split()
+    assert schedule in SCHEDULES
+    assert int(particles) == 2494
+
+
+def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_many():
+    """The instructions and bytes that the docstring counts, on 132 multiprocessors, by hand."""
+    assert bound.gather_bound(10, 132, 1.5e-6, obstacles=False) == pytest.approx(10 / 1.5e-6, rel=1e-3)
+    issue = 132 * 128 * 1.98e9 / bound.GATHER_INSTRUCTIONS
+    assert bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False) == pytest.approx(issue, rel=1e-3)
+    assert bound.gather_bound(10**8, 10**4, 1.5e-6, obstacles=False) == pytest.approx(10.1376e12 / 172, rel=1e-3)
+    with_sphere = bound.gather_bound(10**8, 132, 1.5e-6, obstacles=True)
+    assert with_sphere < bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False)
+
+
+def test_the_bound_is_for_gpus():
+    model = build_model(Case("", "gather", 1, cells=2).scene(), "cpu")
+    assert bound.bound(model, "gather") is None
+
+
+def test_gather_on_a_gpu_stays_below_its_bound(device):
+    if device == "cpu":
+        pytest.skip("needs a GPU")
+    result = run_case(Case("", "gather", 1, cells=40), wp.get_device(device))
+    assert result.bound_fraction is not None
+    assert 0.01 < result.bound_fraction < 1.0
 
 
 @pytest.mark.parametrize("normals", ["cached", "fresh"])
@@ -51,3 +152,19 @@ def test_newton_gives_the_same_trajectory(normals, device):
         peer.advance_frame(unused)
     assert np.abs(state.points.numpy() - start).max() > 1e-2
     np.testing.assert_allclose(peer.points.numpy(), state.points.numpy(), rtol=0, atol=2e-5)
+
+
+def test_blender_simulates_the_same_balloon():
+    """The same mesh, by frames, under pressure: it stays a balloon."""
+    pytest.importorskip("bpy")
+    from balloon_warp.benchmarks.blender_peer import BlenderPeer
+
+    model = build_model(RealTimeCase("", cells=4).scene(), "cpu")
+    peer, unused = BlenderPeer(model), initial_state(model)
+    start = peer.points
+    np.testing.assert_allclose(start, model.initial_points.numpy(), atol=1e-6)
+    for _ in range(5):
+        peer.advance_frame(unused)
+    moved = peer.points
+    assert 1e-4 < np.abs(moved - start).max() < 0.5
+    assert np.linalg.norm(moved - moved.mean(axis=0), axis=1).min() > 0.4

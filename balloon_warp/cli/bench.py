@@ -5,39 +5,75 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.errors import InputError
+
+FILE_WIDTH = 200
+"""columns where no terminal says how many it has"""
 
 
 def bench(
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A few cases only.")] = False,
+    gpus: Annotated[
+        str | None, typer.Option(metavar="1,2,4", help="Weak scaling instead: so many GPUs, each with 8,192 balloons.")
+    ] = None,
+    workers: Annotated[
+        str | None, typer.Option(metavar="1,2", help="Weak scaling over processes of the CPU, each with 64 balloons.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--json", help="Write the results to this file, too.")] = None,
 ) -> None:
-    """Measure how fast the schedules are, side by side with Newton where it is installed."""
+    """Measure how fast the schedules are, side by side with Newton, and Blender's cloth, where they are installed.
+
+    The table is Markdown. A rate is in particle-substeps a second, unless the case says another unit.
+    """
     quiet_warp()
     from balloon_warp.benchmarks.run import run_cases
+    from balloon_warp.benchmarks.scaling import CPU_SHARE, GPU_SHARE, measure_scaling
     from balloon_warp.device import pick_device
+    from balloon_warp.outputs.files import check_writable, whole_file
 
+    if output:
+        check_writable(output, (".json",))
+    if sum(choice is not None for choice in (device, gpus, workers)) > 1:
+        raise InputError("--device, --gpus, --workers: expected one of them")
+    if gpus or workers:
+        measured = measure_scaling(GPU_SHARE if gpus else CPU_SHARE, _counts(gpus or workers or ""))
+    else:
+        measured = run_cases(pick_device(device), quick)
     console = Console(highlight=False)
     results = []
-    for result in run_cases(pick_device(device), quick):
-        console.print(f"{result.case} ({result.schedule}): {result.rate:.3g}", style="dim")
+    for result in measured:
+        console.print(f"{result.case} ({result.schedule}): {result.rate:.3g}", style="dim", markup=False)
         results.append(result)
-    table = Table(box=None, pad_edge=False)
-    for header in ("case", "schedule", "particle-substeps/s", "Newton", "ratio", "of the bound"):
-        table.add_column(header, justify="left" if header in ("case", "schedule") else "right")
+    table = Table(box=box.MARKDOWN)
+    for header in ("case", "schedule", "worlds", "particles", "rate", "peer", "its rate", "ratio", "of the bound"):
+        table.add_column(header, justify="left" if header in ("case", "schedule", "peer") else "right", no_wrap=True)
     for result in results:
         table.add_row(
-            result.case,
+            result.case.replace("[", r"\["),
             result.schedule,
+            f"{result.worlds:,}",
+            f"{result.particles:,}",
             f"{result.rate:.3g}",
+            result.peer or "-",
             f"{result.peer_rate:.3g}" if result.peer_rate else "-",
-            f"{result.ratio:.1f}" if result.ratio else "-",
+            f"{result.ratio:.3g}" if result.ratio else "-",
             f"{result.bound_fraction:.0%}" if result.bound_fraction else "-",
         )
-    console.print(table)
+    (console if console.is_terminal else Console(highlight=False, width=FILE_WIDTH)).print(table)
     if output:
-        output.write_text(json.dumps([result.as_json() for result in results], indent=1) + "\n", encoding="utf-8")
+        with whole_file(output) as file:
+            file.write_text(json.dumps([result.as_json() for result in results], indent=1) + "\n", encoding="utf-8")
+
+
+def _counts(text: str) -> list[int]:
+    """The numbers of `1,2,4`."""
+    try:
+        return [int(word) for word in text.split(",")]
+    except ValueError:
+        raise InputError(f"--gpus, --workers: expected numbers such as 1,2,4 (got {text})") from None

@@ -1,0 +1,103 @@
+"""What a GPU could do at most, by what a schedule issues and moves."""
+
+import time
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.model import Model
+
+ISSUE_RATE = 4 * 32 * 1.98e9
+"""thread instructions a second and multiprocessor of an H100 or H200 at its highest clock"""
+L2_RATE = 5120 * 1.98e9
+"""bytes a second from the L2 cache: 5,120 a clock, as NVIDIA says of the A100 and nothing of its successors"""
+DRAM_RATE = 4.8e12
+"""bytes a second of an H200"""
+L2_BYTES = 50e6
+
+BLOCK_INSTRUCTIONS = 196
+BLOCK_OBSTACLE_INSTRUCTIONS = 80
+
+GATHER_INSTRUCTIONS = 990
+GATHER_OBSTACLE_INSTRUCTIONS = 105
+GATHER_TABLE_BYTES = 12 * 8 + 16
+GATHER_STATE_BYTES = 12 * 5
+LAUNCHES = 64
+
+
+def bound(model: Model, schedule: str) -> float | None:
+    """Particle-substeps a second that the GPU could do at most; None where nobody has counted.
+
+    Raises:
+        RuntimeError: what Warp raises if the GPU is lost.
+    """
+    if not model.device.is_cuda:
+        return None
+    if schedule == "block":
+        return block_bound(model.device.sm_count, obstacles=model.sphere_count > 0)
+    if schedule == "gather":
+        particles = model.world_count * model.particle_count
+        launches = launch_seconds(model.device, particles) * (2 if model.sphere_count else 1)
+        return gather_bound(particles, model.device.sm_count, launches, obstacles=model.sphere_count > 0)
+    return None
+
+
+def block_bound(multiprocessors: int, obstacles: bool) -> float:
+    """By instructions: all that moves is in shared memory and registers.
+
+    Counted in its machine code for sm_90, for 12 springs a particle: 16 a spring (3 loads, 3 differences, 3 for the
+    squared length, 1 root, 1 for the coefficient, 3 for the force, 2 of address and padding) and some more for
+    inflation, damping, the step, the store and the barrier; with obstacles, each thread also moves the sphere and
+    looks for contact. Shared memory allows about as much: 39 wavefronts a warp without bank conflicts, at one a cycle.
+    """
+    instructions = BLOCK_INSTRUCTIONS + (BLOCK_OBSTACLE_INSTRUCTIONS if obstacles else 0)
+    return multiprocessors * ISSUE_RATE / instructions
+
+
+def gather_bound(particles: int, multiprocessors: int, launch_seconds: float, obstacles: bool) -> float:
+    """A substep takes its launch, and then the slowest of issue, L2 cache and memory.
+
+    Instructions, counted in its machine code for sm_90, for 12 springs a particle in three chunks of four: 194 a chunk,
+    of which 24 are its loads and 60 the law's, and the others 64-bit addresses and what Warp does about negative
+    indices; 410 more for a particle's own numbers, the step and the ground's test; a sphere's test is some 105.
+
+    Bytes from the L2 cache: 8 a spring (the other end and the rest length), 16 of valence, balloon and mass, and the
+    vectors that are read (point, velocity, aim) and written (point, velocity). A neighbor's point is in the L1 cache
+    where particles are numbered so that neighbors are near, so that it counts no more.
+
+    Bytes from memory: the vectors alone, where they do not fit in the L2 cache; all worlds share the springs.
+
+    Args:
+        particles: in all worlds.
+        launch_seconds: of a substep's launches, when their kernels do nothing.
+    """
+    instructions = GATHER_INSTRUCTIONS + (GATHER_OBSTACLE_INSTRUCTIONS if obstacles else 0)
+    from_memory = GATHER_STATE_BYTES if particles * GATHER_STATE_BYTES > L2_BYTES else 0
+    seconds = max(
+        instructions / (multiprocessors * ISSUE_RATE),
+        (GATHER_TABLE_BYTES + GATHER_STATE_BYTES) / L2_RATE,
+        from_memory / DRAM_RATE,
+    )
+    return particles / (launch_seconds + particles * seconds)
+
+
+@wp.kernel(enable_backward=False)
+def do_nothing(unused: wp.int32):
+    """A thread a particle."""
+
+
+def launch_seconds(device: wp.Device, threads: int) -> float:
+    """From one launch of a graph to the next that waits for it, when neither does anything."""
+    with wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
+        for _ in range(LAUNCHES):
+            wp.launch(do_nothing, threads, inputs=[0], device=device)
+    graph: Any = capture.graph
+    times = []
+    for _ in range(5):
+        wp.synchronize_device(device)
+        began = time.perf_counter()
+        for _ in range(10):
+            wp.capture_launch(graph)
+        wp.synchronize_device(device)
+        times.append((time.perf_counter() - began) / (10 * LAUNCHES))
+    return min(times)

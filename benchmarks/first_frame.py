@@ -1,0 +1,66 @@
+"""How long a user waits for the first frame: a process of its own that imports, loads, compiles and simulates it."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+import warp as wp
+
+import balloon_warp
+from balloon_warp.benchmarks.cases import FirstFrameCase
+from balloon_warp.benchmarks.result import Result
+
+REPEATS = 3
+SIMULATE = """
+import sys
+import balloon_warp as bw
+from balloon_warp.cli.quiet import quiet_warp
+
+quiet_warp()
+simulator = bw.Simulator(bw.load_scene(sys.argv[1]), sys.argv[2])
+simulator.step()
+frame = simulator.read_frame()
+print(simulator.schedule.name, sum(len(points) for points in frame.points))
+"""
+
+
+def measure_first_frame(case: FirstFrameCase, device: wp.Device) -> Result:
+    """The median of some processes; Warp's cache of kernels is a new folder, filled beforehand where it is to be warm.
+
+    Raises:
+        subprocess.CalledProcessError: a process failed.
+    """
+    seconds, said = [], ""
+    with tempfile.TemporaryDirectory(prefix="balloon-warp-") as folder:
+        if not case.cold:
+            _simulate(case, device, folder)
+        for number in range(REPEATS):
+            cache = str(Path(folder) / str(number)) if case.cold else folder
+            began = time.perf_counter()
+            said = _simulate(case, device, cache)
+            seconds.append(time.perf_counter() - began)
+    schedule, particles = said.split()
+    return Result(
+        case=case.name,
+        device=str(device),
+        schedule=schedule,
+        worlds=1,
+        particles=int(particles),
+        rate=median(seconds),
+    )
+
+
+def _simulate(case: FirstFrameCase, device: wp.Device, cache: str) -> str:
+    imported = str(Path(balloon_warp.__path__[0]).parent)
+    path = os.pathsep.join(filter(None, [imported, os.environ.get("PYTHONPATH")]))
+    return subprocess.run(
+        [sys.executable, "-c", SIMULATE, case.scene, str(device)],
+        env={**os.environ, "WARP_CACHE_PATH": cache, "PYTHONPATH": path},
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    ).stdout

@@ -1,0 +1,38 @@
+"""How much faster than real time one balloon is, and Blender's cloth in the same run."""
+
+import warp as wp
+
+from balloon_warp.benchmarks.blender_peer import BlenderPeer
+from balloon_warp.benchmarks.cases import RealTimeCase
+from balloon_warp.benchmarks.measure import seconds_a_frame
+from balloon_warp.benchmarks.result import Result
+from balloon_warp.errors import MissingExtraError
+from balloon_warp.model import Model, build_model, initial_state
+from balloon_warp.schedules import make_schedule
+
+
+def measure_real_time(case: RealTimeCase, device: wp.Device) -> Result:
+    """Simulated seconds a second, in turns with Blender's where it is installed."""
+    model = build_model(case.scene(), device)
+    schedule = make_schedule(model)
+    peers = _peers(model)
+    contenders = [(contender, initial_state(model)) for contender in [schedule, *peers]]
+    rate, *peer_rates = [model.frame_seconds / seconds for seconds in seconds_a_frame(contenders, model)]
+    return Result(
+        case=case.name,
+        device=str(device),
+        schedule=schedule.name,
+        worlds=1,
+        particles=model.particle_count,
+        rate=rate,
+        peer=peers[0].name if peers else None,
+        peer_rate=peer_rates[0] if peers else None,
+        ratio=rate / peer_rates[0] if peers else None,
+    )
+
+
+def _peers(model: Model) -> list[BlenderPeer]:
+    try:
+        return [BlenderPeer(model)]
+    except MissingExtraError:
+        return []

@@ -1,0 +1,25 @@
+"""What a case gives."""
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Result:
+    """A case's figures. The more, the better, but for a rate in seconds."""
+
+    case: str
+    """with the unit of the rate in brackets, where that is not particle-substeps a second"""
+    device: str
+    schedule: str
+    worlds: int
+    particles: int
+    """in one world"""
+    rate: float
+    peer: str | None = None
+    peer_rate: float | None = None
+    ratio: float | None = None
+    """rate over the peer's"""
+    bound_fraction: float | None = None
+
+    def as_json(self) -> dict:
+        return asdict(self)
