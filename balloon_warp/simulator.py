@@ -1,7 +1,8 @@
 """The simulator: a scene in, frames out."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.health import find_non_finite
-from balloon_warp.model import Model, Vary, build_model, initial_state
+from balloon_warp.kernels.timeline import hold_spheres
+from balloon_warp.model import Model, Turn, Vary, build_model, initial_state
 from balloon_warp.model.memory import require_memory, world_bytes
+from balloon_warp.model.parameters import Parameters
 from balloon_warp.scene import Scene
-from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.scene.timeline import frame_at
+from balloon_warp.schedules.choose import make_schedule, schedule_named
 from balloon_warp.schedules.readout import ForceReader
 
 HEALTHY = np.iinfo(np.int32).max
@@ -39,6 +43,8 @@ class Frame:
     """[m], shape (sphere_count, 3)"""
     sphere_velocities: NDArray[np.float32]
     """[m/s], shape (sphere_count, 3)"""
+    string_anchors: NDArray[np.float32]
+    """[m], shape (string_count, 3)"""
 
 
 class Simulator:
@@ -82,9 +88,12 @@ class Simulator:
     def _begin(self, model: Model, schedule: str) -> None:
         kind = schedule_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
-        self.model = model
+        self._turns = deque(model.turns)
+        changing = {name for turn in model.turns for name in turn.values}  # of a model that others may use, too
+        self.model = replace(model, **{name: wp.clone(getattr(model, name)) for name in changing})
         self.state = initial_state(model)
-        self.schedule = kind(model)
+        self.schedule = kind(self.model)
+        self._first_frames = _first_frames(model)
         self.frame_number = 0
         self.first_bad_particle = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
         """of each world, the lowest particle that was ever at no finite place, or `HEALTHY`, shape (world_count,)"""
@@ -117,6 +126,8 @@ class Simulator:
 
     def advance(self) -> None:
         """Advance every world by one frame, those that blew up, too."""
+        while self._turns and self._turns[0].frame <= self.frame_number:
+            self._take_turn(self._turns.popleft())
         if self.schedule.capturable:
             wp.capture_launch(self._frame_graph)
         else:
@@ -136,7 +147,48 @@ class Simulator:
             inflation_forces=[100.0 * k * aim for k, aim in zip(k_normal, aims, strict=True)],
             sphere_positions=_copy(self.state.sphere_positions, world),
             sphere_velocities=_copy(self.state.sphere_velocities, world),
+            string_anchors=_copy(self.model.string_anchor, world % self.model.string_anchor.shape[0]),
         )
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """Write parameters where the kernels read them; they hold from the next frame on.
+
+        Args:
+            parameters: arrays by their names in `Model`, of the shapes there.
+        """
+        for name, values in parameters.items():
+            array = getattr(self.model, name)
+            array.assign(np.asarray(values, dtype=np.float32).reshape(array.numpy().shape))
+
+    def go_on_in(self, model: Model, spheres: Sequence[int | None] | None = None) -> None:
+        """Go on from here in another model of the same balloons.
+
+        Args:
+            model: with other substeps, say, or with more or fewer spheres and strings.
+            spheres: for each sphere of the model its number until now, or None if it is new and starts where the model
+                puts it; all as they are, when missing.
+        """
+        before, self.state = self.state, initial_state(model)
+        for name in ("frame", "points", "velocities"):
+            wp.copy(getattr(self.state, name), getattr(before, name))
+        for now, until_now in enumerate(range(self.model.sphere_count) if spheres is None else spheres):
+            if until_now is not None:
+                for name in ("sphere_positions", "sphere_velocities", "sphere_forces"):
+                    wp.copy(getattr(self.state, name)[:, now], getattr(before, name)[:, until_now])
+        self.model = model
+        self.schedule = make_schedule(model, self.schedule.name)
+        self._first_frames = _first_frames(model)
+        for cached in ("_frame_graph", "_force_reader"):
+            self.__dict__.pop(cached, None)
+
+    def _take_turn(self, turn: Turn) -> None:
+        """Change what the scene says changes at this frame."""
+        for name in turn.values:
+            rows = getattr(self.model, name).numpy().copy()
+            turn.apply(name, rows)
+            self.set_parameters({name: rows})
+        if isinstance(turn.scene.substeps, int) and turn.scene.substeps != self.model.substeps:
+            self.go_on_in(replace(self.model, substeps=turn.scene.substeps))
 
     def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
         """One world's rows of a particle array, split by balloon."""
@@ -165,6 +217,22 @@ class Simulator:
             outputs=[self.first_bad_particle],
             device=self.model.device,
         )
+        if self._first_frames is not None:
+            wp.launch(
+                hold_spheres,
+                self.state.sphere_positions.shape,
+                inputs=[
+                    *(self._first_frames, self.model.initial_sphere_positions, self.model.initial_sphere_velocities),
+                    *(self.state.frame, self.state.sphere_positions, self.state.sphere_velocities),
+                ],
+                device=self.model.device,
+            )
+
+
+def _first_frames(model: Model) -> wp.array | None:
+    """At which each sphere appears, shape (sphere_count,), int32; nothing where all are there from the start."""
+    frames = [frame_at(model.scene, sphere.start) for sphere in model.scene.sphere]
+    return wp.array(frames, dtype=wp.int32, device=model.device) if any(frames) else None
 
 
 def _copy(array: wp.array, world: int) -> NDArray[np.float32]:

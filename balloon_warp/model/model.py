@@ -1,10 +1,13 @@
-"""The model: topology shared by all worlds, and parameters that may differ between them. Fixed during a simulation."""
+"""The model: topology shared by all worlds, and parameters that may differ between them.
+
+Fixed during a simulation, but for what a scene's timeline writes into the parameters between frames."""
 
 from dataclasses import dataclass
 
 import warp as wp
 
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.timeline import Turn
 from balloon_warp.scene import Scene
 
 
@@ -24,6 +27,8 @@ class Model:
     device: wp.Device
     world_count: int
     substeps: int
+    turns: list[Turn]
+    """what changes during the simulation, in order"""
     frame_seconds: float
     up: wp.vec3
 

@@ -1,6 +1,6 @@
 """The parameters that may differ between worlds: where each stands in the scene, and in the model."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,6 +81,22 @@ def check_vary(scene: Scene, world_count: int, vary: Vary) -> dict[str, NDArray[
             raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
         checked[path] = _checked(scene, path, given, world_count)
     return checked
+
+
+def require_changeable(scene: Scene, paths: Iterable[str]) -> None:
+    """Make sure that values may change while the scene is simulated.
+
+    Raises:
+        InputError: names the path that may not.
+    """
+    places = _places(scene)
+    for path in paths:
+        named = [place for known, place in places.items() if known == path or known.startswith(f"{path}.")]
+        at_start = any(name.startswith("initial_") for place in named for name, _ in place)
+        if path != "substeps" and (at_start or not named):
+            raise InputError(
+                f"{path}: cannot change during a simulation; substeps can, and what may differ between worlds"
+            )
 
 
 def _checked(scene: Scene, path: str, given: ArrayLike, world_count: int) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """What a model will be, on the host: nothing of it is on a device yet."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.model.parameters import Parameters, Vary, scene_parameters, vary_parameters
+from balloon_warp.model.parameters import Parameters, Vary, vary_parameters
 from balloon_warp.model.shape import BalloonShape, require_resolution, shape_balloon
 from balloon_warp.model.stability import choose_substeps, stable_step
+from balloon_warp.model.timeline import Turn, parameters_at, turns
 from balloon_warp.scene import Scene, String
 
 
@@ -25,7 +26,9 @@ class ModelPlan:
     """the particle that each string holds, numbered within its balloon"""
     parameters: Parameters
     substeps: int
-    """as many as the stiffest world asks"""
+    """at the start: as many as the stiffest world asks"""
+    turns: list[Turn]
+    """what changes during the simulation"""
 
     def of_world(self, name: str, world: int) -> Any:
         """A parameter of one world, as a number or lists of numbers."""
@@ -59,18 +62,48 @@ def plan_model(scene: Scene, world_count: int = 1, vary: Vary | None = None) -> 
         raise InputError(f"world_count: must be at least 1 (got {world_count})")
     shapes = [shape_balloon(balloon, scene) for balloon in scene.balloon]
     held = [_held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
-    parameters = vary_parameters(scene_parameters(scene), scene, world_count, vary or {})
+    parameters = vary_parameters(parameters_at(scene, 0), scene, world_count, vary or {})
     for number, shape in enumerate(shapes):
         require_resolution(shape, position_shifts(scene, parameters)[:, number])
     parameters["string_length"] = _string_lengths(scene, shapes, held, parameters)
+    changes = list(turns(scene))
     return ModelPlan(
         scene=scene,
         world_count=world_count,
         shapes=shapes,
         held=held,
         parameters=parameters,
-        substeps=choose_substeps(scene, stable_step(scene, shapes, held, parameters)),
+        substeps=_substeps(scene, changes, lambda now, values: stable_step(now, shapes, held, values), parameters),
+        turns=changes,
     )
+
+
+def _substeps(
+    scene: Scene,
+    changes: Sequence[Turn],
+    stable: Callable[[Scene, Parameters], float],
+    parameters: Parameters,
+) -> int:
+    """Substeps at the start. Left to us, they are enough for all that follows; else the scene's, which must be enough
+    until they change.
+
+    Raises:
+        InputError: they are not, or what changes differs between worlds.
+    """
+    steps = [stable(scene, parameters)]
+    chosen = [choose_substeps(scene, steps[0])]
+    values, before = {name: rows.copy() for name, rows in parameters.items()}, scene
+    for turn in changes:
+        for name in turn.values:
+            if (values[name][:, turn.values[name][0]] != values[name][0, turn.values[name][0]]).any():
+                named = name.replace("_", " ")
+                raise InputError(f"{named}: changes during the simulation, and so cannot differ between worlds")
+            turn.apply(name, values[name])
+        if turn.changes_stability(before):
+            steps.append(stable(turn.scene, values))
+            chosen.append(choose_substeps(turn.scene, steps[-1]))
+        before = turn.scene
+    return max(chosen) if scene.substeps == "auto" else chosen[0]
 
 
 def _held_particle(number: int, string: String, scene: Scene, shapes: Sequence[BalloonShape]) -> int:

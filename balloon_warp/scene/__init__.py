@@ -1,10 +1,11 @@
 """Scenes: what a TOML file says, checked, with overrides and defaults applied."""
 
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.scene.schema import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.scene.schema import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 
 __all__ = [
     "Balloon",
+    "Change",
     "Ground",
     "Inflation",
     "Scene",

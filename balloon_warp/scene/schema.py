@@ -3,7 +3,7 @@
 import itertools
 import math
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, InstanceOf, model_validator
 from pydantic_core import PydanticCustomError
@@ -95,6 +95,12 @@ class Balloon(Table):
     """linear RGB; one of the palette when missing"""
 
 
+def _ends_after_its_start(lasting: Any) -> Any:
+    if lasting.end is not None and lasting.end <= lasting.start:
+        raise ValueError(f"end: must come after the start, {lasting.start:g} s (got {lasting.end:g} s)")
+    return lasting
+
+
 class Sphere(Table):
     """A rigid sphere that collides with balloons and the ground."""
 
@@ -109,6 +115,12 @@ class Sphere(Table):
     penalty: NonNegative = 1.0
     """force it gets from a touching particle, as a multiple of that particle's inflation force"""
     color: tuple[UnitInterval, UnitInterval, UnitInterval] | None = None
+    start: NonNegative = 0.0
+    """when it appears, at its position and velocity [s]; until then nothing touches it"""
+    end: Positive | None = None
+    """when it is gone [s]; never when missing"""
+
+    _lives = model_validator(mode="after")(_ends_after_its_start)
 
 
 class String(Table):
@@ -124,6 +136,12 @@ class String(Table):
     """[m]; the distance from anchor to particle at the start when missing"""
     stiffness: Positive = 20.0
     """[N/m]"""
+    start: NonNegative = 0.0
+    """when it is tied [s]"""
+    end: Positive | None = None
+    """when it is cut [s]; never when missing"""
+
+    _lives = model_validator(mode="after")(_ends_after_its_start)
 
 
 class Ground(Table):
@@ -135,6 +153,16 @@ class Ground(Table):
     """Coulomb's coefficient, for balloons"""
     restitution: UnitInterval = 0.3
     """rebound speed over impact speed, for spheres"""
+
+
+class Change(Table):
+    """Values of the scene that change, all at once, while it is simulated."""
+
+    time: NonNegative
+    """when [s]; it happens at the first frame that is not before"""
+    set: Annotated[dict[str, Any], Field(min_length=1)]
+    """the new values by their paths, as in overrides: { "balloon.helium" = 12.0 }. What may change is what may differ
+    between worlds, but for places and velocities at the start; and `substeps`."""
 
 
 class Scene(Table):
@@ -160,6 +188,8 @@ class Scene(Table):
     sphere: list[Sphere] = []
     string: list[String] = []
     ground: Ground | None = None
+    change: list[Change] = []
+    """what changes while it is simulated, in order of time"""
 
     @property
     def up(self) -> Vector:
@@ -174,6 +204,9 @@ class Scene(Table):
                     f"string.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
                     f"(got {string.balloon})"
                 )
+        times = [change.time for change in self.change]
+        if any(later < earlier for earlier, later in itertools.pairwise(times)):
+            raise ValueError(f"change: times must not decrease (got {times})")
         for number, balloon in enumerate(self.balloon):
             times = [time for time, _ in balloon.inflation.keyframes]
             shortest = min((later - earlier for earlier, later in itertools.pairwise(times)), default=math.inf)

@@ -4,6 +4,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import SPHERE_COLORS, paint
+from balloon_warp.outputs.usd.presence import show_while_there
 from balloon_warp.scene import Sphere
 from balloon_warp.simulator import Frame
 
@@ -22,9 +23,10 @@ class SpherePrim:
     """One sphere of the scene."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
-        self.number = number
+        self.number, self._scene = number, model.scene
         self._translate = define_sphere(stage, path, model.scene.sphere[number], number)
         self.prim = UsdGeom.Sphere(stage.GetPrimAtPath(path))
 
     def write(self, frame: Frame) -> None:
         self._translate.Set(Gf.Vec3d(*frame.sphere_positions[self.number].tolist()), frame.number)
+        show_while_there(self.prim, self._scene, self._scene.sphere[self.number], frame.number)

@@ -7,6 +7,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.lines import define_lines, write_lines
 from balloon_warp.outputs.usd.material import STRING_COLOR, paint
+from balloon_warp.outputs.usd.presence import show_while_there
 from balloon_warp.outputs.usd.string_curve import POINT_COUNT, string_curve
 from balloon_warp.simulator import Frame
 
@@ -22,15 +23,15 @@ class StringPrim:
     """One string of the scene, as one curve."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
-        self.model = model
+        self.model, self.number = model, number
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
-        self.anchor = model.string_anchor.numpy()[0, number]
         self.length = float(model.string_length.numpy()[0, number])
         self.ground_height = float(model.ground_height.numpy()[0])
         self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
 
     def write(self, frame: Frame) -> None:
-        end = frame.points[self.string.balloon][self.particle]
-        curve = string_curve(self.anchor, end, self.length, self.model.scene.up, self.ground_height)
+        anchor, end = frame.string_anchors[self.number], frame.points[self.string.balloon][self.particle]
+        curve = string_curve(anchor, end, self.length, self.model.scene.up, self.ground_height)
         write_lines(self.prim, curve, frame.number)
+        show_while_there(self.prim, self.model.scene, self.string, frame.number)

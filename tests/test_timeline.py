@@ -1,0 +1,211 @@
+"""What changes during a simulation, appears and ends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from meshes import cube, quad_sphere
+from pxr import Usd, UsdGeom
+
+from balloon_warp.errors import InputError
+from balloon_warp.job import animate
+from balloon_warp.model import build_model
+from balloon_warp.scene import Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.simulator import Simulator
+
+STILL = Balloon(
+    mesh=cube(), stiffness=Stiffness(structural=0, shear=0, flexion=0), inflation=Inflation(k_normal=0.0), damping=0.0
+)
+
+
+@pytest.fixture(params=["scatter", "gather", "lanes", "block"])
+def schedule(request: pytest.FixtureRequest, device: str) -> str:
+    if request.param == "lanes" and device != "cpu":
+        pytest.skip("lanes is for the CPU")
+    return request.param
+
+
+def after_frames(scene: Scene, frames: int, device: str, schedule: str = "auto", worlds: int = 1) -> Simulator:
+    simulator = Simulator(scene, device, worlds, schedule=schedule)
+    for _ in range(frames):
+        simulator.step()
+    return simulator
+
+
+def test_gravity_that_changes_bends_the_fall(device, schedule):
+    """Symplectic Euler of n steps under g1, then n under g2, without springs: velocity -(g1 + g2) n h."""
+    changes = [Change(time=0.0, set={"gravity": 10.0}), Change(time=2 / 60, set={"gravity": 30.0})]
+    scene = Scene(balloon=[STILL], gravity=1.0, substeps=3, change=changes)
+    for worlds in (1, 3):
+        velocities = after_frames(scene, 4, device, schedule, worlds).read_frame(worlds - 1).velocities[0]
+        np.testing.assert_allclose(velocities[:, 1], -(10.0 + 30.0) * 2 / 60, rtol=1e-5)
+
+
+ALL_AT_ONCE = {
+    "gravity": 5.0,
+    "balloon.helium": 1.0,
+    "balloon.damping": 0.5,
+    "balloon.mass": 0.15,
+    "balloon.stiffness.structural": 12.0,
+    "balloon.stiffness": {"shear": 5.0, "flexion": 3.0, "structural": 12.0},
+    "balloon.inflation.k_normal": 0.4,
+    "string.0.anchor": [0.1, -1.0, 0.2],
+    "string.0.length": 0.3,
+    "string.0.stiffness": 25.0,
+    "sphere.0.mass": 2.0,
+    "sphere.0.radius": 0.45,
+}
+
+
+def busy(**fields) -> Scene:
+    """A balloon on a string that a sphere presses."""
+    return Scene(
+        balloon=[Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(k_normal=[(0.0, 0.1), (0.5, 0.3)]))],
+        sphere=[Sphere(position=(0.0, 0.8, 0.0), radius=0.4, penalty=30.0)],
+        string=[String(anchor=(0.0, -1.0, 0.0), length=0.4)],
+        substeps=24,
+        **fields,
+    )
+
+
+@pytest.mark.parametrize("path", ALL_AT_ONCE)
+def test_each_value_changes_in_every_schedule(path, device, schedule):
+    """As in `scatter`, and not as without the change."""
+    changed = busy(change=[Change(time=2 / 60, set={path: ALL_AT_ONCE[path]})])
+    found = after_frames(changed, 5, device, schedule)
+    expected, unchanged = after_frames(changed, 5, device, "scatter"), after_frames(busy(), 5, device, "scatter")
+    for name in ("points", "sphere_positions"):
+        np.testing.assert_allclose(
+            getattr(found.state, name).numpy(), getattr(expected.state, name).numpy(), rtol=0, atol=1e-5
+        )
+    moved = [
+        np.abs(getattr(expected.state, name).numpy() - getattr(unchanged.state, name).numpy()).max()
+        for name in ("points", "sphere_positions")
+    ]
+    assert max(moved) > 1e-4
+
+
+def test_a_value_that_stays_changes_nothing(device, schedule):
+    found = after_frames(busy(change=[Change(time=0.02, set={"gravity": 9.81})]), 4, device, schedule)
+    np.testing.assert_array_equal(
+        found.state.points.numpy(), after_frames(busy(), 4, device, schedule).state.points.numpy()
+    )
+
+
+def test_other_substeps_go_on_from_the_same_state(device, schedule):
+    """A change of the step alone, of a smooth motion: the trajectory stays within the step's own error."""
+    change = Change(time=2 / 60, set={"substeps": 48})
+    found = after_frames(busy(change=[change]), 6, device, schedule)
+    assert (found.model.substeps, found.frame_number) == (48, 6)
+    difference = found.state.points.numpy() - after_frames(busy(), 6, device, schedule).state.points.numpy()
+    assert 1e-7 < np.abs(difference).max() < 2e-3
+
+
+def test_a_sphere_waits_where_it_will_appear(device, schedule):
+    """It falls from its start, freely: after n frames of m steps at h, 1/2 g (n m h)^2 (1 + 1 / n m) below."""
+    late = Sphere(position=(0.0, 0.0, 0.0), radius=0.6, start=3 / 60)  # amid the cube, which it would push apart
+    scene = Scene(balloon=[STILL], sphere=[late], substeps=4, gravity=0.0)
+    before = after_frames(scene, 3, device, schedule).read_frame()
+    np.testing.assert_array_equal(before.points[0], np.float32(cube().points))
+    after = after_frames(scene, 4, device, schedule).read_frame()
+    assert np.linalg.norm(after.points[0][0]) == pytest.approx(0.6, abs=1e-5)
+    falling = after_frames(scene.model_copy(update={"gravity": 9.81}), 5, device, schedule).read_frame()
+    fallen = 0.5 * 9.81 * (2 / 60) ** 2 * (1 + 1 / 8)
+    assert falling.sphere_positions[0, 1] == pytest.approx(-fallen, rel=1e-4)
+
+
+def test_a_sphere_ends(device, schedule):
+    """One that would push the cube apart is gone before the cube falls into it."""
+    scene = Scene(balloon=[STILL], sphere=[Sphere(position=(0.0, -0.2, 0.0), radius=0.1, end=1 / 60)], substeps=4)
+    alone = scene.model_copy(update={"sphere": []})
+    np.testing.assert_array_equal(
+        after_frames(scene, 12, device, schedule).read_frame().points[0],
+        after_frames(alone, 12, device, schedule).read_frame().points[0],
+    )
+
+
+def test_a_string_is_tied_and_cut(device, schedule):
+    """It pulls up by k (d - L) while it is there: the impulse on its particle is that times the time."""
+    tied = String(anchor=(0.0, 100.0, 0.0), particle=0, length=99.0, stiffness=1e-3, start=1 / 60, end=4 / 60)
+    scene = Scene(balloon=[STILL], string=[tied], gravity=0.0, substeps=4)
+    speeds = [after_frames(scene, frames, device, schedule).read_frame().velocities[0][0, 1] for frames in (1, 2, 4, 7)]
+    acceleration = 1e-3 * 1.0 / (0.1 / 8)
+    np.testing.assert_allclose(speeds, np.array([0, 1, 3, 3]) * acceleration / 60, rtol=1e-3)
+
+
+def test_auto_substeps_are_enough_for_what_follows():
+    stiffer = Change(time=1.0, set={"balloon.stiffness.structural": 900.0})
+    scene = busy().model_copy(update={"substeps": "auto"})
+    assert (
+        build_model(scene.model_copy(update={"change": [stiffer]}), "cpu").substeps > build_model(scene, "cpu").substeps
+    )
+
+
+def test_too_few_substeps_for_a_change_are_refused():
+    stiffer = Change(time=1.0, set={"balloon.stiffness.structural": 9000.0})
+    with pytest.raises(InputError, match=r"^substeps: 24 are too few"):
+        build_model(busy(change=[stiffer]), "cpu")
+    build_model(busy(change=[Change(time=1.0, set={**stiffer.set, "substeps": 100})]), "cpu")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (
+            [Change(time=0, set={"balloon.position": [0, 0, 1]})],
+            "change.0.set: balloon.position: cannot change",
+        ),
+        ([Change(time=0, set={"frames": 3})], "change.0.set: frames: cannot change"),
+        ([Change(time=0, set={"gravity": 1}), Change(time=1, set={"gravity": "up"})], "change.1.set: gravity: "),
+        ([Change(time=0, set={"sphere.7.mass": 3.0})], "change.0.set: sphere.7.mass: cannot change"),
+    ],
+)
+def test_what_cannot_change_is_refused(changes, sentence):
+    with pytest.raises(InputError, match=sentence):
+        build_model(busy(change=changes), "cpu")
+
+
+def test_what_changes_cannot_differ_between_worlds():
+    scene = busy(change=[Change(time=0.1, set={"gravity": 1.0})])
+    with pytest.raises(InputError, match=r"^gravity: changes during the simulation, and so cannot differ"):
+        Simulator(scene, "cpu", 2, {"gravity": [1.0, 2.0]})
+
+
+def test_a_model_is_left_as_it_was():
+    """By a simulation that changes its parameters: another starts from the same."""
+    model = build_model(busy(change=[Change(time=0.01, set={"gravity": 1.0, "balloon.mass": 0.2})]), "cpu")
+    runs = [Simulator.of_model(model), Simulator.of_model(model)]
+    for simulator in runs:
+        for _ in range(3):
+            simulator.step()
+    np.testing.assert_array_equal(*(simulator.state.points.numpy() for simulator in runs))
+    assert model.gravity.numpy() == pytest.approx(9.81)
+
+
+def test_going_on_with_more_spheres_keeps_the_others(device, schedule):
+    simulator = after_frames(busy(), 3, device, schedule)
+    was = simulator.read_frame()
+    scene = simulator.model.scene
+    added = scene.model_copy(update={"sphere": [Sphere(position=(5.0, 0.0, 0.0)), *scene.sphere]})
+    model = replace(build_model(added, device), substeps=24)
+    simulator.go_on_in(model, [None, 0])
+    now = simulator.read_frame()
+    np.testing.assert_array_equal(now.points[0], was.points[0])
+    np.testing.assert_array_equal(now.sphere_positions, [[5.0, 0.0, 0.0], *was.sphere_positions])
+    simulator.step()
+    undisturbed = after_frames(busy(), 4, device, schedule).read_frame()
+    np.testing.assert_allclose(simulator.read_frame().points[0], undisturbed.points[0], atol=1e-6)
+
+
+def test_the_stage_shows_what_is_there(tmp_path):
+    """Spheres and strings from their start to their end, and a string's anchor where it is by then."""
+    scene = busy(change=[Change(time=2 / 60, set={"string.0.anchor": [0.5, -1.0, 0.0]})], frames=4)
+    late = scene.sphere[0].model_copy(update={"start": 2 / 60, "end": 3 / 60})
+    animate(scene.model_copy(update={"sphere": [late]}), tmp_path / "stage.usda", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "stage.usda"))
+    sphere = UsdGeom.Imageable(stage.GetPrimAtPath("/World/Spheres/Sphere_0"))
+    seen = [sphere.ComputeVisibility(frame) == UsdGeom.Tokens.inherited for frame in range(5)]
+    assert seen == [False, False, True, False, False]
+    string = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
+    anchors = [tuple(string.GetPointsAttr().Get(frame)[0]) for frame in range(5)]
+    assert anchors == [(0.0, -1.0, 0.0)] * 3 + [(0.5, -1.0, 0.0)] * 2
