@@ -31,6 +31,7 @@ from balloon_warp.kernels.tables import (
     ObstacleTable,
     SpringTable,
     StringTable,
+    WaterTable,
     WorldState,
     ground_height,
     ground_restitution,
@@ -38,13 +39,16 @@ from balloon_warp.kernels.tables import (
     particle_mass,
     row_of_world,
 )
+from balloon_warp.kernels.water import water_force
 
 MAX_REGISTERS = 64
 """for blocks of 1,024 threads"""
 
 
 @cache
-def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fresh_normals: bool) -> Any:
+def streaming_kernel(
+    capacity: int, sphere_capacity: int, springs_vary: bool, fresh_normals: bool, in_water: bool
+) -> Any:
     """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
     buffers = 2 * capacity
     pull_of_springs = spring_puller(springs_vary)
@@ -63,6 +67,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
         obstacles: ObstacleTable,
         faces: FaceTable,
         springs: SpringTable,
+        water: WaterTable,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
@@ -131,6 +136,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, springs_vary: bool, fr
                 )
                 pull = pull_of_springs(springs, points, first, point, world, balloon, particle)
                 pull += pull_of_strings(strings, point, world, particle)
+                if wp.static(in_water):
+                    pull += water_force(water, faces, bodies, points, first, world, particle, velocity, step_seconds)
                 point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
                 if mass > 0.0:
                     for sphere in range(state.sphere_positions.shape[1]):

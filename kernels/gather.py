@@ -12,9 +12,11 @@ from balloon_warp.kernels.motion import advance, body_force
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
     BodyTable,
+    FaceTable,
     ObstacleTable,
     SpringTable,
     StringTable,
+    WaterTable,
     ground_friction,
     ground_height,
     ground_restitution,
@@ -22,6 +24,7 @@ from balloon_warp.kernels.tables import (
     particle_mass,
     row_of_world,
 )
+from balloon_warp.kernels.water import water_force
 
 
 @wp.func
@@ -36,7 +39,7 @@ def net_force(
     inflation: wp.vec3,
     pull: wp.vec3,
 ):
-    """All forces on a particle but those of contacts [N]; `pull` is that of its springs."""
+    """All forces on a particle but those of contacts [N]; `pull` is that of its springs, and of water."""
     balloon = bodies.balloon[particle]
     body = body_force(
         mass,
@@ -50,7 +53,7 @@ def net_force(
 
 
 @cache
-def force_kernel(springs_vary: bool) -> Any:
+def force_kernel(springs_vary: bool, in_water: bool) -> Any:
     """The kernel that finds net forces."""
     pull_of_springs = spring_puller(springs_vary)
 
@@ -60,6 +63,8 @@ def force_kernel(springs_vary: bool) -> Any:
         bodies: BodyTable,
         springs: SpringTable,
         strings: StringTable,
+        water: WaterTable,
+        faces: FaceTable,
         time_in_frame: float,
         # state in
         inflation_aims: wp.array2d[wp.vec3],
@@ -77,13 +82,15 @@ def force_kernel(springs_vary: bool) -> Any:
         point = points[world, particle]
         velocity = velocities[world, particle]
         pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
+        if wp.static(in_water):
+            pull += water_force(water, faces, bodies, points[world], 0, world, particle, velocity, 0.0)
         forces[world, particle] = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
 
     return sum_forces
 
 
 @cache
-def particle_kernel(springs_vary: bool) -> Any:
+def particle_kernel(springs_vary: bool, in_water: bool) -> Any:
     """The kernel that advances the particles."""
     pull_of_springs = spring_puller(springs_vary)
 
@@ -94,6 +101,8 @@ def particle_kernel(springs_vary: bool) -> Any:
         springs: SpringTable,
         strings: StringTable,
         obstacles: ObstacleTable,
+        water: WaterTable,
+        faces: FaceTable,
         step_seconds: float,
         time_in_frame: float,
         # state in
@@ -116,6 +125,8 @@ def particle_kernel(springs_vary: bool) -> Any:
         inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
         point = points[world, particle]
         pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
+        if wp.static(in_water):
+            pull += water_force(water, faces, bodies, points[world], 0, world, particle, velocity, step_seconds)
         force = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
         point, velocity = advance(point, velocity, force, mass, step_seconds)
         if mass > 0.0:

@@ -26,6 +26,7 @@ from balloon_warp.kernels.lanes_types import (
     set_column,
     squared_lengths,
 )
+from balloon_warp.kernels.lanes_water import set_water_force_lanes
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
 from balloon_warp.kernels.springs import spring_coefficient
@@ -36,6 +37,7 @@ from balloon_warp.kernels.tables import (
     ObstacleTable,
     SpringTable,
     StringTable,
+    WaterTable,
     WorldState,
     first_entry,
 )
@@ -127,6 +129,8 @@ def move_particle_lanes(
         force = pull_of_spring_lanes(springs, numbers, points, point, particle)
         force += lanes_scaled(lanes.aims[group, particle], inflation_lanes(numbers, time_in_frame))
         force += body_force_lanes(numbers, share, bodies.up, velocity)
+        if lanes.water_forces.shape[1] > 0:
+            force += lanes.water_forces[group, particle]
         velocity += lanes_scaled(force, response_lanes(numbers, share, step_seconds))
         lanes.velocities[group, particle] = velocity
         new_points[particle] = point + step_seconds * velocity
@@ -167,6 +171,7 @@ def advance_groups(
     strings: StringTable,
     obstacles: ObstacleTable,
     faces: FaceTable,
+    water: WaterTable,
     fresh_normals: bool,
     substeps: wp.int32,
     step_seconds: float,
@@ -191,6 +196,8 @@ def advance_groups(
         if substep == 0 or fresh_normals:
             aim_all_lanes(faces, bodies, lanes, group, points)
         move_sphere_lanes(bodies, obstacles, state, lanes, group, step_seconds)
+        if lanes.water_forces.shape[1] > 0:
+            set_water_force_lanes(water, faces, bodies, state, lanes, points, group, step_seconds)
         move_particle_lanes(bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
         add_string_lanes(bodies, strings, state, lanes, group, step_seconds, points, new_points)
         leave_obstacle_lanes(bodies, obstacles, state, lanes, new_points, group, time_in_frame)

@@ -38,6 +38,8 @@ class LaneState:
     sphere_centers: wp.array2d[Lanes3]
     sphere_squared_radii: wp.array2d[Lanes]
     ground_heights: wp.array[Lanes]
+    water_forces: wp.array2d[Lanes3]
+    """empty where there is no water"""
 
 
 @wp.func

@@ -73,6 +73,15 @@ class ObstacleTable:
 
 
 @wp.struct
+class WaterTable:
+    """A liquid below a level surface."""
+
+    level: wp.array[float]
+    density: wp.array[float]
+    drag: wp.array[float]
+
+
+@wp.struct
 class FaceTable:
     """Faces, and the faces around each particle."""
 

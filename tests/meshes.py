@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import trimesh
 
 from balloon_warp.mesh import PolygonMesh
 
@@ -117,3 +118,12 @@ def joined(*meshes: PolygonMesh) -> PolygonMesh:
             [mesh.face_vertex_indices + offset for mesh, offset in zip(meshes, offsets[:-1].tolist(), strict=True)]
         ),
     )
+
+
+def fans(mesh: PolygonMesh) -> trimesh.Trimesh:
+    """Each face as a fan of triangles about its center, as the simulation sees it."""
+    points, triangles = list(mesh.points), []
+    for face in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]):
+        triangles += [(a, b, len(points)) for a, b in zip(np.roll(face, 1), face, strict=True)]
+        points.append(mesh.points[face].mean(axis=0))
+    return trimesh.Trimesh(points, triangles, process=False)

@@ -109,10 +109,20 @@ class Model:
     """Coulomb's coefficient for balloons, shape (W,), float32"""
     ground_restitution: wp.array
     """rebound speed over impact speed of spheres, shape (W,), float32"""
+    water_level: wp.array
+    """[m], minus infinity where there is no liquid, shape (W,), float32"""
+    water_density: wp.array
+    """[kg/m^3], shape (W,), float32"""
+    water_drag: wp.array
+    """coefficient of the quadratic drag, shape (W,), float32"""
 
     @property
     def step_seconds(self) -> float:
         return self.frame_seconds / self.substeps
+
+    @property
+    def has_water(self) -> bool:
+        return self.scene.water is not None
 
     @property
     def particle_count(self) -> int:

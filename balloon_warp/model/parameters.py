@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.scene import Ground, Scene
+from balloon_warp.scene import Ground, Scene, Water
 from balloon_warp.scene.overrides import override_scene
 
 Parameters = dict[str, NDArray[np.float64]]
@@ -18,12 +18,15 @@ Place = tuple[str, tuple[int | slice, ...]]
 
 KINDS = ("structural", "shear", "flexion")
 NO_GROUND = Ground.model_construct(height=-np.inf, friction=0.0, restitution=0.0)
+NO_WATER = Water.model_construct(level=-np.inf, density=0.0, drag=0.0)
+SURROUNDINGS = {"ground": ("height", "friction", "restitution"), "water": ("level", "density", "drag")}
+"""tables of which a scene has one or none, and their fields"""
 
 
 def scene_parameters(scene: Scene) -> Parameters:
     """What the scene says, alike in all worlds; the length of a string is NaN where the scene says none."""
     balloons, spheres, strings = scene.balloon, scene.sphere, scene.string
-    ground = scene.ground or NO_GROUND
+    ground, water = scene.ground or NO_GROUND, scene.water or NO_WATER
     keyframes = [balloon.inflation.keyframes for balloon in balloons]
     longest = max(len(keys) for keys in keyframes)
     return {
@@ -45,6 +48,9 @@ def scene_parameters(scene: Scene) -> Parameters:
         "ground_height": np.array([ground.height]),
         "ground_friction": np.array([ground.friction]),
         "ground_restitution": np.array([ground.restitution]),
+        "water_level": np.array([water.level]),
+        "water_density": np.array([water.density]),
+        "water_drag": np.array([water.drag]),
     }
 
 
@@ -76,8 +82,9 @@ def check_vary(scene: Scene, world_count: int, vary: Vary) -> dict[str, NDArray[
     for path, given in vary.items():
         if path not in places:
             override_scene(scene, [(path, np.ravel(given).tolist()[0])])  # says so where there is no such path
-            if path.startswith("ground.") and not scene.ground:
-                raise InputError(f"{path}: cannot differ between worlds, the scene has no ground")
+            table = path.partition(".")[0]
+            if table in SURROUNDINGS and not getattr(scene, table):
+                raise InputError(f"{path}: cannot differ between worlds, the scene has no {table}")
             raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
         checked[path] = _checked(scene, path, given, world_count)
     return checked
@@ -129,9 +136,9 @@ def _places(scene: Scene) -> dict[str, list[Place]]:
 
 def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
     yield "gravity", ("gravity", ())
-    if scene.ground:
-        for field in ("height", "friction", "restitution"):
-            yield f"ground.{field}", (f"ground_{field}", ())
+    for table, fields in SURROUNDINGS.items():
+        for field in fields if getattr(scene, table) else ():
+            yield f"{table}.{field}", (f"{table}_{field}", ())
     for number, balloon in enumerate(scene.balloon):
         for field in ("mass", "helium", "damping"):
             yield f"balloon.{number}.{field}", (field, (number,))

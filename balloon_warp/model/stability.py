@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.corners import corner_faces
+from balloon_warp.mesh.geometry import face_areas
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
@@ -24,7 +27,8 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
 
     An undamped network is stable for h < 2 / omega_max, and by Gershgorin's theorem omega_max^2 is at most twice the
     largest sum of spring constants at a particle over its mass. Damping at the rate g [1/s], taken explicitly as the
-    listing does, shrinks the bound to the root of omega^2 h^2 + 2 g h = 4.
+    listing does, shrinks the bound to the root of omega^2 h^2 + 2 g h = 4. Water acts on each particle as a spring of
+    the constant density gravity A, A its share of the balloon's area, which may grow: it is counted twice.
 
     Args:
         held: the particle that each string of the scene holds, numbered within its balloon.
@@ -34,7 +38,9 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
     for number, shape in enumerate(shapes):
         strings = [(n, held[n]) for n, string in enumerate(scene.string) if string.balloon == number]
         constants = _beside(
-            parameters["stiffness"][:, number], parameters["string_stiffness"][:, [string for string, _ in strings]]
+            parameters["stiffness"][:, number],
+            parameters["string_stiffness"][:, [string for string, _ in strings]],
+            (parameters["water_density"] * np.abs(parameters["gravity"]))[:, None],
         )
         mass = parameters["mass"][:, number]
         peak = _peak_sums(constants, _unit_sums(shape, [particle for _, particle in strings]))
@@ -68,7 +74,7 @@ def choose_substeps(scene: Scene, stable: float) -> int:
 
 def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:
     """The sum of spring constants at each particle that moves, over its part of the mass, for a constant of 1 of one
-    kind of spring, or of one string: shape (distinct particles, 3 + strings)."""
+    kind of spring, of one string, or of the water's weight: shape (distinct particles, 3 + strings + 1)."""
     particles, pairs = shape.mesh.vertex_count, shape.springs.pairs
     columns = []
     for kind in range(3):
@@ -76,6 +82,7 @@ def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:
         columns.append(np.bincount(pairs[:, 0], scale, particles) + np.bincount(pairs[:, 1], scale, particles))
     for particle in held:
         columns.append(np.where(np.arange(particles) == particle, 0.5, 0.0))  # its other end is fixed
+    columns.append(_areas_around_particles(shape.mesh))  # half of twice the area: the water's end is fixed, too
     moves = shape.mass_share > 0.0
     return np.unique(np.stack(columns, axis=1)[moves] / shape.mass_share[moves, None], axis=0)
 
@@ -87,7 +94,13 @@ def _peak_sums(constants: NDArray[np.float64], unit_sums: NDArray[np.float64]) -
     return np.concatenate([np.max(chunk @ unit_sums.T, axis=1, initial=0.0) for chunk in chunks])
 
 
-def _beside(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Columns of both; one row in either stands for all worlds."""
-    worlds = max(len(left), len(right))
-    return np.concatenate([np.broadcast_to(part, (worlds, part.shape[1])) for part in (left, right)], axis=1)
+def _areas_around_particles(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Each particle's share of the areas of its faces [m^2], shape (particle_count,)."""
+    shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
+    return np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count)
+
+
+def _beside(*parts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Columns of all; one row in a part stands for all worlds."""
+    worlds = max(len(part) for part in parts)
+    return np.concatenate([np.broadcast_to(part, (worlds, part.shape[1])) for part in parts], axis=1)

@@ -11,6 +11,9 @@ from balloon_warp.model.parameters import Parameters, require_changeable, scene_
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
 
+STABILITY = {"stiffness", "string_stiffness", "mass", "damping", "water_density", "gravity"}
+"""the parameters that the stable step depends on"""
+
 
 @dataclass(frozen=True)
 class Turn:
@@ -29,9 +32,7 @@ class Turn:
 
     def changes_stability(self, before: Scene) -> bool:
         """Whether another step may be stable than in the scene before."""
-        return not {"stiffness", "string_stiffness", "mass", "damping"}.isdisjoint(self.values) or (
-            self.scene.substeps != before.substeps
-        )
+        return not STABILITY.isdisjoint(self.values) or self.scene.substeps != before.substeps
 
 
 def parameters_at(scene: Scene, frame: int) -> Parameters:

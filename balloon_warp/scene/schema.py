@@ -155,6 +155,20 @@ class Ground(Table):
     """rebound speed over impact speed, for spheres"""
 
 
+class Water(Table):
+    """A liquid below a level surface: it presses on the outside of balloons, and brakes what moves in it.
+
+    Inside a balloon it is dry, an open one too: a bowl floats with its rim up. Spheres do not feel it.
+    """
+
+    level: Real = 0.0
+    """height of its surface [m]"""
+    density: Positive = 1000.0
+    """[kg/m^3]"""
+    drag: NonNegative = 1.0
+    """coefficient c of the drag 1/2 density c A |v| v, A the wetted area that moves at v"""
+
+
 class Change(Table):
     """Values of the scene that change, all at once, while it is simulated."""
 
@@ -188,6 +202,7 @@ class Scene(Table):
     sphere: list[Sphere] = []
     string: list[String] = []
     ground: Ground | None = None
+    water: Water | None = None
     change: list[Change] = []
     """what changes while it is simulated, in order of time"""
 

@@ -17,6 +17,7 @@ from balloon_warp.schedules.tables import (
     spring_ends,
     spring_table,
     string_table,
+    water_table,
     world_state,
 )
 
@@ -62,12 +63,12 @@ class BlockSchedule:
         ends = spring_ends(model)
         registers = _resident_registers(model, ends, self._threads)
         if registers:
-            self._springs = slot_table(model, ends)
+            self._own_tables = [slot_table(model, ends)]
             self._kernel = resident_kernel(
                 self._threads,
                 -(-model.face_count // self._threads),
                 kind_slots(ends),
-                self._springs.faces.shape[0],
+                self._own_tables[0].faces.shape[0],
                 model.sphere_count,
                 ends.vary,
                 model.string_count > 0,
@@ -77,8 +78,10 @@ class BlockSchedule:
             )
         else:
             capacity = _round_up(model.particle_count, STREAMING_STEP)
-            self._springs = spring_table(model, ends)
-            self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), ends.vary, fresh)
+            self._own_tables = [spring_table(model, ends), water_table(model)]
+            self._kernel = streaming_kernel(
+                capacity, _power_of_two(model.sphere_count), ends.vary, fresh, model.has_water
+            )
 
     @staticmethod
     def world_bytes(model: Model) -> int:
@@ -94,7 +97,7 @@ class BlockSchedule:
             dim=[model.world_count],
             inputs=[
                 *self._tables,
-                self._springs,
+                *self._own_tables,
                 model.substeps,
                 model.step_seconds,
                 world_state(state),
@@ -107,7 +110,7 @@ class BlockSchedule:
 
 def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
     """Registers a thread that let most blocks run at once on a multiprocessor; 0 if the springs do not fit in them."""
-    if not thread_a_particle(model) or model.device.is_cpu:
+    if not thread_a_particle(model) or model.device.is_cpu or beyond_resident(model):
         return 0
     needed = 36 + (3 if ends.vary else 2) * sum(kind_slots(ends)) + 8 * model.sphere_count
     for blocks in range(_useful_blocks(model, threads), 0, -1):
@@ -115,6 +118,11 @@ def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
         if registers >= needed:
             return registers
     return 0
+
+
+def beyond_resident(model: Model) -> bool:
+    """Whether a model has what only the streaming kernel simulates."""
+    return model.has_water
 
 
 def _useful_blocks(model: Model, threads: int) -> int:

@@ -17,7 +17,15 @@ from balloon_warp.kernels.gather import (
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
-from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, spring_table, string_table
+from balloon_warp.schedules.tables import (
+    body_table,
+    face_table,
+    obstacle_table,
+    spring_ends,
+    spring_table,
+    string_table,
+    water_table,
+)
 
 
 class GatherSchedule:
@@ -30,10 +38,12 @@ class GatherSchedule:
         self.model = model
         self._bodies = body_table(model)
         ends = spring_ends(model)
-        self._kernel = particle_kernel(ends.vary)
+        self._kernel = particle_kernel(ends.vary, model.has_water)
         self._springs = spring_table(model, ends)
         self._strings = string_table(model)
         self._obstacles = obstacle_table(model)
+        self._water = water_table(model)
+        self._faces = face_table(model)
         self._aims = AimRefresher(model)
         self._other_points = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
         self._sphere_quanta = wp.zeros((model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device)
@@ -60,7 +70,7 @@ class GatherSchedule:
             self._launch(
                 self._kernel,
                 (model.world_count, model.particle_count),
-                *(self._bodies, self._springs, self._strings, self._obstacles),
+                *(self._bodies, self._springs, self._strings, self._obstacles, self._water, self._faces),
                 *(model.step_seconds, substep * model.step_seconds),
                 *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
                 *(points, state.velocities),

@@ -22,6 +22,7 @@ from balloon_warp.schedules.tables import (
     spring_ends,
     spring_table,
     string_table,
+    water_table,
     world_state,
 )
 
@@ -53,6 +54,7 @@ class LanesSchedule:
             string_table(model),
             obstacle_table(model),
             face_table(model),
+            water_table(model),
         ]
         self._lanes = _lane_state(model, group_count)
         wp.load_module("balloon_warp.kernels.lanes", device=model.device)  # before the threads do
@@ -60,7 +62,7 @@ class LanesSchedule:
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        vectors = 4 * model.particle_count + 2 * model.face_count + model.sphere_count
+        vectors = (5 if model.has_water else 4) * model.particle_count + 2 * model.face_count + model.sphere_count
         numbers = (BALLOON_NUMBERS + 1) * model.balloon_count + model.sphere_count + 1
         filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
         return filled_up * (VECTOR_BYTES * vectors + 4 * numbers) // model.world_count
@@ -106,5 +108,6 @@ def _lane_state(model: Model, group_count: int) -> Any:
     lanes.balloons = wp.zeros((group_count, model.balloon_count, BALLOON_NUMBERS), dtype=Lanes, device=model.device)
     lanes.sphere_centers = rows(model.sphere_count, Lanes3)
     lanes.sphere_squared_radii = rows(model.sphere_count, Lanes)
+    lanes.water_forces = rows(model.particle_count if model.has_water else 0, Lanes3)
     lanes.ground_heights = wp.zeros(group_count, dtype=Lanes, device=model.device)
     return lanes

@@ -27,7 +27,7 @@ def beyond_octets(model: Model) -> str | None:
 
     Physics that only the other schedules have is named here; `auto` gathers such a model instead.
     """
-    return None
+    return "water" if model.has_water else None
 
 
 class OctetsSchedule:

@@ -5,7 +5,7 @@ import warp as wp
 from balloon_warp.kernels.gather import force_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
-from balloon_warp.schedules.tables import body_table, spring_ends, spring_table, string_table
+from balloon_warp.schedules.tables import body_table, face_table, spring_ends, spring_table, string_table, water_table
 
 
 class ForceReader:
@@ -15,8 +15,14 @@ class ForceReader:
         self.model = model
         self._aims = AimRefresher(model)
         ends = spring_ends(model)
-        self._kernel = force_kernel(ends.vary)
-        self._tables = body_table(model), spring_table(model, ends), string_table(model)
+        self._kernel = force_kernel(ends.vary, model.has_water)
+        self._tables = [
+            body_table(model),
+            spring_table(model, ends),
+            string_table(model),
+            water_table(model),
+            face_table(model),
+        ]
         self._forces = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
 
     def refresh_inflation(self, state: State) -> None:

@@ -12,8 +12,10 @@ from balloon_warp.kernels.contact import move_spheres, resolve_contacts
 from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.kernels.motion import integrate_symplectic_euler, set_body_forces
 from balloon_warp.kernels.springs import add_spring_forces, add_string_forces
+from balloon_warp.kernels.water import add_water_forces
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.tables import body_table, face_table, water_table
 
 
 class ScatterSchedule:
@@ -30,6 +32,7 @@ class ScatterSchedule:
         self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._face_area_vectors = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._balloon_areas = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
+        self._water_tables = [table(model) for table in (water_table, face_table, body_table)]
 
     @staticmethod
     def world_bytes(model: Model) -> int:
@@ -62,6 +65,7 @@ class ScatterSchedule:
         self._set_body_forces(state, time_in_frame)
         self._add_spring_forces(state)
         self._add_string_forces(state)
+        self._add_water_forces(state)
 
     def _ramp_inflation(self, state: State) -> None:
         m = self.model
@@ -123,6 +127,17 @@ class ScatterSchedule:
                 (m.world_count, m.string_count),
                 *(m.string_particle, m.string_anchor, m.string_length, m.string_stiffness),
                 state.points,
+                self.forces,
+            )
+
+    def _add_water_forces(self, state: State) -> None:
+        m = self.model
+        if m.has_water:
+            self._launch(
+                add_water_forces,
+                (m.world_count, m.particle_count),
+                *(*self._water_tables, m.step_seconds),
+                *(state.points, state.velocities),
                 self.forces,
             )
 

@@ -15,6 +15,7 @@ from balloon_warp.kernels.tables import (
     ObstacleTable,
     SpringTable,
     StringTable,
+    WaterTable,
     WorldState,
 )
 from balloon_warp.model import Model, State
@@ -124,6 +125,15 @@ def obstacle_table(model: Model) -> Any:
     table.ground_height = model.ground_height
     table.ground_friction = model.ground_friction
     table.ground_restitution = model.ground_restitution
+    return table
+
+
+def water_table(model: Model) -> Any:
+    """The liquid."""
+    table = WaterTable()
+    table.level = model.water_level
+    table.density = model.water_density
+    table.drag = model.water_drag
     return table
 
 
