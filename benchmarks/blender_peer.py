@@ -26,6 +26,7 @@ class BlenderPeer:
             import bpy
         except ImportError:
             raise MissingExtraError("the peer needs bpy, Blender as a Python module: pip install bpy") from None
+        self.model = model
         bpy.ops.wm.read_factory_settings(use_empty=True)
         mesh = model.shapes[0].mesh
         data = bpy.data.meshes.new(mesh.name)

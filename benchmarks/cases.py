@@ -1,6 +1,7 @@
 """The cases, one a line."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from math import cos, pi, sin
 from typing import Literal
 
@@ -21,14 +22,19 @@ class Case:
     """they fall on the balloon; one alone lies on it"""
     ground: bool = False
     normals: Literal["cached", "fresh"] = "cached"
-    peer: bool = False
-    """side by side with Newton, which has no obstacles then"""
+    peer: Literal["newton", "base"] | None = None
+    """in turns with Newton, which has no obstacles then; or with the base case of the device"""
     quick: bool = False
     """part of a quick run"""
 
+    @property
+    def particles(self) -> int:
+        """in one world"""
+        return 6 * self.cells**2 + 2
+
     def scene(self) -> Scene:
         """The same springs and masses in every case; a particle's mass does not depend on their number."""
-        weight = 0.3 * (6 * self.cells**2 + 2) / 488
+        weight = 0.3 * self.particles / 488
         balloon = Balloon(
             mesh=quad_sphere(self.cells, radius=0.5),
             position=(0.0, 0.6, 0.0),
@@ -99,6 +105,9 @@ class RealTimeCase:
 
 AnyCase = Case | ExportCase | FirstFrameCase | RealTimeCase
 
+GPU_BASE = Case("4,096 balloons", "block", 4096, peer="newton", quick=True)
+CPU_BASE = Case("64 balloons", "lanes", 64, peer="newton", quick=True)
+
 COMMON_CASES: list[AnyCase] = [
     FirstFrameCase("time to first frame, kernels to be compiled [s]", cold=True),
     FirstFrameCase("time to first frame, kernels in the cache [s]", cold=False, quick=True),
@@ -106,46 +115,54 @@ COMMON_CASES: list[AnyCase] = [
     ExportCase("export of 64 worlds of 488 particles [MB/s]", 64, cells=9, frames=60, quick=True),
 ]
 
+
+def beside(base: Case, **changed: Sequence[int]) -> Iterator[Case]:
+    """The base case with other values of one field, each in turns with the base case itself, to see how the cost grows.
+    With `cells`, the worlds are as many as keep the number of all particles."""
+    for field, values in changed.items():
+        for value in values:
+            case = replace(base, **{field: value}, peer="base", quick=False)
+            label = f"{value:,} {field if value > 1 else field.removesuffix('s')}"
+            if field == "cells":
+                worlds = base.worlds * base.particles // case.particles // 8 * 8
+                label, case = f"{case.particles:,} particles", replace(case, worlds=worlds)
+            yield replace(case, name=f"{base.name}, but {label}")
+
+
 GPU_CASES: list[AnyCase] = [
-    Case("4,096 balloons", "block", 4096, peer=True, quick=True),
+    GPU_BASE,
     Case("4,096 balloons, sphere and ground", "block", 4096, spheres=1, ground=True, quick=True),
-    Case("4,096 balloons, fresh normals", "block", 4096, normals="fresh", peer=True),
+    Case("4,096 balloons, fresh normals", "block", 4096, normals="fresh", peer="newton"),
     Case("65,536 balloons", "block", 65536),
     Case("64 balloons", "block", 64),
-    Case("one balloon", "block", 1, peer=True, quick=True),
+    Case("one balloon", "block", 1, peer="newton", quick=True),
     Case("one balloon, sphere and ground", "block", 1, spheres=1, ground=True),
     Case("512 balloons of 2,648 particles", "block", 512, cells=21),
     Case("4,096 balloons", "gather", 4096),
     Case("4,096 balloons", "scatter", 4096),
     Case("one balloon of 99,848 particles", "gather", 1, cells=129, quick=True),
     Case("one balloon of 99,848 particles, sphere and ground", "gather", 1, cells=129, spheres=1, ground=True),
-    *[
-        Case(f"{6 * n * n + 2:,} particles a balloon", "auto", 2**21 // (6 * n * n + 2), cells=n)
-        for n in (4, 9, 18, 36)
-    ],
-    *[Case(f"{worlds:,} worlds", "block", worlds) for worlds in (16, 256, 1024, 16384)],
-    *[Case(f"{substeps} substeps a frame", "block", 4096, substeps=substeps) for substeps in (8, 16, 64, 128)],
-    *[Case(f"{spheres} spheres and the ground", "block", 4096, spheres=spheres, ground=True) for spheres in (2, 4, 8)],
+    *beside(GPU_BASE, cells=(4, 18, 36)),
+    *beside(GPU_BASE, worlds=(16, 256, 1024, 16384)),
+    *beside(GPU_BASE, substeps=(8, 16, 64, 128)),
+    *beside(GPU_BASE, spheres=(1, 2, 4, 8)),
     *COMMON_CASES,
 ]
 
 CPU_CASES: list[AnyCase] = [
-    Case("64 balloons", "lanes", 64, peer=True, quick=True),
+    CPU_BASE,
     Case("64 balloons, sphere and ground", "lanes", 64, spheres=1, ground=True),
-    Case("64 balloons, fresh normals", "lanes", 64, normals="fresh", peer=True),
+    Case("64 balloons, fresh normals", "lanes", 64, normals="fresh", peer="newton"),
     Case("64 balloons", "gather", 64),
     Case("64 balloons", "scatter", 64),
-    Case("one balloon", "octets", 1, peer=True, quick=True),
+    Case("one balloon", "octets", 1, peer="newton", quick=True),
     Case("one balloon, sphere and ground", "octets", 1, spheres=1, ground=True),
-    Case("one balloon, fresh normals", "octets", 1, normals="fresh", peer=True),
+    Case("one balloon, fresh normals", "octets", 1, normals="fresh", peer="newton"),
     Case("one balloon", "gather", 1),
-    *[
-        Case(f"{6 * n * n + 2:,} particles a balloon", "lanes", 2**15 // (6 * n * n + 2), cells=n)
-        for n in (4, 9, 18, 26)
-    ],
-    *[Case(f"{worlds} worlds", "lanes", worlds) for worlds in (8, 16, 256)],
-    *[Case(f"{substeps} substeps a frame", "lanes", 64, substeps=substeps) for substeps in (8, 16, 64, 128)],
-    *[Case(f"{spheres} spheres and the ground", "lanes", 64, spheres=spheres, ground=True) for spheres in (2, 4, 8)],
+    *beside(CPU_BASE, cells=(4, 18, 24)),
+    *beside(CPU_BASE, worlds=(8, 16, 256)),
+    *beside(CPU_BASE, substeps=(8, 16, 64, 128)),
+    *beside(CPU_BASE, spheres=(1, 2, 4, 8)),
     RealTimeCase("one balloon [simulated s/s]", quick=True),
     *COMMON_CASES,
 ]

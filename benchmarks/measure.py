@@ -7,39 +7,41 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.model import Model, State
+from balloon_warp.model import State, initial_state
 
 FRAMES = 10
 REPEATS = 5
 
 
-def seconds_a_frame(contenders: Sequence[tuple[Any, State]], model: Model) -> list[float]:
+def seconds_a_frame(contenders: Sequence[Any]) -> list[float]:
     """Of each contender the median over some repeats, after a warm-up; the contenders take turns, so that what else
     the machine does slows all of them.
 
     Args:
-        contenders: a schedule, or what advances a state like one, and the state that it advances.
+        contenders: schedules, or what has a model and advances its states like one.
     """
-    advances = [prepared(schedule, model, state) for schedule, state in contenders]
-    times = [[_seconds(advance, model) for advance in advances] for _ in range(REPEATS + 1)]
+    advances = [prepared(contender, initial_state(contender.model)) for contender in contenders]
+    devices = [contender.model.device for contender in contenders]
+    times = [[_seconds(*each) for each in zip(advances, devices, strict=True)] for _ in range(REPEATS + 1)]
     return [median(of_one[1:]) for of_one in zip(*times, strict=True)]
 
 
-def prepared(schedule: Any, model: Model, state: State) -> Callable[[], None]:
+def prepared(schedule: Any, state: State) -> Callable[[], None]:
     """What advances the state by a frame, warmed up; recorded and replayed where the schedule allows."""
     schedule.advance_frame(state)
     if not schedule.capturable:
         return lambda: schedule.advance_frame(state)
-    with wp.ScopedDevice(model.device), wp.ScopedCapture(model.device) as capture:
+    device = schedule.model.device
+    with wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
         schedule.advance_frame(state)
     graph: Any = capture.graph
     return lambda: wp.capture_launch(graph)
 
 
-def _seconds(advance: Callable[[], None], model: Model) -> float:
-    wp.synchronize_device(model.device)
+def _seconds(advance: Callable[[], None], device: wp.Device) -> float:
+    wp.synchronize_device(device)
     began = time.perf_counter()
     for _ in range(FRAMES):
         advance()
-    wp.synchronize_device(model.device)
+    wp.synchronize_device(device)
     return (time.perf_counter() - began) / FRAMES

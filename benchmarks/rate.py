@@ -1,42 +1,58 @@
 """The rate of a schedule, and Newton's in the same run."""
 
+from contextlib import suppress
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.benchmarks.bound import bound
-from balloon_warp.benchmarks.cases import Case
+from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case
 from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.benchmarks.newton_peer import NewtonPeer
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.errors import MissingExtraError
-from balloon_warp.model import Model, build_model, initial_state
+from balloon_warp.model import Model, build_model
 from balloon_warp.schedules import make_schedule
 
 
 def measure_rate(case: Case, device: wp.Device) -> Result:
-    """A case's rate, in turns with Newton's where that is asked for and installed."""
-    model = build_model(case.scene(), device, case.worlds)
-    schedule = make_schedule(model, case.schedule)
-    peers = _peers(model) if case.peer else []
-    contenders = [(contender, initial_state(model)) for contender in [schedule, *peers]]
-    work = model.world_count * model.particle_count * model.substeps
-    rate, *peer_rates = [work / seconds for seconds in seconds_a_frame(contenders, model)]
-    limit = bound(model, schedule.name)
+    """A case's rate, in turns with its peer's where it has one; Newton only where that is installed."""
+    schedule = _schedule(case, device)
+    peer_name, peers = _peers(case, schedule.model)
+    rate, *peer_rates = [
+        _work(contender.model) / seconds
+        for contender, seconds in zip([schedule, *peers], seconds_a_frame([schedule, *peers]), strict=True)
+    ]
+    limit = bound(schedule.model, schedule.name)
     return Result(
         case=case.name,
         device=str(device),
         schedule=schedule.name,
         worlds=case.worlds,
-        particles=model.particle_count,
+        particles=case.particles,
         rate=rate,
-        peer=peers[0].name if peers else None,
+        peer=peer_name if peers else None,
         peer_rate=peer_rates[0] if peers else None,
         ratio=rate / peer_rates[0] if peers else None,
         bound_fraction=rate / limit if limit else None,
     )
 
 
-def _peers(model: Model) -> list[NewtonPeer]:
-    try:
-        return [NewtonPeer(model)]
-    except MissingExtraError:
-        return []
+def _schedule(case: Case, device: wp.Device) -> Any:
+    return make_schedule(build_model(case.scene(), device, case.worlds), case.schedule)
+
+
+def _work(model: Model) -> int:
+    """Particle-substeps in a frame."""
+    return model.world_count * model.particle_count * model.substeps
+
+
+def _peers(case: Case, model: Model) -> tuple[str, list[Any]]:
+    """What the case is measured in turns with, one or nothing, and its name."""
+    if case.peer == "base":
+        base = GPU_BASE if model.device.is_cuda else CPU_BASE
+        return base.name, [_schedule(base, model.device)]
+    if case.peer == "newton":
+        with suppress(MissingExtraError):
+            return NewtonPeer.name, [NewtonPeer(model)]
+    return "", []

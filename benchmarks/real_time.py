@@ -7,7 +7,7 @@ from balloon_warp.benchmarks.cases import RealTimeCase
 from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.errors import MissingExtraError
-from balloon_warp.model import Model, build_model, initial_state
+from balloon_warp.model import Model, build_model
 from balloon_warp.schedules import make_schedule
 
 
@@ -16,8 +16,7 @@ def measure_real_time(case: RealTimeCase, device: wp.Device) -> Result:
     model = build_model(case.scene(), device)
     schedule = make_schedule(model)
     peers = _peers(model)
-    contenders = [(contender, initial_state(model)) for contender in [schedule, *peers]]
-    rate, *peer_rates = [model.frame_seconds / seconds for seconds in seconds_a_frame(contenders, model)]
+    rate, *peer_rates = [model.frame_seconds / seconds for seconds in seconds_a_frame([schedule, *peers])]
     return Result(
         case=case.name,
         device=str(device),

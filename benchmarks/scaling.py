@@ -126,7 +126,7 @@ def _simulate(share: Share, environment: dict[str, str], barrier: Any, answers: 
         schedule = (
             LanesSchedule(model, thread_count=1) if model.device.is_cpu else make_schedule(model, share.case.schedule)
         )
-        advance = prepared(schedule, model, initial_state(model))
+        advance = prepared(schedule, initial_state(model))
         spans = []
         for _ in range(REPEATS):
             wp.synchronize_device(model.device)

@@ -1,5 +1,6 @@
 """The benchmark's peer simulates the same balloons, and its cases are what they say."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,13 @@ import warp as wp
 from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
-from balloon_warp.benchmarks import bound, export, first_frame, measure
-from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, RealTimeCase
+from balloon_warp.benchmarks import bound, export, first_frame, measure, rate
+from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, RealTimeCase, beside
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.model import build_model, initial_state, lay_out, plan_model
+from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import SCHEDULES, make_schedule
 from balloon_warp.simulator import Simulator
 
@@ -51,13 +52,37 @@ def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
     assert np.isfinite(state.points.numpy()).all()
 
 
-def test_every_frame_that_is_timed_is_simulated():
+def test_every_frame_that_is_timed_is_simulated(monkeypatch: pytest.MonkeyPatch):
     """Of each contender: the warm-up, its repeat, and the repeats that count; recorded frames are replayed."""
+    states = []
+
+    def kept_state(model: Model) -> State:
+        states.append(initial_state(model))
+        return states[-1]
+
+    monkeypatch.setattr(measure, "initial_state", kept_state)
     model = build_model(Case("", "gather", 1, cells=2).scene(), "cpu")
-    contenders = [(make_schedule(model, name), initial_state(model)) for name in ("gather", "lanes")]
-    assert min(seconds_a_frame(contenders, model)) > 0.0
-    for _, state in contenders:
-        assert state.frame.numpy()[0] == 1 + FRAMES * (1 + REPEATS)
+    assert min(seconds_a_frame([make_schedule(model, name) for name in ("gather", "lanes")])) > 0.0
+    assert [state.frame.numpy()[0] for state in states] == [1 + FRAMES * (1 + REPEATS)] * 2
+
+
+def test_growing_cases_change_one_thing_and_keep_the_particles():
+    base = CPU_CASES[0]
+    assert isinstance(base, Case)
+    finer, coarser = beside(base, cells=(18, 2))
+    assert (finer.particles, finer.worlds, coarser.particles, coarser.worlds) == (1946, 16, 26, 1200)
+    (spheres,) = beside(base, spheres=(4,))
+    assert spheres == replace(base, spheres=4, peer="base", quick=False, name="64 balloons, but 4 spheres")
+    assert len(spheres.scene().sphere) == 4
+
+
+def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPatch):
+    """Seconds of a frame as if all frames took alike: then the rates are as the particle-substeps."""
+    monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders: [0.5] * len(contenders))
+    (case,) = beside(Case("64 balloons", "lanes", 64), substeps=(8,))
+    result = run_case(case, wp.get_device("cpu"))
+    assert (result.peer, result.peer_rate, result.rate) == ("64 balloons", 64 * 488 * 32 / 0.5, 64 * 488 * 8 / 0.5)
+    assert result.ratio == 0.25
 
 
 def test_a_case_gives_the_promised_keys(monkeypatch: pytest.MonkeyPatch):
