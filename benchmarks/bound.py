@@ -58,7 +58,7 @@ def gather_bound(particles: int, multiprocessors: int, launch_seconds: float, ob
     """A substep takes its launch, and then the slowest of issue, L2 cache and memory.
 
     Instructions, counted in its machine code for sm_90, for 12 springs a particle in three chunks of four: 194 a chunk,
-    of which 24 are its loads and 60 the law's, and the others 64-bit addresses and what Warp does about negative
+    of which 24 are its loads and 48 the law's, and the others 64-bit addresses and what Warp does about negative
     indices; 410 more for a particle's own numbers, the step and the ground's test; a sphere's test is some 105.
 
     Bytes from the L2 cache: 8 a spring (the other end and the rest length), 16 of valence, balloon and mass, and the

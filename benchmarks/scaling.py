@@ -42,8 +42,8 @@ class Share:
     """of a repeat, which should take about a second: processes do not begin at quite the same time"""
 
 
-GPU_SHARE = Share("cuda:0", Case("GPUs, 8,192 balloons each", "block", 8192), frames=600)
-CPU_SHARE = Share("cpu", Case("processes, 64 balloons each", "lanes", 64), frames=50)
+GPU_SHARE = Share("cuda:0", Case("8,192 balloons on a GPU", "block", 8192), frames=600)
+CPU_SHARE = Share("cpu", Case("64 balloons in a process", "lanes", 64), frames=50)
 
 
 def measure_scaling(share: Share, counts: Sequence[int]) -> Iterator[Result]:
@@ -60,7 +60,7 @@ def measure_scaling(share: Share, counts: Sequence[int]) -> Iterator[Result]:
         rate, particles = _rate_together(share, environments[:count])
         alone = alone or rate / count
         yield Result(
-            case=f"{count} {share.case.name}",
+            case=f"{share.case.name} x {count}",
             device=share.device.partition(":")[0],
             schedule=share.case.schedule,
             worlds=count * share.case.worlds,

@@ -10,14 +10,14 @@ from balloon_warp.benchmarks.cases import Case
 from balloon_warp.benchmarks.scaling import CPU_SHARE, GPU_SHARE, Share, measure_scaling
 from balloon_warp.errors import InputError, WorkersLostError
 
-SMALL = Share("cpu", Case("processes, 8 balloons each", "lanes", 8, cells=3), frames=5)
+SMALL = Share("cpu", Case("8 balloons", "lanes", 8, cells=3), frames=5)
 
 
 def test_two_processes_simulate_a_share_each(monkeypatch: pytest.MonkeyPatch):
     began = time.perf_counter()
     (result,) = measure_scaling(SMALL, [2])
     work = 2 * 8 * 56 * 32 * SMALL.frames
-    assert (result.case, result.worlds, result.particles) == ("2 processes, 8 balloons each", 16, 56)
+    assert (result.case, result.worlds, result.particles) == ("8 balloons x 2", 16, 56)
     assert result.ratio == pytest.approx(1.0)  # the first count is what the others are compared with
     assert 0.0 < work / result.rate < time.perf_counter() - began
 
