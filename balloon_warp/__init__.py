@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from balloon_warp.comparison.compare import compare
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
@@ -40,6 +41,7 @@ __all__ = [
     "animate",
     "build_springs",
     "bundled_scenes",
+    "compare",
     "inspect_mesh",
     "load_mesh",
     "load_scene",
@@ -49,6 +51,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "comparison.compare": ("compare",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),

@@ -87,7 +87,7 @@ def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
     assert (read_obj(ball / "quads.obj").face_vertex_counts == 4).all()
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["scenes"], ["inspect"], ["remesh"], ["render"]])
+@pytest.mark.parametrize("command", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["render"]])
 def test_help_explains_itself(tmp_path: Path, command: list[str]):
     done = balloon_warp(tmp_path, *command, "--help")
     assert done.returncode == 0

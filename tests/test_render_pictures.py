@@ -70,7 +70,7 @@ def test_the_same_bytes_whatever_the_number_of_threads(tmp_path: Path):
     for threads in (1, 2, 3, 1):
         stage = RenderStage(path)
         stage.read_prims(0)
-        framing = frame_action(stage, [0], 16 / 9)
+        framing = frame_action([(stage, 0)], 16 / 9)
         caster = RayCaster(stage, framing.center, framing.size, (160, 90), 4, "cpu", threads)
         caster.place(0, 0.0)
         pictures.append(caster.picture(framing.camera).tobytes())
@@ -109,7 +109,7 @@ def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path: Path):
     seen = picture(stage, tmp_path, size=size).mean(axis=2)
     reader = RenderStage(tmp_path / "stage.usda")
     reader.read_prims(0)
-    camera = frame_action(reader, [0], 1.0).camera
+    camera = frame_action([(reader, 0)], 1.0).camera
     # The key light comes from (-0.62, 1, 0.62) to the right, up and back: the middle of the shadow is 1.5 times as far.
     right, _, back = camera.axes
     level_back = np.array([back[0], 0.0, back[2]]) / np.hypot(back[0], back[2])
@@ -174,7 +174,7 @@ def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path: Pat
     alone = picture(stage, tmp_path, frame=2).astype(int)
     reader = RenderStage(path)
     reader.read_prims(0)
-    framing = frame_action(reader, [2], 1.0)
+    framing = frame_action([(reader, 2)], 1.0)
     caster = RayCaster(reader, framing.center, framing.size, (200, 200), 4, "cpu")
     camera = reader.camera(2, 1.0)
     assert camera is not None

@@ -24,10 +24,15 @@ def parse_override(text: str) -> Override:
     path = path.strip()
     if not equals or not all(path.split(".")):
         raise InputError(f"--set {text}: expected PATH=VALUE, as in --set balloon.inflation.k_normal=3")
+    return path, parse_value(value)
+
+
+def parse_value(text: str) -> Any:
+    """A value as TOML has it, or as plain text where it is no TOML value."""
     try:
-        return path, tomllib.loads(f"value = {value}")["value"]
+        return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        return path, value.strip()
+        return text.strip()
 
 
 def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> None:

@@ -27,6 +27,11 @@ class Camera:
     half_height: float
     """half the picture's height at distance one"""
 
+    def pixel_size(self, place: NDArray[np.float64], height: int) -> float:
+        """How large a pixel is at a place, in a picture `height` pixels high."""
+        distance = float(abs((self.eye - place) @ self.axes[2]))
+        return 2.0 * self.half_height * distance / height
+
 
 class CameraFit:
     """Finds the camera nearest to the action that still has it all in the picture, for a fixed direction of view.

@@ -1,5 +1,6 @@
-"""What the pictures of a stage have in common: where the action is, how large it is, and a camera on it."""
+"""What pictures that belong together have in common: where the action is, how large it is, and a camera on it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +11,12 @@ from balloon_warp.outputs.render.camera import Camera, CameraFit
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 MOST_FRAMES = 40
-"""frames that are looked at to find out where the action is"""
+"""moments that are looked at to find out where the action is"""
 
 
 @dataclass(frozen=True)
 class Framing:
-    """The union over some frames of everything but the ground, with Y up, in the stage's unit."""
+    """The union over some moments of everything but the ground, with Y up, in the stage's unit."""
 
     center: NDArray[np.float64]
     """the middle of its bounding box, shape (3,)"""
@@ -25,12 +26,11 @@ class Framing:
     """a camera that has it all in the picture"""
 
 
-def frame_action(stage: RenderStage, frames: list[int], aspect: float) -> Framing:
-    """Look where the action is in some frames.
+def frame_action(moments: Sequence[tuple[RenderStage, int]], aspect: float) -> Framing:
+    """Look where the action is at some moments.
 
     Args:
-        stage: its prims have been read.
-        frames: the frames that will be shown.
+        moments: the stages and frames that will be shown; the stages' prims have been read.
         aspect: the picture's width over its height.
 
     Raises:
@@ -38,8 +38,8 @@ def frame_action(stage: RenderStage, frames: list[int], aspect: float) -> Framin
     """
     fit = CameraFit(aspect)
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
-    looked_at = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int))
-    for frame in (frames[place] for place in looked_at):
+    looked_at = np.unique(np.linspace(0, len(moments) - 1, min(len(moments), MOST_FRAMES)).round().astype(int))
+    for stage, frame in (moments[place] for place in looked_at):
         capsules = stage.capsules(frame)
         used = [points[mesh.used] for points, mesh in zip(stage.points(frame), stage.meshes, strict=True)]
         centers = np.concatenate([capsules.begins, capsules.ends, *used])
@@ -49,5 +49,5 @@ def frame_action(stage: RenderStage, frames: list[int], aspect: float) -> Framin
         upper = np.maximum(upper, (centers + radii[:, None]).max(axis=0))
     size = float((upper - lower).max())
     if not size > 0.0:
-        raise InputError(f"{stage.path}: all that it shows is in one point")
+        raise InputError(f"{moments[0][0].path}: all that it shows is in one point")
     return Framing(0.5 * (lower + upper), size, fit.camera())

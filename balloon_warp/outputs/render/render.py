@@ -129,12 +129,10 @@ def _pictures(
 
     aspect = size[0] / size[1]
     stage.read_prims(frames[0])
-    framing = frame_action(stage, frames, aspect)
+    framing = frame_action([(stage, frame) for frame in frames], aspect)
     caster = RayCaster(stage, framing.center, framing.size, size, samples, device)
     for done, frame in enumerate(frames, start=1):
         camera = stage.camera(frame, aspect) or framing.camera
-        distance = float(abs((camera.eye - framing.center) @ camera.axes[2]))
-        pixel = 2.0 * camera.half_height * distance / size[1]
-        caster.place(frame, 0.5 * LEAST_LINE_PIXELS * pixel)
+        caster.place(frame, 0.5 * LEAST_LINE_PIXELS * camera.pixel_size(framing.center, size[1]))
         yield caster.picture(camera)
         on_frame(done, len(frames))

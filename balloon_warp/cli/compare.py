@@ -1,0 +1,132 @@
+"""`balloon-warp compare`"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from balloon_warp.cli.progress import frame_progress
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.comparison.choices import parse_choices, shown
+from balloon_warp.errors import InputError
+from balloon_warp.scene.load import load_scene, scene_name
+from balloon_warp.scene.overrides import parse_override
+
+if TYPE_CHECKING:
+    from balloon_warp.comparison.compare import Comparison
+
+COUNTS = ("frame", "particles", "substeps")
+"""of which a table says but once what is alike in all runs"""
+TABLE_WIDTH = 132
+"""characters at least: a narrower terminal breaks the lines, which is better than to cut off the figures"""
+HEADERS = {
+    "volume": "volume [m³]",
+    "area": "area [m²]",
+    "center_height": "center [m]",
+    "largest_stretch": "stretch",
+    "kinetic_energy": "energy [J]",
+    "seconds_a_frame": "ms/frame",
+}
+
+
+def compare(
+    scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH=VALUE,...",
+            help="What differs: --vary normals=cached,fresh or --vary balloon.inflation.k_normal=1,2,4; "
+            "given again, every value meets every other.",
+        ),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all runs: --set balloon.mass=0.2"),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Picture to write: .png; SCENE_compare.png if not given.")
+    ] = None,
+    table: Annotated[Path | None, typer.Option(help="Write the table to this .csv, too.")] = None,
+    frame: Annotated[
+        int | None,
+        typer.Option(help="Frame that is shown and measured; if not given, the scene's picture, else the last."),
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    schedule: Annotated[
+        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
+    ] = "auto",
+) -> None:
+    """Run a scene with different values, and show the runs side by side: one picture, one table."""
+    loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
+    quiet_warp()
+    from balloon_warp.comparison.compare import compare as run_all  # loads Warp and USD: only for a good scene
+
+    choices: dict[str, list[Any]] = {}
+    for text in vary or []:
+        path, values = parse_choices(text, scene)
+        if path in choices:
+            raise InputError(f"--vary {text}: {path} is varied already; expected all its values in one --vary")
+        choices[path] = values
+    with frame_progress() as progress:
+        task = progress.add_task(escape(scene_name(scene)))
+        comparison = run_all(
+            loaded,
+            choices,
+            output or Path(f"{scene_name(scene)}_compare.png"),
+            table=table,
+            frame=frame,
+            device=device,
+            schedule=schedule,
+            on_frame=lambda run, runs, done, count: progress.update(
+                task, completed=run * count + done, total=runs * count
+            ),
+        )
+    console = Console(highlight=False, soft_wrap=True)
+    console.width = max(console.width, TABLE_WIDTH)
+    print_comparison(console, comparison)
+    for path in (comparison.picture, comparison.table):
+        if path:
+            console.print(f"wrote {path}", markup=False)
+
+
+def print_comparison(console: Console, comparison: "Comparison") -> None:
+    """The table without what is alike in all runs, which is said in a line of its own, and why runs are not done."""
+    done = [run.figures for run in comparison.runs if run.figures]
+    alike = {name: done[0][name] for name in COUNTS if len({figures[name] for figures in done}) == 1}
+    console.print(", ".join(f"{_header(name)} {_cell(name, value)}" for name, value in alike.items()), style="dim")
+    varied = list(comparison.runs[0].values)
+    table = Table(box=None, pad_edge=False)
+    for path in varied:
+        table.add_column(escape(_short(path, varied)))
+    names = [name for name in comparison.columns[len(varied) : -2] if name not in alike]
+    for name in names:
+        table.add_column(escape(_header(name)), justify="right")
+    for run in comparison.runs:
+        cells = [_cell(name, run.figures.get(name)) for name in names] if run.figures else [run.outcome]
+        table.add_row(*map(escape, [*map(shown, run.values.values()), *cells]))
+    console.print(table)
+    for run in comparison.runs:
+        if run.sentence:
+            console.print(f"[yellow]{run.outcome}:[/] {escape(', '.join(run.label))}: {escape(run.sentence)}")
+
+
+def _short(path: str, paths: list[str]) -> str:
+    """The end of a dotted path that no other of the paths shares."""
+    steps = path.split(".")
+    ends = (".".join(steps[-length:]) for length in range(1, len(steps)))
+    return next((end for end in ends if sum(f".{other}".endswith(f".{end}") for other in paths) == 1), path)
+
+
+def _header(name: str) -> str:
+    return HEADERS.get(name, name.replace("_", " "))
+
+
+def _cell(name: str, value: Any) -> str:
+    if value is None:
+        return "-"
+    if name == "seconds_a_frame":
+        return f"{1000.0 * value:.3g}"
+    return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"

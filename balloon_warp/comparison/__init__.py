@@ -1,0 +1,1 @@
+"""Runs of one scene side by side, with other values: one picture, one table."""

@@ -1,0 +1,152 @@
+"""Runs of a scene side by side."""
+
+import csv
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from balloon_warp.comparison.choices import shown
+from balloon_warp.comparison.run import Run, simulate
+from balloon_warp.comparison.sheet import Tile, compose_sheet
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.outputs.files import check_writable, whole_file
+from balloon_warp.outputs.render.alike import render_alike
+from balloon_warp.outputs.render.files import write_png
+from balloon_warp.outputs.render.render import MOST_PIXELS, MOST_SAMPLES
+from balloon_warp.scene import Scene
+
+MOST_COLUMNS = 4
+"""of the picture, where one thing varies"""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What became of each run, the last of the varied paths changing fastest."""
+
+    runs: list[Run]
+    picture: str
+    table: str | None
+
+    @property
+    def columns(self) -> list[str]:
+        """Of the table: what was varied, what was measured, and how it ended."""
+        measured = dict.fromkeys(name for run in self.runs for name in run.figures)
+        return [*self.runs[0].values, *measured, "outcome", "sentence"]
+
+    def rows(self) -> list[list[Any]]:
+        """Of the table: a row a run, None where a run has no such figure."""
+        return [
+            [
+                *(value if isinstance(value, int | float) else shown(value) for value in run.values.values()),
+                *(run.figures.get(name) for name in self.columns[len(run.values) : -2]),
+                *(run.outcome, run.sentence),
+            ]
+            for run in self.runs
+        ]
+
+
+def compare(
+    scene: Scene,
+    vary: Mapping[str, Sequence[Any]],
+    picture: str | Path,
+    *,
+    table: str | Path | None = None,
+    frame: int | None = None,
+    size: tuple[int, int] = (480, 270),
+    samples: int = 4,
+    device: str | None = None,
+    schedule: str = "auto",
+    on_frame: Callable[[int, int, int, int], None] = lambda run, run_count, frame, frame_count: None,
+) -> Comparison:
+    """Simulate a scene once for each combination of values, and show the runs side by side: all through one camera, in
+    a grid whose columns are the values of the last path.
+
+    A run that is refused or blows up is shown as such.
+
+    Args:
+        scene: what is common to all runs.
+        vary: dotted paths, as in overrides, and the values of each.
+        picture: the .png to write.
+        table: a .csv to write, a row a run.
+        frame: the frame that is shown and measured; when missing, the one that the scene names as its picture, else the
+            last.
+        size: width and height of each run's picture in pixels.
+        samples: rays a pixel.
+        device: a Warp device; the GPU where there is one, when missing.
+        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        on_frame: told which run is at which frame, and of how many each, after each frame.
+
+    Raises:
+        InputError: nothing varies, an output cannot be written, or every run is refused; nothing is written then.
+        BlowUpError: no run reaches the frame; nothing is written then.
+    """
+    picture, table = Path(picture), Path(table) if table else None
+    combinations = [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
+    columns = _column_count(vary)
+    _check_request(combinations, columns, picture, table, size, samples)
+    with TemporaryDirectory() as folder:
+        stages = [Path(folder) / f"{number}.usdc" for number in range(len(combinations))]
+        runs = []
+        for number, (values, stage) in enumerate(zip(combinations, stages, strict=True)):
+
+            def report(done: int, count: int, number: int = number) -> None:
+                on_frame(number, len(combinations), done, count)
+
+            runs.append(simulate(scene, values, stage, frame, device, schedule, report))
+        _require_one(runs)
+        moments = [(stage, int(run.figures["frame"])) for run, stage in zip(runs, stages, strict=True) if run.figures]
+        pictures = render_alike(moments, size, samples, device)
+        tiles = [Tile(run.label, next(pictures) if run.figures else None, run.sentence) for run in runs]
+    with whole_file(picture) as temporary:
+        write_png(temporary, compose_sheet(tiles, columns, size))
+    comparison = Comparison(runs, str(picture), str(table) if table else None)
+    if table:
+        with whole_file(table) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([comparison.columns, *comparison.rows()])
+    return comparison
+
+
+def _column_count(vary: Mapping[str, Sequence[Any]]) -> int:
+    """The values of the last path; those of a single path are broken into even rows."""
+    last = len(list(vary.values())[-1]) if vary else 0
+    if len(vary) != 1 or last <= MOST_COLUMNS:
+        return last
+    return math.ceil(last / math.ceil(last / MOST_COLUMNS))
+
+
+def _check_request(
+    combinations: Sequence[dict[str, Any]],
+    columns: int,
+    picture: Path,
+    table: Path | None,
+    size: tuple[int, int],
+    samples: int,
+) -> None:
+    """Before any work."""
+    if not columns or not combinations:
+        raise InputError("vary: nothing differs between the runs; expected values, as in --vary normals=cached,fresh")
+    check_writable(picture, (".png",))
+    if table:
+        check_writable(table, (".csv",))
+    if min(size) < 64:
+        raise InputError(f"size: pictures of {size[0]}x{size[1]} pixels; expected at least 64x64")
+    width, height = columns * size[0], math.ceil(len(combinations) / columns) * size[1]
+    if max(width, height) > MOST_PIXELS:
+        raise InputError(
+            f"vary: {len(combinations)} runs make a picture of {width}x{height} pixels; "
+            f"expected at most {MOST_PIXELS}x{MOST_PIXELS}: vary less, or make each smaller"
+        )
+    if not 1 <= samples <= MOST_SAMPLES:
+        raise InputError(f"samples: {samples} rays a pixel; expected 1 to {MOST_SAMPLES}")
+
+
+def _require_one(runs: Sequence[Run]) -> None:
+    if any(run.figures for run in runs):
+        return
+    if all(run.outcome == "refused" for run in runs):
+        raise InputError(runs[0].sentence)
+    raise BlowUpError(next(run.sentence for run in runs if run.outcome == "blew up"))

@@ -1,0 +1,116 @@
+"""One run of a comparison: a scene as far as the frame that is shown."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any, Literal
+
+import numpy as np
+
+from balloon_warp.comparison.choices import shown
+from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
+from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.scene import Scene
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.recorder import MEASURES, Recorder
+
+MOST_STRETCH = 100.0
+"""of a spring in a run that is shown: one that explodes but stays finite would leave the others no room in the
+picture"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What became of one set of values."""
+
+    values: dict[str, Any]
+    """what was varied: dotted paths and values"""
+    outcome: Literal["done", "refused", "blew up"]
+    sentence: str
+    """why it is not done; empty where it is"""
+    figures: dict[str, float]
+    """measured at the frame that is shown; empty where the run is not done"""
+
+    @property
+    def label(self) -> list[str]:
+        """What sets this run apart, a line for each value."""
+        return [f"{path} = {shown(value)}" for path, value in self.values.items()]
+
+
+def simulate(
+    scene: Scene,
+    values: dict[str, Any],
+    stage: Path,
+    frame: int | None,
+    device: str | None,
+    schedule: str,
+    on_frame: Callable[[int, int], None],
+) -> Run:
+    """Run the scene with these values, and write the frame that is shown into the stage.
+
+    Args:
+        frame: the frame that is shown; when missing, the one that the scene names as its picture, else the last.
+        on_frame: told how many frames are done, and of how many, after each.
+    """
+    try:
+        figures = _measured(override_scene(scene, values.items()), stage, frame, device, schedule, on_frame)
+    except (InputError, MissingExtraError) as refusal:
+        return Run(values, "refused", str(refusal), {})
+    except BlowUpError as failure:
+        return Run(values, "blew up", str(failure), {})
+    return Run(values, "done", "", figures)
+
+
+def _measured(
+    scene: Scene,
+    stage: Path,
+    frame: int | None,
+    device: str | None,
+    schedule: str,
+    on_frame: Callable[[int, int], None],
+) -> dict[str, float]:
+    last = shown_frame(scene, frame)
+    simulator = Simulator(scene, device, schedule=schedule)
+    recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
+    seconds = []
+    for number in range(1, last + 1):
+        began = time.perf_counter()
+        simulator.step()  # waits for the device, to see whether the world is healthy
+        seconds.append(time.perf_counter() - began)
+        on_frame(number, last)
+    record = recorder.read()
+    figures = dict(zip(MEASURES, map(float, record.measures[0]), strict=False))
+    if not record.healthy[0] or figures["largest_stretch"] > MOST_STRETCH:
+        raise BlowUpError(
+            f"the simulation blew up: by frame {last} a spring is more than {MOST_STRETCH:g} times as long as at rest"
+        )
+    with StageWriter(stage, simulator.model) as writer:
+        writer.write(simulator.read_frame())
+    if all(is_closed(mesh_edges(shape.mesh)) for shape in simulator.model.shapes):
+        figures["roundness"] = 36.0 * np.pi * figures["volume"] ** 2 / figures["area"] ** 3
+    heights = map(float, record.measures[0, len(MEASURES) :])
+    return {
+        "frame": last,
+        **figures,
+        **{f"sphere_{number}_height": height for number, height in enumerate(heights)},
+        "particles": simulator.model.particle_count,
+        "substeps": simulator.model.substeps,
+        **({"seconds_a_frame": median(seconds)} if seconds else {}),
+    }
+
+
+def shown_frame(scene: Scene, frame: int | None) -> int:
+    """The frame that is shown of a scene.
+
+    Raises:
+        InputError: the scene has no such frame.
+    """
+    if frame is None:
+        return min(scene.frames if scene.picture_frame is None else scene.picture_frame, scene.frames)
+    if not 0 <= frame <= scene.frames:
+        raise InputError(f"frame: {frame} is not in the scene; expected 0 to {scene.frames}")
+    return frame
