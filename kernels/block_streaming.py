@@ -23,7 +23,7 @@ from balloon_warp.kernels.block import (
 from balloon_warp.kernels.contact import move_sphere
 from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.inflation import inflation_force
-from balloon_warp.kernels.motion import advance, body_force
+from balloon_warp.kernels.motion import body_force, euler_step
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
     BodyTable,
@@ -39,6 +39,7 @@ from balloon_warp.kernels.tables import (
     particle_mass,
     row_of_world,
 )
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.water import water_force
 
 MAX_REGISTERS = 64
@@ -46,12 +47,11 @@ MAX_REGISTERS = 64
 
 
 @cache
-def streaming_kernel(
-    capacity: int, sphere_capacity: int, springs_vary: bool, fresh_normals: bool, in_water: bool
-) -> Any:
+def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_normals: bool) -> Any:
     """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
     buffers = 2 * capacity
-    pull_of_springs = spring_puller(springs_vary)
+    pull_of_springs = spring_puller(traits)
+    advance = euler_step(traits.forward_euler)
     Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
 
     @wp.kernel(
@@ -73,6 +73,8 @@ def streaming_kernel(
         # state in and out
         state: WorldState,
         sphere_forces: SphereForces,
+        # memory
+        other_velocities: wp.array2d[wp.vec3],
     ):
         """A block a world: one frame."""
         world, lane = wp.tid()
@@ -94,6 +96,8 @@ def streaming_kernel(
             motions[sphere] = state.sphere_velocities[world, sphere]
         touched_before = bool(False)
         first = wp.int32(0)
+        velocities = state.velocities[world]
+        new_velocities = state.velocities[world]
         for substep in range(substeps):
             if substep == 0 or wp.static(fresh_normals):
                 for balloon in range(state.inflation_ramp.shape[1]):
@@ -116,13 +120,20 @@ def streaming_kernel(
                     clear_sphere_force(sphere_forces, world, sphere, substep - 2)
             touched_before = touched
             time_in_frame = float(substep) * step_seconds
+            if wp.static(traits.rubber):
+                if substep % 2 == 1:
+                    velocities = other_velocities[world]
+                    new_velocities = state.velocities[world]
+                else:
+                    velocities = state.velocities[world]
+                    new_velocities = other_velocities[world]
             for turn in range(rounds):
                 active = turn * threads + lane < count
                 particle = wp.min(turn * threads + lane, count - 1)
                 balloon = bodies.balloon[particle]
                 mass = particle_mass(bodies, world, particle)
                 point = points[first + particle]
-                velocity = state.velocities[world, particle]
+                velocity = velocities[particle]
                 ramp = state.inflation_ramp[world, balloon]
                 k_normal = ramp[0] + ramp[1] * time_in_frame
                 inflation = inflation_force(k_normal, state.inflation_aims[world, particle])
@@ -134,9 +145,9 @@ def streaming_kernel(
                     bodies.up,
                     velocity,
                 )
-                pull = pull_of_springs(springs, points, first, point, world, balloon, particle)
+                pull = pull_of_springs(springs, points, first, velocities, point, velocity, world, balloon, particle)
                 pull += pull_of_strings(strings, point, world, particle)
-                if wp.static(in_water):
+                if wp.static(traits.in_water):
                     pull += water_force(water, faces, bodies, points, first, world, particle, velocity, step_seconds)
                 point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
                 if mass > 0.0:
@@ -148,11 +159,13 @@ def streaming_kernel(
                         )  # fmt: skip
                     point, velocity = meet_ground(obstacles, world, point, velocity, bodies.up, height)
                 if active:
-                    state.velocities[world, particle] = velocity
+                    new_velocities[particle] = velocity
                 wp.tile_scatter_masked(points, capacity - first + particle, point, active)
             first = capacity - first
         for particle in range(lane, count, threads):
             state.points[world, particle] = points[first + particle]
+            if wp.static(traits.rubber):
+                state.velocities[world, particle] = new_velocities[particle]
         count_frame_in_block(state, world, lane)
         if lane == 0:
             for sphere in range(state.sphere_positions.shape[1]):

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import inflation_force
-from balloon_warp.kernels.motion import advance, body_force
+from balloon_warp.kernels.motion import body_force, euler_step
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
     BodyTable,
@@ -24,6 +24,7 @@ from balloon_warp.kernels.tables import (
     particle_mass,
     row_of_world,
 )
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.water import water_force
 
 
@@ -53,9 +54,9 @@ def net_force(
 
 
 @cache
-def force_kernel(springs_vary: bool, in_water: bool) -> Any:
+def force_kernel(traits: Traits) -> Any:
     """The kernel that finds net forces."""
-    pull_of_springs = spring_puller(springs_vary)
+    pull_of_springs = spring_puller(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
     def sum_forces(
@@ -81,8 +82,10 @@ def force_kernel(springs_vary: bool, in_water: bool) -> Any:
         mass = particle_mass(bodies, world, particle)
         point = points[world, particle]
         velocity = velocities[world, particle]
-        pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
-        if wp.static(in_water):
+        pull = pull_of_springs(
+            springs, points[world], 0, velocities[world], point, velocity, world, bodies.balloon[particle], particle
+        )
+        if wp.static(traits.in_water):
             pull += water_force(water, faces, bodies, points[world], 0, world, particle, velocity, 0.0)
         forces[world, particle] = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
 
@@ -90,9 +93,10 @@ def force_kernel(springs_vary: bool, in_water: bool) -> Any:
 
 
 @cache
-def particle_kernel(springs_vary: bool, in_water: bool) -> Any:
+def particle_kernel(traits: Traits) -> Any:
     """The kernel that advances the particles."""
-    pull_of_springs = spring_puller(springs_vary)
+    pull_of_springs = spring_puller(traits)
+    advance = euler_step(traits.forward_euler)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
     def advance_particles(
@@ -111,21 +115,24 @@ def particle_kernel(springs_vary: bool, in_water: bool) -> Any:
         sphere_positions: wp.array2d[wp.vec3],
         sphere_velocities: wp.array2d[wp.vec3],
         points: wp.array2d[wp.vec3],
-        # state in and out
         velocities: wp.array2d[wp.vec3],
         # state out
         new_points: wp.array2d[wp.vec3],
+        new_velocities: wp.array2d[wp.vec3],
         sphere_forces: wp.array3d[wp.int64],
     ):
-        """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`."""
+        """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`, and
+        `new_velocities` is not `velocities` where a particle looks at its neighbors'."""
         world, particle = wp.tid()
         mass = particle_mass(bodies, world, particle)
         velocity = velocities[world, particle]
         ramp = inflation_ramp[world, bodies.balloon[particle]]
         inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
         point = points[world, particle]
-        pull = pull_of_springs(springs, points[world], 0, point, world, bodies.balloon[particle], particle)
-        if wp.static(in_water):
+        pull = pull_of_springs(
+            springs, points[world], 0, velocities[world], point, velocity, world, bodies.balloon[particle], particle
+        )
+        if wp.static(traits.in_water):
             pull += water_force(water, faces, bodies, points[world], 0, world, particle, velocity, step_seconds)
         force = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
         point, velocity = advance(point, velocity, force, mass, step_seconds)
@@ -146,7 +153,7 @@ def particle_kernel(springs_vary: bool, in_water: bool) -> Any:
             point, velocity = leave_ground(
                 point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
             )
-        velocities[world, particle] = velocity
+        new_velocities[world, particle] = velocity
         new_points[world, particle] = point
 
     return advance_particles

@@ -12,7 +12,10 @@ from balloon_warp.kernels.lanes_state import (
     MASS,
     RAMP_BEGIN,
     RAMP_SLOPE,
+    VISCOSITY,
+    YIELD_STRETCH,
     LaneState,
+    LaneTraits,
     read_lanes,
     world_of,
     write_lanes,
@@ -29,7 +32,7 @@ from balloon_warp.kernels.lanes_types import (
 from balloon_warp.kernels.lanes_water import set_water_force_lanes
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
-from balloon_warp.kernels.springs import spring_coefficient
+from balloon_warp.kernels.springs import rubber_coefficient, spring_coefficient
 from balloon_warp.kernels.tables import (
     SLICE,
     BodyTable,
@@ -72,6 +75,53 @@ def pull_of_spring_lanes(
 
 
 @wp.func
+def rubber_force_lanes(
+    d: Lanes3, relative: Lanes3, constants: Lanes, viscosity: Lanes, yield_stretch: Lanes, scale: float, rest: float
+):
+    """Force of a spring that is viscous or can be overextended, to the particle at distance d that moves at `relative`,
+    in each world [N]."""
+    squared = squared_lengths(d)
+    coefficients = Lanes()
+    for lane in range(LANE_COUNT):
+        opening = wp.dot(column(relative, lane), column(d, lane))
+        coefficients[lane] = constants[lane] * rubber_coefficient(
+            squared[lane], opening, scale, rest, viscosity[lane], yield_stretch[lane]
+        )
+    return lanes_scaled(d, coefficients)
+
+
+@wp.func
+def pull_of_rubber_lanes(
+    springs: SpringTable,
+    numbers: wp.array[Lanes],
+    points: wp.array[Lanes3],
+    velocities: wp.array[Lanes3],
+    particle: wp.int32,
+):
+    """Net force of a particle's springs in each world [N], which are viscous or can be overextended."""
+    force = Lanes3()
+    begin = first_entry(springs, particle)
+    for slot in range(springs.valences[particle]):
+        entry = begin + SLICE * slot
+        end = springs.ends[entry]
+        scale = float(1.0)
+        if springs.scales.shape[0] > 0:
+            scale = springs.scales[entry]
+        d = points[end >> 2] - points[particle]
+        relative = velocities[end >> 2] - velocities[particle]
+        force += rubber_force_lanes(
+            d,
+            relative,
+            numbers[end & 3],
+            numbers[VISCOSITY],
+            numbers[YIELD_STRETCH],
+            scale,
+            springs.rest_lengths[entry],
+        )
+    return force
+
+
+@wp.func
 def body_force_lanes(numbers: wp.array[Lanes], share: float, up: wp.vec3, velocity: Lanes3):
     """Gravity, helium and damping in each world [N]."""
     masses = numbers[MASS]
@@ -110,6 +160,7 @@ def response_lanes(numbers: wp.array[Lanes], share: float, step_seconds: float):
 
 @wp.func
 def move_particle_lanes(
+    traits: LaneTraits,
     bodies: BodyTable,
     springs: SpringTable,
     lanes: LaneState,
@@ -121,23 +172,33 @@ def move_particle_lanes(
     new_points: wp.array[Lanes3],
 ):
     """Every particle by one substep, as if there were neither strings nor obstacles."""
+    if traits.rubber:
+        for particle in range(points.shape[0]):
+            lanes.old_velocities[group, particle] = lanes.velocities[group, particle]
     for particle in range(points.shape[0]):
         numbers = lanes.balloons[group, bodies.balloon[particle]]
         share = bodies.mass_share[particle]
         point = points[particle]
         velocity = lanes.velocities[group, particle]
-        force = pull_of_spring_lanes(springs, numbers, points, point, particle)
+        if traits.rubber:
+            force = pull_of_rubber_lanes(springs, numbers, points, lanes.old_velocities[group], particle)
+        else:
+            force = pull_of_spring_lanes(springs, numbers, points, point, particle)
         force += lanes_scaled(lanes.aims[group, particle], inflation_lanes(numbers, time_in_frame))
         force += body_force_lanes(numbers, share, bodies.up, velocity)
         if lanes.water_forces.shape[1] > 0:
             force += lanes.water_forces[group, particle]
-        velocity += lanes_scaled(force, response_lanes(numbers, share, step_seconds))
-        lanes.velocities[group, particle] = velocity
-        new_points[particle] = point + step_seconds * velocity
+        new_velocity = velocity + lanes_scaled(force, response_lanes(numbers, share, step_seconds))
+        lanes.velocities[group, particle] = new_velocity
+        if traits.forward_euler:
+            new_points[particle] = point + step_seconds * velocity
+        else:
+            new_points[particle] = point + step_seconds * new_velocity
 
 
 @wp.func
 def add_string_lanes(
+    traits: LaneTraits,
     bodies: BodyTable,
     strings: StringTable,
     state: WorldState,
@@ -158,9 +219,10 @@ def add_string_lanes(
                 force = pull_of_strings(strings, column(points[particle], lane), world, particle)
                 gain = response(bodies.mass_share[particle] * masses[lane], step_seconds) * force
                 velocity = column(lanes.velocities[group, particle], lane) + gain
-                point = column(new_points[particle], lane) + step_seconds * gain
                 lanes.velocities[group, particle] = set_column(lanes.velocities[group, particle], lane, velocity)
-                new_points[particle] = set_column(new_points[particle], lane, point)
+                if not traits.forward_euler:
+                    point = column(new_points[particle], lane) + step_seconds * gain
+                    new_points[particle] = set_column(new_points[particle], lane, point)
 
 
 @wp.kernel(enable_backward=False)
@@ -172,7 +234,7 @@ def advance_groups(
     obstacles: ObstacleTable,
     faces: FaceTable,
     water: WaterTable,
-    fresh_normals: bool,
+    traits: LaneTraits,
     substeps: wp.int32,
     step_seconds: float,
     first_group: wp.int32,
@@ -193,12 +255,12 @@ def advance_groups(
             points = lanes.points[group]
             new_points = lanes.other_points[group]
         time_in_frame = float(substep) * step_seconds
-        if substep == 0 or fresh_normals:
+        if substep == 0 or traits.fresh_normals:
             aim_all_lanes(faces, bodies, lanes, group, points)
         move_sphere_lanes(bodies, obstacles, state, lanes, group, step_seconds)
         if lanes.water_forces.shape[1] > 0:
             set_water_force_lanes(water, faces, bodies, state, lanes, points, group, step_seconds)
-        move_particle_lanes(bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
-        add_string_lanes(bodies, strings, state, lanes, group, step_seconds, points, new_points)
+        move_particle_lanes(traits, bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
+        add_string_lanes(traits, bodies, strings, state, lanes, group, step_seconds, points, new_points)
         leave_obstacle_lanes(bodies, obstacles, state, lanes, new_points, group, time_in_frame)
     write_lanes(state, lanes, new_points, group)

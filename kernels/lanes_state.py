@@ -11,6 +11,8 @@ from balloon_warp.kernels.tables import (
     ground_height,
     row_of_world,
     spring_constant,
+    spring_viscosity,
+    spring_yield,
 )
 
 # What a balloon has in `LaneState.balloons`: a number in each world.
@@ -20,7 +22,18 @@ DAMPING = wp.constant(5)
 GRAVITY = wp.constant(6)
 RAMP_BEGIN = wp.constant(7)
 RAMP_SLOPE = wp.constant(8)
-BALLOON_NUMBERS = 9
+VISCOSITY = wp.constant(9)
+YIELD_STRETCH = wp.constant(10)
+BALLOON_NUMBERS = 11
+
+
+@wp.struct
+class LaneTraits:
+    """What the scene uses: see `kernels.traits.Traits`."""
+
+    fresh_normals: bool
+    rubber: bool
+    forward_euler: bool
 
 
 @wp.struct
@@ -30,6 +43,8 @@ class LaneState:
     points: wp.array2d[Lanes3]
     other_points: wp.array2d[Lanes3]
     velocities: wp.array2d[Lanes3]
+    old_velocities: wp.array2d[Lanes3]
+    """before the substep; empty unless springs are rubber"""
     aims: wp.array2d[Lanes3]
     face_centers: wp.array2d[Lanes3]
     face_area_vectors: wp.array2d[Lanes3]
@@ -72,6 +87,8 @@ def read_lanes(
             helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon]
             damping = bodies.damping[row_of_world(world, bodies.damping.shape[0]), balloon]
             gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+            lanes.balloons[group, balloon, VISCOSITY][lane] = spring_viscosity(springs, world, balloon)
+            lanes.balloons[group, balloon, YIELD_STRETCH][lane] = spring_yield(springs, world, balloon)
             lanes.balloons[group, balloon, MASS][lane] = mass
             lanes.balloons[group, balloon, HELIUM][lane] = helium
             lanes.balloons[group, balloon, DAMPING][lane] = damping

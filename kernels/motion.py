@@ -1,5 +1,8 @@
 """Forces on a particle by itself, and the step from forces to motion."""
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.inflation import inflation_force
@@ -24,11 +27,22 @@ def response(mass: float, step_seconds: float):
 
 
 @wp.func
-def advance(point: wp.vec3, velocity: wp.vec3, force: wp.vec3, mass: float, step_seconds: float):
+def advance_symplectic(point: wp.vec3, velocity: wp.vec3, force: wp.vec3, mass: float, step_seconds: float):
     """Point and velocity after a step of symplectic Euler, in the order of the paper's listing: a = F/m, v += h a,
     x += h v."""
     velocity += response(mass, step_seconds) * force
     return point + step_seconds * velocity, velocity
+
+
+@wp.func
+def advance_forward(point: wp.vec3, velocity: wp.vec3, force: wp.vec3, mass: float, step_seconds: float):
+    """Point and velocity after a step of forward Euler, both from the old ones: x += h v, then v += h F/m."""
+    return point + step_seconds * velocity, velocity + response(mass, step_seconds) * force
+
+
+def euler_step(forward: bool) -> Any:
+    """The function that takes a particle a step further."""
+    return advance_forward if forward else advance_symplectic
 
 
 @wp.kernel
@@ -66,26 +80,33 @@ def set_body_forces(
     forces[world, particle] = body + inflation
 
 
-@wp.kernel
-def integrate_symplectic_euler(
-    # model
-    particle_balloon: wp.array[wp.int32],
-    particle_mass_share: wp.array[float],
-    mass: wp.array2d[float],
-    step_seconds: float,
-    # state in
-    forces: wp.array2d[wp.vec3],
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    # state out
-    new_points: wp.array2d[wp.vec3],
-    new_velocities: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle)."""
-    world, particle = wp.tid()
-    particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], particle_balloon[particle]]
-    point, velocity = advance(
-        points[world, particle], velocities[world, particle], forces[world, particle], particle_mass, step_seconds
-    )
-    new_points[world, particle] = point
-    new_velocities[world, particle] = velocity
+@cache
+def euler_kernel(forward: bool) -> Any:
+    """The kernel that integrates."""
+    advance = euler_step(forward)
+
+    @wp.kernel(module="unique")
+    def integrate_euler(
+        # model
+        particle_balloon: wp.array[wp.int32],
+        particle_mass_share: wp.array[float],
+        mass: wp.array2d[float],
+        step_seconds: float,
+        # state in
+        forces: wp.array2d[wp.vec3],
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # state out
+        new_points: wp.array2d[wp.vec3],
+        new_velocities: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle)."""
+        world, particle = wp.tid()
+        particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], particle_balloon[particle]]
+        point, velocity = advance(
+            points[world, particle], velocities[world, particle], forces[world, particle], particle_mass, step_seconds
+        )
+        new_points[world, particle] = point
+        new_velocities[world, particle] = velocity
+
+    return integrate_euler

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.springs import spring_coefficient, squared_length, string_coefficient
+from balloon_warp.kernels.springs import rubber_coefficient, spring_coefficient, squared_length, string_coefficient
 from balloon_warp.kernels.tables import (
     CHUNK,
     SLICE,
@@ -14,36 +14,52 @@ from balloon_warp.kernels.tables import (
     first_entry,
     row_of_world,
     spring_constants,
+    spring_viscosity,
+    spring_yield,
 )
+from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def spring_puller(springs_vary: bool) -> Any:
-    """The function that sums a particle's springs; without the scales if they are all 1."""
+def spring_puller(traits: Traits) -> Any:
+    """The function that sums a particle's springs; without the scales if they are all 1, and without looking at
+    velocities if no spring is viscous."""
 
     @wp.func
     def pull_of_springs(
         springs: SpringTable,
         points: Any,
         first: wp.int32,
+        velocities: wp.array[wp.vec3],
         point: wp.vec3,
+        velocity: wp.vec3,
         world: wp.int32,
         balloon: wp.int32,
         particle: wp.int32,
     ):
-        """Net force of a particle's springs [N]; particle p stands at `points[first + p]`."""
+        """Net force of a particle's springs [N]; particle p stands at `points[first + p]`, and moves at
+        `velocities[p]`."""
         force = wp.vec3()
+        if wp.static(traits.rubber):
+            viscosity = spring_viscosity(springs, world, balloon)
+            yield_stretch = spring_yield(springs, world, balloon)
         constants = spring_constants(springs, world, balloon)
         begin = first_entry(springs, particle)
         for chunk in range(begin, begin + SLICE * springs.valences[particle], SLICE * CHUNK):
             for slot in range(CHUNK):
                 entry = chunk + SLICE * slot
                 scale = float(1.0)
-                if wp.static(springs_vary):
+                if wp.static(traits.springs_vary):
                     scale = springs.scales[entry]
                 end = springs.ends[entry]
                 d = points[first + (end >> 2)] - point
-                coefficient = spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry])
+                if wp.static(traits.rubber):
+                    opening = wp.dot(velocities[end >> 2] - velocity, d)
+                    coefficient = rubber_coefficient(
+                        squared_length(d), opening, scale, springs.rest_lengths[entry], viscosity, yield_stretch
+                    )
+                else:
+                    coefficient = spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry])
                 force += constants[end & 3] * coefficient * d
         return force
 

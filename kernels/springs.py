@@ -37,6 +37,29 @@ def spring_coefficient(squared_length: float, stiffness: float, stiffness_times_
 
 
 @wp.func
+def rubber_coefficient(
+    squared_length: float,
+    opening: float,
+    stiffness: float,
+    stiffness_times_length: float,
+    viscosity: float,
+    yield_stretch: float,
+):
+    """Force per unit displacement [N/m] of a spring that is viscous too, and overextended from some stretch on: then it
+    pulls no more (Tarantino 1996).
+
+    Args:
+        opening: d . d' [m^2/s], so that the spring lengthens by opening / |d| each second.
+        viscosity: damping constant over spring constant [s].
+        yield_stretch: length over rest length from which on there is no force.
+    """
+    coefficient = spring_coefficient(squared_length, stiffness, stiffness_times_length)
+    if coefficient > stiffness * (1.0 - 1.0 / yield_stretch):  # coefficient / stiffness is 1 - L/|d|
+        return 0.0
+    return coefficient + viscosity * stiffness * opening / squared_length
+
+
+@wp.func
 def string_coefficient(squared_length: float, stiffness: float, length: float):
     """Force per unit displacement of a string [N/m]: a spring while taut, nothing while slack."""
     return wp.max(spring_coefficient(squared_length, stiffness, stiffness * length), 0.0)
@@ -65,6 +88,42 @@ def add_spring_forces(
     force = spring_coefficient(squared_length(d), k, k * spring_rest_length[spring]) * d
     wp.atomic_add(forces, world, p, force)
     wp.atomic_sub(forces, world, q, force)
+
+
+@wp.kernel
+def add_rubber_forces(
+    # model
+    spring_particles: wp.array[wp.vec2i],
+    spring_kind: wp.array[wp.int32],
+    spring_rest_length: wp.array[float],
+    spring_stiffness_scale: wp.array[float],
+    particle_balloon: wp.array[wp.int32],
+    stiffness: wp.array3d[float],
+    viscosity: wp.array2d[float],
+    yield_stretch: wp.array2d[float],
+    # state in
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # state out
+    forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, spring): `add_spring_forces` for springs that are viscous or can be overextended."""
+    world, spring = wp.tid()
+    ends = spring_particles[spring]
+    p, q = ends[0], ends[1]
+    balloon = particle_balloon[p]
+    k = stiffness[world % stiffness.shape[0], balloon, spring_kind[spring]] * spring_stiffness_scale[spring]
+    d = points[world, q] - points[world, p]
+    coefficient = rubber_coefficient(
+        squared_length(d),
+        wp.dot(velocities[world, q] - velocities[world, p], d),
+        k,
+        k * spring_rest_length[spring],
+        viscosity[world % viscosity.shape[0], balloon],
+        yield_stretch[world % yield_stretch.shape[0], balloon],
+    )
+    wp.atomic_add(forces, world, p, coefficient * d)
+    wp.atomic_sub(forces, world, q, coefficient * d)
 
 
 @wp.kernel

@@ -30,6 +30,8 @@ class SpringTable:
     rest_lengths: wp.array[float]
     """times the scale [m]"""
     stiffness: wp.array3d[float]
+    viscosity: wp.array2d[float]
+    yield_stretch: wp.array2d[float]
 
 
 @wp.struct
@@ -160,6 +162,18 @@ def spring_constants(springs: SpringTable, world: wp.int32, balloon: wp.int32):
         spring_constant(springs, world, balloon, 1),
         spring_constant(springs, world, balloon, 2),
     )
+
+
+@wp.func
+def spring_viscosity(springs: SpringTable, world: wp.int32, balloon: wp.int32):
+    """Damping constant of springs over their spring constant [s]."""
+    return springs.viscosity[row_of_world(world, springs.viscosity.shape[0]), balloon]
+
+
+@wp.func
+def spring_yield(springs: SpringTable, world: wp.int32, balloon: wp.int32):
+    """Length over rest length from which on springs do not pull."""
+    return springs.yield_stretch[row_of_world(world, springs.yield_stretch.shape[0]), balloon]
 
 
 @wp.func

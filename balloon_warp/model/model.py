@@ -67,6 +67,10 @@ class Model:
     # balloons
     stiffness: wp.array
     """spring constants by kind [N/m], shape (W, balloon_count, 3), float32"""
+    viscosity: wp.array
+    """damping constants of springs over their spring constants [s], shape (W, balloon_count), float32"""
+    yield_stretch: wp.array
+    """length of a spring over its rest length from which on it does not pull, shape (W, balloon_count), float32"""
     mass: wp.array
     """[kg], shape (W, balloon_count), float32"""
     helium: wp.array

@@ -17,6 +17,8 @@ Place = tuple[str, tuple[int | slice, ...]]
 """an array of `Parameters`, and an index into each world's part of it"""
 
 KINDS = ("structural", "shear", "flexion")
+NEVER_YIELDS = 1.0e9
+"""the stretch at which springs yield that do not yield: 1 - 1 / stretch is 1 in float32"""
 NO_GROUND = Ground.model_construct(height=-np.inf, friction=0.0, restitution=0.0)
 NO_WATER = Water.model_construct(level=-np.inf, density=0.0, drag=0.0)
 SURROUNDINGS = {"ground": ("height", "friction", "restitution"), "water": ("level", "density", "drag")}
@@ -31,6 +33,8 @@ def scene_parameters(scene: Scene) -> Parameters:
     longest = max(len(keys) for keys in keyframes)
     return {
         "stiffness": np.array([[[getattr(balloon.stiffness, kind) for kind in KINDS] for balloon in balloons]]),
+        "viscosity": np.array([[balloon.stiffness.viscosity for balloon in balloons]]),
+        "yield_stretch": np.array([[balloon.stiffness.yield_stretch or NEVER_YIELDS for balloon in balloons]]),
         "mass": np.array([[balloon.mass for balloon in balloons]]),
         "helium": np.array([[balloon.helium for balloon in balloons]]),
         "damping": np.array([[balloon.damping for balloon in balloons]]),
@@ -146,6 +150,8 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
             yield f"balloon.{number}.position.{axis}", ("initial_balloon_positions", (number, axis))
         for kind, name in enumerate(KINDS):
             yield f"balloon.{number}.stiffness.{name}", ("stiffness", (number, kind))
+        for field in ("viscosity", "yield_stretch"):
+            yield f"balloon.{number}.stiffness.{field}", (field, (number,))
         # As in overrides, a number takes the place of all keyframes, and a keyframe's value has a path of its own.
         yield f"balloon.{number}.inflation.k_normal", ("keyframe_values", (number, slice(None)))
         if isinstance(balloon.inflation.k_normal, list):

@@ -13,7 +13,7 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.orientation import oriented_outward
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
-from balloon_warp.scene import Balloon, Scene
+from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs, build_springs
 
 LEAST_SIZE, LARGEST_SIZE = 1.0e-6, 1.0e9
@@ -48,14 +48,24 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
     _check_size(placed, balloon.mesh if isinstance(balloon.mesh, Path) else mesh.name)
     placed = _outward(replace(placed, name=balloon.name or mesh.name))
     springs = build_springs(placed)
-    draws = np.random.default_rng(balloon.stiffness.seed).uniform(-1.0, 1.0, len(springs.pairs))
     return BalloonShape(
         name=placed.name,
         mesh=placed,
         springs=springs,
-        stiffness_scale=1.0 + balloon.stiffness.variation * draws,
+        stiffness_scale=_stiffness_scale(placed, springs, balloon.stiffness),
         mass_share=_mass_shares(placed, balloon),
     )
+
+
+def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
+    """Each spring's constant over that of its kind: drawn, and changing along an axis."""
+    draws = np.random.default_rng(stiffness.seed).uniform(-1.0, 1.0, springs.count)
+    along = mesh.points[:, "XYZ".index(stiffness.gradient_axis)]
+    used = along[mesh.face_vertex_indices]
+    lowest, size = used.min(), max(float(np.ptp(used)), LEAST_SIZE)
+    place = (along[springs.pairs].mean(axis=1) - lowest) / size
+    low, high = stiffness.gradient
+    return (1.0 + stiffness.variation * draws) * (low + (high - low) * place)
 
 
 def _outward(mesh: PolygonMesh) -> PolygonMesh:

@@ -28,7 +28,10 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
     An undamped network is stable for h < 2 / omega_max, and by Gershgorin's theorem omega_max^2 is at most twice the
     largest sum of spring constants at a particle over its mass. Damping at the rate g [1/s], taken explicitly as the
     listing does, shrinks the bound to the root of omega^2 h^2 + 2 g h = 4. Water acts on each particle as a spring of
-    the constant density gravity A, A its share of the balloon's area, which may grow: it is counted twice.
+    the constant density gravity A, A its share of the balloon's area, which may grow: it is counted twice. Viscous
+    springs, whose damping constants are t times their spring constants, add t omega^2 to the rate.
+
+    Forward Euler's bound is what the damping makes up for, h < g / omega^2, if that is less: 0 without damping.
 
     Args:
         held: the particle that each string of the scene holds, numbered within its balloon.
@@ -42,21 +45,32 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
             parameters["string_stiffness"][:, [string for string, _ in strings]],
             (parameters["water_density"] * np.abs(parameters["gravity"]))[:, None],
         )
-        mass = parameters["mass"][:, number]
+        mass, viscosity = parameters["mass"][:, number], parameters["viscosity"][:, number]
         peak = _peak_sums(constants, _unit_sums(shape, [particle for _, particle in strings]))
         squared_frequency = np.maximum(2.0 * peak / mass, 1.0e-12)
-        rate = parameters["damping"][:, number] / mass
-        steps.append(float(np.min(4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate))))
+        rate = parameters["damping"][:, number] / mass + viscosity * squared_frequency
+        step = 4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate)
+        if scene.solver == "forward_euler":
+            step = np.minimum(step, rate / squared_frequency)
+        steps.append(float(np.min(step)))
     return min(steps)
 
 
 def choose_substeps(scene: Scene, stable: float) -> int:
-    """Substeps in a frame: as the scene says, or as many as the stable step [s] asks.
+    """Substeps in a frame: as the scene says, or as many as the stable step [s] asks. With forward Euler the scene may
+    say what it likes, since what it shows is its instability.
 
     Raises:
         InputError: the scene asks for fewer than are stable.
     """
     frame_seconds = 1.0 / scene.frames_per_second
+    if scene.solver == "forward_euler" and scene.substeps != "auto":
+        return scene.substeps  # to see how it gains energy
+    if scene.solver == "forward_euler" and stable == 0.0:
+        raise InputError(
+            "substeps: forward Euler without damping gains energy at every step, however small; expected a number of "
+            "substeps to watch it, or damping"
+        )
     if not frame_seconds <= MOST_SUBSTEPS * AUTO_MARGIN * stable:
         raise InputError(
             f"substeps: these springs, masses and damping are stable up to a step of {stable:.2e} s, which makes more "

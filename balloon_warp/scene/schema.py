@@ -46,6 +46,14 @@ class Stiffness(Table):
     """each spring's constant is drawn uniformly from k (1 - variation) to k (1 + variation)"""
     seed: Annotated[int, Field(ge=0)] = 0
     """of the draws"""
+    gradient: tuple[NonNegative, NonNegative] = (1.0, 1.0)
+    """factors on the constants of springs at the balloon's lowest and highest coordinate, and linear between them"""
+    gradient_axis: Literal["X", "Y", "Z"] = "Y"
+    """of the scene, along which they change; where the middles of springs are at the start counts"""
+    viscosity: NonNegative = 0.0
+    """damping constant of each spring along it, over its spring constant [s] (Tarantino 1996)"""
+    yield_stretch: Annotated[float, Field(gt=1, lt=1e12)] | None = None
+    """length over rest length from which on a spring is overextended and pulls no more (Tarantino 1996)"""
 
 
 class Inflation(Table):
@@ -192,6 +200,8 @@ class Scene(Table):
     frames_per_second: Positive = 60.0
     substeps: Annotated[int, Field(ge=1, le=100_000)] | Literal["auto"] = "auto"
     """integration steps in a frame; "auto" takes as many as stability asks"""
+    solver: Literal["symplectic_euler", "forward_euler"] = "symplectic_euler"
+    """how a step goes on: v += h a, then x += h v (the paper's listing); or x += h v, then v += h a"""
     normals: Literal["cached", "fresh"] = "cached"
     """normals and areas of the inflation: refreshed once a frame (the paper), or every substep"""
     net_forces: bool = False

@@ -1,5 +1,7 @@
 """The `block` schedule: a thread block a world, whose points stay in shared memory for all substeps of a frame."""
 
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.errors import InputError
@@ -7,6 +9,7 @@ from balloon_warp.kernels.block import FORCE_ROWS, SphereForces
 from balloon_warp.kernels.block_resident import resident_kernel
 from balloon_warp.kernels.block_streaming import streaming_kernel
 from balloon_warp.model import Model, State
+from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.tables import (
@@ -20,6 +23,7 @@ from balloon_warp.schedules.tables import (
     water_table,
     world_state,
 )
+from balloon_warp.schedules.traits import beyond_basics, model_traits
 
 WARP_THREADS = 32
 MOST_THREADS = 1024
@@ -62,6 +66,7 @@ class BlockSchedule:
         fresh = model.scene.normals == "fresh"
         ends = spring_ends(model)
         registers = _resident_registers(model, ends, self._threads)
+        self._memory: list[Any] = []
         if registers:
             self._own_tables = [slot_table(model, ends)]
             self._kernel = resident_kernel(
@@ -78,15 +83,19 @@ class BlockSchedule:
             )
         else:
             capacity = _round_up(model.particle_count, STREAMING_STEP)
+            traits = model_traits(model)
             self._own_tables = [spring_table(model, ends), water_table(model)]
-            self._kernel = streaming_kernel(
-                capacity, _power_of_two(model.sphere_count), ends.vary, fresh, model.has_water
+            self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), traits, fresh)
+            other_velocities = wp.zeros(
+                (model.world_count, model.particle_count if traits.rubber else 0), dtype=wp.vec3, device=model.device
             )
+            self._memory = [other_velocities]
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        return FORCE_ROWS * (24 * model.sphere_count + 4)
+        velocities = VECTOR_BYTES * model.particle_count if model_traits(model).rubber else 0
+        return velocities + FORCE_ROWS * (24 * model.sphere_count + 4)
 
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""
@@ -102,6 +111,7 @@ class BlockSchedule:
                 model.step_seconds,
                 world_state(state),
                 self._sphere_forces,
+                *self._memory,
             ],
             block_dim=self._threads,
             device=model.device,
@@ -110,7 +120,7 @@ class BlockSchedule:
 
 def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
     """Registers a thread that let most blocks run at once on a multiprocessor; 0 if the springs do not fit in them."""
-    if not thread_a_particle(model) or model.device.is_cpu or beyond_resident(model):
+    if not thread_a_particle(model) or model.device.is_cpu or beyond_basics(model):
         return 0
     needed = 36 + (3 if ends.vary else 2) * sum(kind_slots(ends)) + 8 * model.sphere_count
     for blocks in range(_useful_blocks(model, threads), 0, -1):
@@ -118,11 +128,6 @@ def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
         if registers >= needed:
             return registers
     return 0
-
-
-def beyond_resident(model: Model) -> bool:
-    """Whether a model has what only the streaming kernel simulates."""
-    return model.has_water
 
 
 def _useful_blocks(model: Model, threads: int) -> int:

@@ -26,6 +26,7 @@ from balloon_warp.schedules.tables import (
     string_table,
     water_table,
 )
+from balloon_warp.schedules.traits import model_traits
 
 
 class GatherSchedule:
@@ -38,20 +39,26 @@ class GatherSchedule:
         self.model = model
         self._bodies = body_table(model)
         ends = spring_ends(model)
-        self._kernel = particle_kernel(ends.vary, model.has_water)
+        self._traits = model_traits(model)
+        self._kernel = particle_kernel(self._traits)
         self._springs = spring_table(model, ends)
         self._strings = string_table(model)
         self._obstacles = obstacle_table(model)
         self._water = water_table(model)
         self._faces = face_table(model)
         self._aims = AimRefresher(model)
-        self._other_points = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
+        shape = model.world_count, model.particle_count
+        self._other_points = wp.zeros(shape, dtype=wp.vec3, device=model.device)
+        self._other_velocities = None
+        if self._traits.rubber:
+            self._other_velocities = wp.zeros(shape, dtype=wp.vec3, device=model.device)
         self._sphere_quanta = wp.zeros((model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device)
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        return VECTOR_BYTES * model.particle_count + 24 * model.sphere_count + AimRefresher.world_bytes(model)
+        vectors = 2 if model_traits(model).rubber else 1
+        return VECTOR_BYTES * vectors * model.particle_count + 24 * model.sphere_count + AimRefresher.world_bytes(model)
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
@@ -59,6 +66,8 @@ class GatherSchedule:
         refresh_ramp(model, state)
         self._launch_spheres(read_sphere_forces, state.sphere_forces, self._sphere_quanta)
         points, new_points = state.points, self._other_points
+        velocities = state.velocities
+        new_velocities = velocities if self._other_velocities is None else self._other_velocities
         for substep in range(model.substeps):
             if substep == 0 or model.scene.normals == "fresh":
                 self._aims.refresh(points, state.inflation_aims)
@@ -73,12 +82,15 @@ class GatherSchedule:
                 *(self._bodies, self._springs, self._strings, self._obstacles, self._water, self._faces),
                 *(model.step_seconds, substep * model.step_seconds),
                 *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
-                *(points, state.velocities),
-                *(new_points, self._sphere_quanta),
+                *(points, velocities),
+                *(new_points, new_velocities, self._sphere_quanta),
             )
             points, new_points = new_points, points
+            velocities, new_velocities = new_velocities, velocities
         if points is not state.points:
             wp.copy(state.points, points)
+        if velocities is not state.velocities:
+            wp.copy(state.velocities, velocities)
         self._launch_spheres(write_sphere_forces, self._sphere_quanta, state.sphere_forces)
         self._launch(count_frame, 1, state.frame)
 

@@ -10,7 +10,7 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.lanes import advance_groups
-from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState
+from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState, LaneTraits
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
@@ -25,6 +25,7 @@ from balloon_warp.schedules.tables import (
     water_table,
     world_state,
 )
+from balloon_warp.schedules.traits import model_traits
 
 
 class LanesSchedule:
@@ -56,13 +57,16 @@ class LanesSchedule:
             face_table(model),
             water_table(model),
         ]
+        self._traits = _lane_traits(model)
         self._lanes = _lane_state(model, group_count)
         wp.load_module("balloon_warp.kernels.lanes", device=model.device)  # before the threads do
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        vectors = (5 if model.has_water else 4) * model.particle_count + 2 * model.face_count + model.sphere_count
+        traits = model_traits(model)
+        of_particles = 4 + traits.in_water + traits.rubber
+        vectors = of_particles * model.particle_count + 2 * model.face_count + model.sphere_count
         numbers = (BALLOON_NUMBERS + 1) * model.balloon_count + model.sphere_count + 1
         filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
         return filled_up * (VECTOR_BYTES * vectors + 4 * numbers) // model.world_count
@@ -82,7 +86,7 @@ class LanesSchedule:
             len(groups),
             inputs=[
                 *self._tables,
-                model.scene.normals == "fresh",
+                self._traits,
                 model.substeps,
                 model.step_seconds,
                 int(groups[0]),
@@ -93,6 +97,15 @@ class LanesSchedule:
         )
 
 
+def _lane_traits(model: Model) -> Any:
+    used = model_traits(model)
+    traits = LaneTraits()
+    traits.fresh_normals = model.scene.normals == "fresh"
+    traits.rubber = used.rubber
+    traits.forward_euler = used.forward_euler
+    return traits
+
+
 def _lane_state(model: Model, group_count: int) -> Any:
     def rows(count: int, dtype: Any) -> Any:
         return wp.zeros((group_count, count), dtype=dtype, device=model.device)
@@ -101,6 +114,7 @@ def _lane_state(model: Model, group_count: int) -> Any:
     lanes.points = rows(model.particle_count, Lanes3)
     lanes.other_points = rows(model.particle_count, Lanes3)
     lanes.velocities = rows(model.particle_count, Lanes3)
+    lanes.old_velocities = rows(model.particle_count if model_traits(model).rubber else 0, Lanes3)
     lanes.aims = rows(model.particle_count, Lanes3)
     lanes.face_centers = rows(model.face_count, Lanes3)
     lanes.face_area_vectors = rows(model.face_count, Lanes3)

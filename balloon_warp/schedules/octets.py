@@ -17,6 +17,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.schedules.octet_tables import face_octet_count, octet_count, octet_faces, octet_springs
 from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, string_table, world_state
+from balloon_warp.schedules.traits import beyond_basics
 
 FAR_AWAY = 1e16
 """a coordinate [m] at which a face is nearest to no particle, and whose square is a finite float"""
@@ -27,7 +28,7 @@ def beyond_octets(model: Model) -> str | None:
 
     Physics that only the other schedules have is named here; `auto` gathers such a model instead.
     """
-    return "water" if model.has_water else None
+    return beyond_basics(model)
 
 
 class OctetsSchedule:

@@ -6,6 +6,7 @@ from balloon_warp.kernels.gather import force_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import body_table, face_table, spring_ends, spring_table, string_table, water_table
+from balloon_warp.schedules.traits import model_traits
 
 
 class ForceReader:
@@ -15,7 +16,7 @@ class ForceReader:
         self.model = model
         self._aims = AimRefresher(model)
         ends = spring_ends(model)
-        self._kernel = force_kernel(ends.vary, model.has_water)
+        self._kernel = force_kernel(model_traits(model))
         self._tables = [
             body_table(model),
             spring_table(model, ends),

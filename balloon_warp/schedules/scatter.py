@@ -10,12 +10,13 @@ import warp as wp
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.contact import move_spheres, resolve_contacts
 from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measure_faces, ramp_inflation
-from balloon_warp.kernels.motion import integrate_symplectic_euler, set_body_forces
-from balloon_warp.kernels.springs import add_spring_forces, add_string_forces
+from balloon_warp.kernels.motion import euler_kernel, set_body_forces
+from balloon_warp.kernels.springs import add_rubber_forces, add_spring_forces, add_string_forces
 from balloon_warp.kernels.water import add_water_forces
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.tables import body_table, face_table, water_table
+from balloon_warp.schedules.traits import model_traits
 
 
 class ScatterSchedule:
@@ -27,6 +28,7 @@ class ScatterSchedule:
     def __init__(self, model: Model):
         worlds, device = model.world_count, model.device
         self.model = model
+        self._traits = model_traits(model)
         self.forces = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
         """net force on each particle [N], shape (world_count, particle_count)"""
         self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
@@ -110,14 +112,15 @@ class ScatterSchedule:
 
     def _add_spring_forces(self, state: State) -> None:
         m = self.model
-        self._launch(
-            add_spring_forces,
-            (m.world_count, m.spring_count),
-            *(m.spring_particles, m.spring_kind, m.spring_rest_length, m.spring_stiffness_scale),
-            *(m.particle_balloon, m.stiffness),
-            state.points,
-            self.forces,
-        )
+        springs = m.spring_particles, m.spring_kind, m.spring_rest_length, m.spring_stiffness_scale
+        constants = m.particle_balloon, m.stiffness
+        dim = m.world_count, m.spring_count
+        if self._traits.rubber:
+            rubber = m.viscosity, m.yield_stretch
+            moving = state.points, state.velocities
+            self._launch(add_rubber_forces, dim, *springs, *constants, *rubber, *moving, self.forces)
+        else:
+            self._launch(add_spring_forces, dim, *springs, *constants, state.points, self.forces)
 
     def _add_string_forces(self, state: State) -> None:
         m = self.model
@@ -144,7 +147,7 @@ class ScatterSchedule:
     def _integrate(self, state: State) -> None:
         m = self.model
         self._launch(
-            integrate_symplectic_euler,
+            euler_kernel(self._traits.forward_euler),
             (m.world_count, m.particle_count),
             *(m.particle_balloon, m.particle_mass_share, m.mass, m.step_seconds),
             *(self.forces, state.points, state.velocities),

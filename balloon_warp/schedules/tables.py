@@ -85,6 +85,8 @@ def spring_table(model: Model, ends: SpringEnds) -> Any:
     table.scales = placed(ends.scale) if ends.vary else wp.zeros(0, dtype=float, device=model.device)
     table.rest_lengths = placed(ends.scale * ends.rest_length)
     table.stiffness = model.stiffness
+    table.viscosity = model.viscosity
+    table.yield_stretch = model.yield_stretch
     return table
 
 

@@ -1,0 +1,15 @@
+"""What a scene uses of the physics: kernels are made for it, so that what it does not use costs nothing."""
+
+from typing import NamedTuple
+
+
+class Traits(NamedTuple):
+    """Of a model, for all its worlds."""
+
+    springs_vary: bool = False
+    """springs of one kind differ"""
+    rubber: bool = False
+    """springs are viscous, or pull no more once they are overextended"""
+    in_water: bool = False
+    forward_euler: bool = False
+    """points move by the old velocities"""

@@ -1,0 +1,134 @@
+"""Symplectic and forward Euler: order, and what becomes of the energy."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import mesh_of, quad_sphere
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
+from balloon_warp.simulator import Simulator
+
+Solver = Literal["symplectic_euler", "forward_euler"]
+SOLVERS: list[Solver] = ["symplectic_euler", "forward_euler"]
+NO_INFLATION = Inflation(k_normal=0.0)
+STIFFNESS, MASS = 50.0, 0.1
+OMEGA = np.sqrt(2.0 * STIFFNESS / MASS)
+"""of two particles on a spring [1/s]: each feels twice the change of length that it makes"""
+STRETCH = 0.1
+"""at the start [m], of a spring one meter long"""
+
+
+def two_particles(solver: Solver, substeps: int, device: str) -> Simulator:
+    """Two particles on a stretched spring, let go: the length is 1 + STRETCH cos(OMEGA t)."""
+    balloon = Balloon(
+        mesh=mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]]),
+        mass=2.0 * MASS,
+        damping=0.0,
+        stiffness=Stiffness(structural=STIFFNESS),
+        inflation=NO_INFLATION,
+    )
+    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, solver=solver, substeps=substeps), device)
+    stretch(simulator, 1.0 + STRETCH)
+    return simulator
+
+
+def stretch(simulator: Simulator, factor: float) -> None:
+    points = wp.array(factor * simulator.state.points.numpy(), dtype=wp.vec3, device=simulator.model.device)
+    wp.copy(simulator.state.points, points)
+
+
+def energy(simulator: Simulator) -> float:
+    """Of the motion and the springs [J], from the scene's own numbers."""
+    shape, balloon = simulator.model.shapes[0], simulator.model.scene.balloon[0]
+    points, velocities = (
+        array.numpy()[0].astype(np.float64) for array in (simulator.state.points, simulator.state.velocities)
+    )
+    kinds = np.array([balloon.stiffness.structural, balloon.stiffness.shear, balloon.stiffness.flexion])
+    first, second = points[shape.springs.pairs].swapaxes(0, 1)
+    strain = np.linalg.norm(second - first, axis=1) - shape.springs.rest_lengths
+    masses = balloon.mass * shape.mass_share
+    return float(0.5 * (kinds[shape.springs.kind] @ strain**2 + masses @ (velocities**2).sum(axis=1)))
+
+
+def energies(simulator: Simulator, frames: int) -> np.ndarray:
+    found = [energy(simulator)]
+    for _ in range(frames):
+        simulator.step()
+        found.append(energy(simulator))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_spring_keeps_to_its_analytic_motion_at_first_order(solver: Solver, device: str):
+    def error(substeps: int) -> float:
+        simulator, worst = two_particles(solver, substeps, device), 0.0
+        for frame in range(1, 25):  # two periods
+            simulator.step()
+            length = np.ptp(simulator.read_frame().points[0][:, 0])
+            worst = max(worst, abs(length - 1.0 - STRETCH * np.cos(OMEGA * frame / 60.0)))
+        return worst
+
+    errors = [error(substeps) for substeps in (100, 200, 400)]
+    assert errors[0] < 0.2 * STRETCH
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 1.0, atol=0.15)  # the next term of the error is a tenth here
+
+
+def test_forward_euler_gains_the_energy_that_it_must(device):
+    """On a linear spring each step multiplies the energy by exactly 1 + (h omega)^2."""
+    h = 1.0 / 60.0 / 50
+    found = energies(two_particles("forward_euler", 50, device), frames=24)
+    expected = found[0] * (1.0 + (h * OMEGA) ** 2) ** (50 * np.arange(25))
+    assert expected[-1] > 1.1 * found[0]
+    # lengths near 1 m are rounded by 6e-8 m, of a stretch of 0.1 m: 1e-6, added up over some ten frames
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+def test_symplectic_eulers_energy_swings_and_does_not_drift(device):
+    """It conserves E - h/2 k x v exactly on a linear spring, so that E stays within h omega / 2 of that."""
+    h = 1.0 / 60.0 / 50
+    found = energies(two_particles("symplectic_euler", 50, device), frames=240)
+    swing = found / found[0] - 1.0
+    assert 0.5 * h * OMEGA / 2.0 < np.abs(swing).max() < 1.05 * h * OMEGA / 2.0
+    assert abs(swing[-120:].mean() - swing[:120].mean()) < 0.1 * h * OMEGA / 2.0
+
+
+def test_a_balloon_gains_energy_by_forward_euler_alone(device):
+    """Undamped, stretched by a tenth and let go, half a second."""
+    ends = {}
+    for solver in SOLVERS:
+        balloon = Balloon(mesh=quad_sphere(4), mass=0.5, damping=0.0, inflation=NO_INFLATION)
+        simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, solver=solver, substeps=20), device)
+        stretch(simulator, 1.1)
+        found = energies(simulator, frames=30)
+        ends[solver] = found / found[0]
+    assert ends["forward_euler"][-1] > 2.0
+    assert (np.diff(ends["forward_euler"]) > 0.0).all()
+    assert np.abs(ends["symplectic_euler"] - 1.0).max() < 0.05  # it swings by about h omega / 2
+
+
+def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
+    balloon = Balloon(mesh=quad_sphere(3), damping=2.0)
+    symplectic, forward = (
+        Simulator(Scene(balloon=[balloon], solver=solver), "cpu").model.substeps for solver in SOLVERS
+    )
+    assert forward > 2 * symplectic
+    with pytest.raises(InputError, match=r"^substeps: forward Euler without damping gains energy at every step"):
+        Simulator(Scene(balloon=[balloon.model_copy(update={"damping": 0.0})], solver="forward_euler"), "cpu")
+
+
+def test_forward_euler_with_autos_substeps_loses_energy(device):
+    """And with a tenth of them gains it, though damped: the bound is where it should be, within its margins."""
+    for divisor, grows in ((1, False), (10, True)):
+        balloon = Balloon(mesh=quad_sphere(3), damping=0.5, inflation=NO_INFLATION)
+        scene = Scene(balloon=[balloon], gravity=0.0, solver="forward_euler")
+        substeps = Simulator(scene, "cpu").model.substeps // divisor
+        simulator = Simulator(scene.model_copy(update={"substeps": substeps}), device)
+        noise = np.random.default_rng(3).normal(scale=1e-3, size=simulator.state.points.shape + (3,))
+        moving = simulator.state.points.numpy() + noise
+        wp.copy(simulator.state.points, wp.array(moving, dtype=wp.vec3, device=device))
+        found = energies(simulator, frames=6)
+        assert (found[-1] > found[0]) == grows

@@ -1,0 +1,124 @@
+"""What Tarantino's springs have beyond Hooke's: viscosity, an end to their pull, and constants that change over the
+balloon."""
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import mesh_of, quad_sphere
+
+from balloon_warp.errors import InputError
+from balloon_warp.model import build_model, initial_state
+from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
+from balloon_warp.schedules.readout import ForceReader
+from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.simulator import Simulator
+
+NO_INFLATION = Inflation(k_normal=0.0)
+
+
+def balloon_of(stiffness: Stiffness, **fields) -> Balloon:
+    fields = {"mesh": quad_sphere(3), "damping": 0.0, "inflation": NO_INFLATION} | fields
+    return Balloon(stiffness=stiffness, **fields)
+
+
+def forces_at(scene: Scene, points: np.ndarray, velocities: np.ndarray, device: str) -> list[np.ndarray]:
+    """Net forces as scatter sums them, and as a gathering schedule does."""
+    model = build_model(scene, device)
+    state = initial_state(model)
+    wp.copy(state.points, wp.array(points[None], dtype=wp.vec3, device=device))
+    wp.copy(state.velocities, wp.array(velocities[None], dtype=wp.vec3, device=device))
+    scatter = ScatterSchedule(model)
+    scatter.sum_forces(state)
+    return [scatter.forces.numpy()[0], ForceReader(model).net_forces(state).numpy()[0]]
+
+
+def test_a_viscous_spring_rings_down_as_the_analytic_solution_says(device):
+    """l'' = -(2 k / m) (l - L + t l'), which rings at omega sqrt(1 - (omega t / 2)^2) and decays at omega^2 t / 2."""
+    k, m, t = 50.0, 0.1, 0.01
+    pair = mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]])
+    balloon = balloon_of(Stiffness(structural=k, viscosity=t), mesh=pair, mass=2.0 * m)
+    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, substeps=400), device)
+    stretched = wp.array(1.1 * simulator.state.points.numpy(), dtype=wp.vec3, device=device)
+    wp.copy(simulator.state.points, stretched)
+    squared = 2.0 * k / m
+    decay = squared * t / 2.0
+    ringing = np.sqrt(squared - decay**2)
+    for frame in range(1, 25):
+        simulator.step()
+        time = frame / 60.0
+        swing = np.cos(ringing * time) + decay / ringing * np.sin(ringing * time)
+        length = np.ptp(simulator.read_frame().points[0][:, 0])
+        # first order: h omega / 2 of the swing, h = 1/24000 s
+        assert length == pytest.approx(1.0 + 0.1 * np.exp(-decay * time) * swing, abs=2e-4)
+    assert decay * 24 / 60.0 > 1.0  # there was something to decay
+
+
+def test_viscosity_conserves_momentum_and_angular_momentum(device):
+    scene = Scene(balloon=[balloon_of(Stiffness(viscosity=0.05))], gravity=0.0)
+    random = np.random.default_rng(5)
+    points = quad_sphere(3).points
+    for forces in forces_at(scene, points, random.normal(size=points.shape), device):
+        assert np.abs(forces).max() > 1.0
+        # 56 forces of some newtons in float32
+        np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-4)
+        np.testing.assert_allclose(np.cross(points, forces).sum(axis=0), 0.0, atol=1e-4)
+
+
+def test_viscosity_leaves_a_rigid_motion_alone(device):
+    scene = Scene(balloon=[balloon_of(Stiffness(viscosity=0.05))], gravity=0.0)
+    points = quad_sphere(3).points
+    turning = np.cross([0.3, -1.0, 2.0], points) + [5.0, 0.0, 1.0]
+    for forces in forces_at(scene, points, turning, device):
+        np.testing.assert_allclose(forces, 0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize(("stretch", "pulls"), [(1.45, True), (1.55, False)])
+def test_an_overextended_spring_pulls_no_more(stretch: float, pulls: bool, device: str):
+    pair = mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]])
+    balloon = balloon_of(Stiffness(structural=8.0, yield_stretch=1.5, viscosity=0.1), mesh=pair)
+    velocities = np.array([[0.0, 0, 0], [0.2, 0, 0]])
+    for forces in forces_at(Scene(balloon=[balloon], gravity=0.0), stretch * pair.points, velocities, device):
+        pull = (8.0 * (stretch - 1.0) + 0.1 * 8.0 * 0.2) if pulls else 0.0
+        np.testing.assert_allclose(forces[:, 0], [pull, -pull], atol=1e-5)
+
+
+def test_constants_change_along_an_axis():
+    """From the factor at the bottom to the one at the top, by where the middle of each spring is."""
+    stiffness = Stiffness(gradient=(0.5, 3.0), gradient_axis="Z")
+    balloon = balloon_of(stiffness, mesh=quad_sphere(4), position=(0.0, 0.0, 7.0))  # from 6 m up to 8 m
+    shape = build_model(Scene(balloon=[balloon]), "cpu").shapes[0]
+    height = shape.mesh.points[shape.springs.pairs].mean(axis=1)[:, 2]
+    np.testing.assert_allclose(shape.stiffness_scale, 0.5 + 2.5 * (height - 6.0) / 2.0)
+    assert np.ptp(shape.stiffness_scale) > 2.0
+
+
+def test_a_softer_side_bulges_more(device):
+    """What the gradient is for: the top, a quarter as stiff as the bottom, stretches more."""
+    soft_top = balloon_of(
+        Stiffness(gradient=(1.0, 0.25)), mesh=quad_sphere(6), damping=1.0, inflation=Inflation(k_normal=0.3)
+    )
+    simulator = Simulator(Scene(balloon=[soft_top], gravity=0.0), device)
+    for _ in range(90):
+        simulator.step()
+    shape, points = simulator.model.shapes[0], simulator.read_frame().points[0]
+    first, second = points[shape.springs.pairs].swapaxes(0, 1)
+    stretch = np.linalg.norm(second - first, axis=1) / shape.springs.rest_lengths
+    height = shape.mesh.points[shape.springs.pairs].mean(axis=1)[:, 1]
+    assert (stretch[height > 0.5] - 1.0).mean() > 1.5 * (stretch[height < -0.5] - 1.0).mean()
+
+
+def test_the_stable_step_counts_viscosity(device):
+    """Springs so viscous that they alone set the step: auto's step calms them, and four times that one is refused for a
+    reason: the refusal lifted, it does not."""
+    scene = Scene(balloon=[balloon_of(Stiffness(viscosity=0.1))], gravity=0.0, frames=20)
+    plain = Scene(balloon=[balloon_of(Stiffness())], gravity=0.0)
+    substeps = Simulator(scene, "cpu").model.substeps
+    assert substeps > 5 * Simulator(plain, "cpu").model.substeps
+    with pytest.raises(InputError, match=r"^substeps: \d+ are too few"):
+        Simulator(scene.model_copy(update={"substeps": substeps // 2}), "cpu")
+    simulator = Simulator(scene, device)
+    noise = np.random.default_rng(1).normal(scale=0.01, size=(56, 3))
+    wp.copy(simulator.state.velocities, wp.array(noise[None], dtype=wp.vec3, device=device))
+    for _ in range(scene.frames):
+        simulator.step()
+    assert np.abs(simulator.state.velocities.numpy()).max() < 0.02
