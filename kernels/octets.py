@@ -73,13 +73,7 @@ def pull_of_octet_strings(strings: StringTable, world: wp.int32, octet: wp.int32
 @wp.func
 def body_force_octet(numbers: wp.array[Lanes], up: wp.vec3, velocity: Lanes3):
     """Gravity, helium and damping on each particle [N]."""
-    lifts = numbers[LIFT]
-    drags = numbers[DRAG]
-    force = Lanes3()
-    for lane in range(LANE_COUNT):
-        for axis in range(3):
-            force[axis, lane] = lifts[lane] * up[axis] - drags[lane] * velocity[axis, lane]
-    return force
+    return wp.outer(up, numbers[LIFT]) - lanes_scaled(velocity, numbers[DRAG])
 
 
 @wp.func
@@ -133,9 +127,11 @@ def advance_octets(
             force += body_force_octet(numbers, bodies.up, velocity)
             force += pull_of_octet_strings(strings, world, octet, point)
             velocity += lanes_scaled(force, numbers[RESPONSE])
-            octets.velocities[world, octet] = velocity
             point += step_seconds * velocity
             if is_any_touching(bodies, obstacles, state, world, point):
-                point = leave_obstacles(bodies, obstacles, state, octets, world, octet, time_in_frame, point)
+                point, velocity = leave_obstacles(
+                    bodies, obstacles, state, octets, world, octet, time_in_frame, point, velocity
+                )
+            octets.velocities[world, octet] = velocity
             store(new_points, octet, point)
     write_octets(state, octets, new_points, world)

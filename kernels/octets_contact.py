@@ -6,7 +6,7 @@ import warp as wp
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column
-from balloon_warp.kernels.octets_state import RAMP_BEGIN, RAMP_SLOPE, RESPONSE, OctetState
+from balloon_warp.kernels.octets_state import RAMP_BEGIN, RAMP_SLOPE, OctetState
 from balloon_warp.kernels.tables import (
     BodyTable,
     ObstacleTable,
@@ -83,12 +83,16 @@ def leave_obstacles(
     octet: wp.int32,
     time_in_frame: float,
     points: Lanes3,
+    velocities: Lanes3,
 ):
-    """Where eight particles are once each that is free to move is out of spheres and ground."""
-    for lane in range(LANE_COUNT):
-        if octets.numbers[world, octet, RESPONSE][lane] > 0.0:
+    """Points and velocities of eight particles once each that is free to move is out of spheres and ground."""
+    numbers = octets.numbers[world, octet]
+    first = LANE_COUNT * octet
+    for particle in range(first, wp.min(first + LANE_COUNT, state.points.shape[1])):
+        lane = particle - first
+        if bodies.mass_share[particle] > 0.0:
             point = column(points, lane)
-            velocity = column(octets.velocities[world, octet], lane)
+            velocity = column(velocities, lane)
             for sphere in range(state.sphere_positions.shape[1]):
                 point, velocity, outward = leave_sphere(
                     point,
@@ -99,15 +103,13 @@ def leave_obstacles(
                     bodies.up,
                 )
                 if wp.length_sq(outward) > 0.0:
-                    begin = octets.numbers[world, octet, RAMP_BEGIN][lane]
-                    slope = octets.numbers[world, octet, RAMP_SLOPE][lane]
-                    aim = column(octets.aims[world, octet], lane)
-                    inflation = inflation_force(begin + slope * time_in_frame, aim)
+                    k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
+                    inflation = inflation_force(k_normal, column(octets.aims[world, octet], lane))
                     penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
                     state.sphere_forces[world, sphere] += penalty_force(penalty, inflation, outward)
             point, velocity = leave_ground(
                 point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
             )
             points = set_column(points, lane, point)
-            octets.velocities[world, octet] = set_column(octets.velocities[world, octet], lane, velocity)
-    return points
+            velocities = set_column(velocities, lane, velocity)
+    return points, velocities

@@ -19,7 +19,7 @@ def measure_octet_faces(
     area_vectors: wp.array[wp.vec4],
     balloon_areas: wp.array[Lanes],
 ):
-    """Centers and area vectors of all faces, and the areas of the balloons, each still in eight parts."""
+    """Centers and area vectors of all faces, and the areas of the balloons, in each lane."""
     for balloon in range(balloon_areas.shape[0]):
         balloon_areas[balloon] = Lanes()
     for octet in range(faces.balloon.shape[0]):
@@ -35,6 +35,8 @@ def measure_octet_faces(
         balloon_areas[faces.balloon[octet]] = areas
         store(centers, octet, center)
         store(area_vectors, octet, area_vector)
+    for balloon in range(balloon_areas.shape[0]):
+        balloon_areas[balloon] = Lanes(wp.dot(balloon_areas[balloon], Lanes(1.0)))
 
 
 @wp.func
@@ -44,8 +46,7 @@ def aim_all_octets(
     """The aims of all particles at `points`."""
     centers = octets.face_centers[world]
     area_vectors = octets.face_area_vectors[world]
-    parts = octets.balloon_areas[world]
-    measure_octet_faces(faces, points, octets.corner_points[world], centers, area_vectors, parts)
+    measure_octet_faces(faces, points, octets.corner_points[world], centers, area_vectors, octets.balloon_areas[world])
     for octet in range(octets.velocities.shape[1]):
         point = fetch(points, whole_octet(octet))
         normals = Lanes3()
@@ -59,5 +60,5 @@ def aim_all_octets(
         balloon_areas = Lanes()
         for lane in range(LANE_COUNT):
             particle = wp.min(LANE_COUNT * octet + lane, bodies.balloon.shape[0] - 1)
-            balloon_areas[lane] = wp.dot(parts[bodies.balloon[particle]], Lanes(1.0))
+            balloon_areas[lane] = octets.balloon_areas[world, bodies.balloon[particle]][lane]
         octets.aims[world, octet] = aims_of_lanes(normals, squared_distances, areas, balloon_areas)

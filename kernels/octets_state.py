@@ -85,16 +85,28 @@ def whole_octet(octet: wp.int32):
     return numbers
 
 
-@wp.func
-def fetch(vectors: wp.array[wp.vec4], numbers: LaneNumbers):
-    """Eight vectors, from wherever they stand, into lanes."""
-    lanes = Lanes3()
-    for lane in range(LANE_COUNT):
-        vector = vectors[numbers[lane]]
-        lanes[0, lane] = vector[0]
-        lanes[1, lane] = vector[1]
-        lanes[2, lane] = vector[2]
-    return lanes
+@wp.func_native(
+    """
+    typedef float four __attribute__((ext_vector_type(4)));
+    typedef float eight __attribute__((ext_vector_type(8)));
+    four v[8];
+    for (int lane = 0; lane < 8; ++lane)
+        __builtin_memcpy(&v[lane], &vectors.data[numbers[lane]], sizeof(four));
+    wp::mat_t<3, 8, float> lanes;
+    for (int axis = 0; axis < 3; ++axis) {
+        eight row = {v[0][axis], v[1][axis], v[2][axis], v[3][axis], v[4][axis], v[5][axis], v[6][axis], v[7][axis]};
+        __builtin_memcpy(lanes.data[axis], &row, sizeof(eight));
+    }
+    return lanes;
+    """
+)
+def fetch(vectors: wp.array[wp.vec4], numbers: LaneNumbers) -> Lanes3:
+    """Eight vectors, from wherever they stand, into lanes.
+
+    Written for the compiler of CPU kernels, which makes eight loads and a few shuffles of it; of the like in Python it
+    makes a load for each number, and a multiplication for each address.
+    """
+    ...
 
 
 @wp.func
