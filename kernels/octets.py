@@ -1,5 +1,8 @@
 """The `octets` schedule: a thread advances a world by a whole frame, eight particles side by side. For the CPU."""
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.inflation import push
@@ -87,51 +90,56 @@ def inflation_octet(numbers: wp.array[Lanes], time_in_frame: float):
     return forces
 
 
-@wp.kernel(enable_backward=False)
-def advance_octets(
-    # model
-    bodies: BodyTable,
-    springs: OctetSprings,
-    strings: StringTable,
-    obstacles: ObstacleTable,
-    faces: OctetFaces,
-    fresh_normals: bool,
-    substeps: wp.int32,
-    step_seconds: float,
-    # state in and out
-    state: WorldState,
-    octets: OctetState,
-):
-    """A thread a world: one frame."""
-    world = wp.tid()
-    read_octets(bodies, springs, step_seconds, state, octets, world)
-    points = octets.points[world]
-    new_points = octets.other_points[world]
-    for substep in range(substeps):
-        if substep % 2 == 1:
-            points = octets.other_points[world]
-            new_points = octets.points[world]
-        else:
-            points = octets.points[world]
-            new_points = octets.other_points[world]
-        time_in_frame = float(substep) * step_seconds
-        if substep == 0 or fresh_normals:
-            aim_all_octets(bodies, faces, octets, world, points)
-        move_world_spheres(bodies, obstacles, state, world, step_seconds)
-        for octet in range(octets.velocities.shape[1]):
-            numbers = octets.numbers[world, octet]
-            point = fetch(points, whole_octet(octet))
-            velocity = octets.velocities[world, octet]
-            force = pull_of_octet_springs(springs, numbers, points, octet, point)
-            force += lanes_scaled(octets.aims[world, octet], inflation_octet(numbers, time_in_frame))
-            force += body_force_octet(numbers, bodies.up, velocity)
-            force += pull_of_octet_strings(strings, world, octet, point)
-            velocity += lanes_scaled(force, numbers[RESPONSE])
-            point += step_seconds * velocity
-            if is_any_touching(bodies, obstacles, state, world, point):
-                point, velocity = leave_obstacles(
-                    bodies, obstacles, state, octets, world, octet, time_in_frame, point, velocity
-                )
-            octets.velocities[world, octet] = velocity
-            store(new_points, octet, point)
-    write_octets(state, octets, new_points, world)
+@cache
+def octet_kernel(fresh_normals: bool) -> Any:
+    """The kernel that advances worlds; with fresh normals it aims the inflation every substep, or not at all."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def advance_octets(
+        # model
+        bodies: BodyTable,
+        springs: OctetSprings,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        faces: OctetFaces,
+        substeps: wp.int32,
+        step_seconds: float,
+        # state in and out
+        state: WorldState,
+        octets: OctetState,
+    ):
+        """A thread a world: one frame."""
+        world = wp.tid()
+        read_octets(bodies, springs, step_seconds, state, octets, world)
+        points = octets.points[world]
+        new_points = octets.other_points[world]
+        for substep in range(substeps):
+            if substep % 2 == 1:
+                points = octets.other_points[world]
+                new_points = octets.points[world]
+            else:
+                points = octets.points[world]
+                new_points = octets.other_points[world]
+            time_in_frame = float(substep) * step_seconds
+            if wp.static(fresh_normals):
+                aim_all_octets(bodies, faces, octets, world, points)
+            move_world_spheres(bodies, obstacles, state, world, step_seconds)
+            for octet in range(octets.velocities.shape[1]):
+                numbers = octets.numbers[world, octet]
+                point = fetch(points, whole_octet(octet))
+                velocity = octets.velocities[world, octet]
+                force = pull_of_octet_springs(springs, numbers, points, octet, point)
+                force += lanes_scaled(octets.aims[world, octet], inflation_octet(numbers, time_in_frame))
+                force += body_force_octet(numbers, bodies.up, velocity)
+                force += pull_of_octet_strings(strings, world, octet, point)
+                velocity += lanes_scaled(force, numbers[RESPONSE])
+                point += step_seconds * velocity
+                if is_any_touching(bodies, obstacles, state, world, point):
+                    point, velocity = leave_obstacles(
+                        bodies, obstacles, state, octets, world, octet, time_in_frame, point, velocity
+                    )
+                octets.velocities[world, octet] = velocity
+                store(new_points, octet, point)
+        write_octets(state, octets, new_points, world)
+
+    return advance_octets

@@ -134,6 +134,7 @@ def read_octets(
         octets.points[world, particle] = wp.vec4(point[0], point[1], point[2], 0.0)
         for axis in range(3):
             octets.velocities[world, octet][axis, lane] = state.velocities[world, particle][axis]
+            octets.aims[world, octet][axis, lane] = state.inflation_aims[world, particle][axis]
         for kind in range(3):
             constant = springs.stiffness[row_of_world(world, springs.stiffness.shape[0]), balloon, kind]
             octets.numbers[world, octet, kind][lane] = constant

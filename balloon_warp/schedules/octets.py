@@ -11,11 +11,11 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
-from balloon_warp.kernels.octets import advance_octets
+from balloon_warp.kernels.octets import octet_kernel
 from balloon_warp.kernels.octets_state import OCTET_NUMBERS, OctetFaces, OctetState
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.octet_tables import face_octet_count, octet_count, octet_faces, octet_springs
-from balloon_warp.schedules.refresh import refresh_ramp
+from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, string_table, world_state
 from balloon_warp.schedules.traits import beyond_basics
 
@@ -47,6 +47,9 @@ class OctetsSchedule:
         if beyond := beyond_octets(model):
             raise InputError(f"--schedule octets: does not simulate {beyond}; use gather")
         self.model = model
+        self._fresh_normals = model.scene.normals == "fresh"
+        self._kernel = octet_kernel(self._fresh_normals)
+        self._aims = AimRefresher(model)
         faces = octet_faces(model)
         self._tables = [
             body_table(model),
@@ -63,18 +66,20 @@ class OctetsSchedule:
         of_particles = octet_count(model.particle_count) * 4 * LANE_COUNT * (2 * 4 + 2 * 3 + OCTET_NUMBERS)
         of_faces = face_octet_count(model) * 4 * LANE_COUNT * 2 * 4
         corners = int(np.diff(model.face_offsets.numpy()).max())
-        return of_particles + of_faces + 2 * 16 + 4 * LANE_COUNT * (3 * corners + model.balloon_count)
+        own = of_particles + of_faces + 2 * 16 + 4 * LANE_COUNT * (3 * corners + model.balloon_count)
+        return own + AimRefresher.world_bytes(model)
 
     def advance_frame(self, state: State) -> None:
-        """One frame in one launch, after the ramp of the inflation."""
+        """One frame in one launch, after the inflation is refreshed."""
         model = self.model
         refresh_ramp(model, state)
+        if not self._fresh_normals:
+            self._aims.refresh(state.points, state.inflation_aims)
         wp.launch(
-            advance_octets,
+            self._kernel,
             model.world_count,
             inputs=[
                 *self._tables,
-                model.scene.normals == "fresh",
                 model.substeps,
                 model.step_seconds,
                 world_state(state),
