@@ -12,9 +12,10 @@ from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String, Water
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.schedules import choose, make_schedule, octets
+from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
 from balloon_warp.schedules.tables import spring_ends
+from balloon_warp.schedules.traits import beyond_basics
 from balloon_warp.simulator import Simulator
 
 ROUNDING = 1e-5
@@ -106,7 +107,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 def skip_beyond(schedule: str, scene: Scene) -> None:
     """Octets refuses what it does not simulate."""
-    if schedule == "octets" and octets.beyond_octets(build_model(scene, "cpu")):
+    if schedule == "octets" and beyond_basics(build_model(scene, "cpu")):
         pytest.skip("octets does not simulate this")
 
 
@@ -240,12 +241,10 @@ def test_auto_takes_a_schedule_and_says_which():
     assert Simulator(bare(), "cpu", 8).schedule.name == "lanes"
 
 
-def test_what_octets_lacks_is_refused_and_gathered_instead(monkeypatch: pytest.MonkeyPatch):
-    for module in (octets, choose):
-        monkeypatch.setattr(module, "beyond_octets", lambda model: "torsion springs")
-    with pytest.raises(InputError, match=r"^--schedule octets: does not simulate torsion springs; use gather$"):
-        Simulator(bare(), "cpu", schedule="octets")
-    assert Simulator(bare(), "cpu").schedule.name == "gather"
+def test_what_octets_lacks_is_refused_and_gathered_instead():
+    with pytest.raises(InputError, match=r"^--schedule octets: does not simulate forward Euler; use gather$"):
+        Simulator(by_forward_euler(), "cpu", schedule="octets")
+    assert Simulator(by_forward_euler(), "cpu").schedule.name == "gather"
 
 
 def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):

@@ -18,10 +18,10 @@ STILL = Balloon(
 )
 
 
-@pytest.fixture(params=["scatter", "gather", "lanes", "block"])
+@pytest.fixture(params=["scatter", "gather", "lanes", "octets", "block"])
 def schedule(request: pytest.FixtureRequest, device: str) -> str:
-    if request.param == "lanes" and device != "cpu":
-        pytest.skip("lanes is for the CPU")
+    if request.param in ("lanes", "octets") and device != "cpu":
+        pytest.skip(f"{request.param} is for the CPU")
     return request.param
 
 

@@ -7,8 +7,9 @@ from balloon_warp.model import Model, State
 from balloon_warp.schedules.block import BlockSchedule, fits_in_block, thread_a_particle
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.lanes import LanesSchedule
-from balloon_warp.schedules.octets import OctetsSchedule, beyond_octets
+from balloon_warp.schedules.octets import OctetsSchedule
 from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.schedules.traits import beyond_basics
 
 
 class Schedule(Protocol):
@@ -73,6 +74,6 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     if model.device.is_cpu:
         if world_count > 1:
             return "lanes"
-        return "gather" if beyond_octets(model) else "octets"
+        return "gather" if beyond_basics(model) else "octets"
     enough = thread_a_particle(model) or world_count >= model.device.sm_count
     return "block" if fits_in_block(model) and enough else "gather"

@@ -23,14 +23,6 @@ FAR_AWAY = 1e16
 """a coordinate [m] at which a face is nearest to no particle, and whose square is a finite float"""
 
 
-def beyond_octets(model: Model) -> str | None:
-    """What a model has that octets does not simulate, as the sentence that refuses it says it, or None.
-
-    Physics that only the other schedules have is named here; `auto` gathers such a model instead.
-    """
-    return beyond_basics(model)
-
-
 class OctetsSchedule:
     """Advances a state by whole frames, in place.
 
@@ -44,7 +36,7 @@ class OctetsSchedule:
     def __init__(self, model: Model):
         if not model.device.is_cpu:
             raise InputError(f"--schedule octets: runs on the CPU (got {model.device}); block is its like for a GPU")
-        if beyond := beyond_octets(model):
+        if beyond := beyond_basics(model):
             raise InputError(f"--schedule octets: does not simulate {beyond}; use gather")
         self.model = model
         self._fresh_normals = model.scene.normals == "fresh"
