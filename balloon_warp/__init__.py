@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from balloon_warp.advice import advise_step
     from balloon_warp.comparison.compare import compare
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.inspection import inspect_mesh
@@ -38,6 +39,7 @@ __all__ = [
     "Simulator",
     "StageWriter",
     "WorkersLostError",
+    "advise_step",
     "animate",
     "build_springs",
     "bundled_scenes",
@@ -51,6 +53,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "advice": ("advise_step",),
     "comparison.compare": ("compare",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
     "inspection": ("inspect_mesh",),

@@ -13,10 +13,15 @@ import numpy as np
 import pytest
 from meshes import cube, grid, joined, mesh_of, moebius, open_cube, prism, quad_sphere, torus, two_quads_at_a_vertex
 
+from balloon_warp.advice import advise_step
+from balloon_warp.errors import InputError
 from balloon_warp.inspection import inspect_mesh
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model import plan_model
+from balloon_warp.scene import Balloon, Scene, Stiffness, String, load_scene
+from balloon_warp.springs import build_springs
 
 
 def with_faces(mesh: PolygonMesh, *faces: list[int]) -> PolygonMesh:
@@ -161,7 +166,10 @@ def test_command_prints_json_alone(tmp_path: Path) -> None:
     write_obj(tmp_path / "sphere.obj", quad_sphere(9))
     result = command(tmp_path / "sphere.obj", "--json")
     assert (result.returncode, result.stderr) == (0, "")
-    assert json.loads(result.stdout) == asdict(inspect_mesh(load_mesh(tmp_path / "sphere.obj")))
+    report = json.loads(result.stdout)
+    step = report.pop("step")
+    assert report == asdict(inspect_mesh(load_mesh(tmp_path / "sphere.obj")))
+    assert step["limiting_place"] == pytest.approx(quad_sphere(9).points[step["limiting_particle"]].tolist())
 
 
 def test_command_prints_a_table_and_warnings(tmp_path: Path) -> None:
@@ -186,15 +194,75 @@ def test_command_refuses_a_bad_mesh_with_status_2(tmp_path: Path) -> None:
     assert result.stderr == f"error: {tmp_path / 'bad.obj'}, line 4: there is no vertex 4, the file has 3\n"
 
 
-def test_inspecting_an_obj_loads_neither_warp_nor_usd_nor_trimesh(tmp_path: Path) -> None:
+def test_inspecting_an_obj_loads_neither_usd_nor_trimesh(tmp_path: Path) -> None:
     write_obj(tmp_path / "cube.obj", cube())
     program = (
-        "import sys; from pathlib import Path; from balloon_warp.cli.inspect import inspect;"
-        f"inspect(Path({str(tmp_path / 'cube.obj')!r}));"
-        "print(*sorted({'warp', 'pxr', 'trimesh'} & set(sys.modules)), file=sys.stderr)"
+        "import sys; from balloon_warp.cli.inspect import inspect;"
+        f"inspect({str(tmp_path / 'cube.obj')!r});"
+        "print(*sorted({'pxr', 'trimesh'} & set(sys.modules)), file=sys.stderr)"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert (result.returncode, result.stderr) == (0, "\n")
+
+
+def stiffest_particle(scene: Scene, number: int) -> int:
+    """By the definition: springs' constants summed at each particle, all of one mass."""
+    balloon = scene.balloon[number]
+    mesh = balloon.mesh
+    assert isinstance(mesh, PolygonMesh)
+    springs, sums = build_springs(mesh), [0.0] * mesh.vertex_count
+    for (p, q), kind in zip(springs.pairs.tolist(), springs.kind.tolist(), strict=True):
+        for particle in (p, q):
+            sums[particle] += getattr(balloon.stiffness, ("structural", "shear", "flexion")[kind])
+    return int(np.argmax(sums))
+
+
+def test_advice_names_the_particle_that_limits_the_step_and_the_least_substeps():
+    soft, stiff = Stiffness(structural=10.0), Stiffness(structural=200.0, shear=50.0)
+    balloons = [Balloon(mesh=quad_sphere(5), stiffness=soft), Balloon(mesh=torus(7, 5), stiffness=stiff, name="ring")]
+    scene = Scene(balloon=balloons, substeps=1)
+    advice = advise_step(scene)
+    assert (advice.limiting_balloon, advice.limiting_particle) == ("ring", stiffest_particle(scene, 1))
+    least = advice.least_substeps
+    assert plan_model(scene.model_copy(update={"substeps": least})).substeps == least < advice.substeps
+    with pytest.raises(InputError, match=f"at least {least} are needed"):
+        plan_model(scene.model_copy(update={"substeps": least - 1}))
+
+
+def test_advice_knows_strings_and_passes_over_particles_that_do_not_move():
+    mesh = quad_sphere(4)
+    scene = Scene(balloon=[Balloon(mesh=mesh)], string=[String(anchor=(0, -2, 0), particle=9, stiffness=1e3)])
+    assert advise_step(scene).limiting_particle == 9
+    rest = [particle for particle in range(mesh.vertex_count) if particle != 5]
+    held = Scene(balloon=[Balloon(mesh=mesh, fixed=rest)])
+    assert advise_step(held).limiting_particle == 5
+    assert advise_step(Scene(balloon=[Balloon(mesh=mesh, fixed=[*rest, 5])])).substeps == 1
+
+
+def test_command_reports_a_scene_and_its_step(tmp_path: Path) -> None:
+    result = command("sphere_launch", "--set", "balloon.stiffness.structural=100", "--json")
+    assert (result.returncode, result.stderr) == (0, "")
+    report = json.loads(result.stdout)
+    assert [Path(balloon["mesh"]).name for balloon in report["balloons"]] == ["pillow.obj"]
+    scene = load_scene("sphere_launch", [("balloon.stiffness.structural", 100)])
+    assert report["step"] == json.loads(json.dumps(asdict(advise_step(scene))))
+    lines = command("sphere_launch").stdout.splitlines()
+    assert lines[0] == "sphere_launch"
+    assert any(line.startswith(" holds       1 balloon, 1 sphere") for line in lines)
+    assert "pillow.obj" in lines
+    unknown = command("sphere_lunch")
+    assert (unknown.returncode, unknown.stdout) == (2, "")
+    assert "sphere_lunch: no such scene or file; bundled scenes are" in unknown.stderr
+
+
+def test_a_mesh_that_makes_no_balloon_is_reported_all_the_same(tmp_path: Path) -> None:
+    write_obj(tmp_path / "point.obj", replace(cube(), points=np.zeros((8, 3))))
+    result = command(tmp_path / "point.obj", "--json")
+    assert result.returncode == 0
+    report = json.loads(result.stdout)
+    assert report["step"] is None
+    assert report["warnings"][-1].startswith("It makes no balloon as it is: ")
+    assert "all its vertices stand at one place" in report["warnings"][-1]
 
 
 def test_a_mesh_of_spots_size_takes_less_than_a_second(tmp_path: Path) -> None:

@@ -10,29 +10,77 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from balloon_warp.errors import InputError
 from balloon_warp.inspection import MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.scene import Scene, bundled_scenes, load_scene
+from balloon_warp.scene.overrides import Override, parse_override
 
 
 def inspect(
-    mesh: Annotated[Path, typer.Argument(help="A mesh: OBJ or USD; STL, PLY, OFF, glTF and GLB as triangles.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE|MESH",
+            help="A bundled scene, a scene file, or a mesh: OBJ or USD; STL, PLY, OFF, glTF and GLB as triangles.",
+        ),
+    ],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value, for the step: --set balloon.mass=2"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON on standard output.")] = False,
 ) -> None:
-    """Report a mesh's faces, springs, topology and size, and what is odd about it."""
-    report = inspect_mesh(load_mesh(mesh))
+    """Report the faces, springs, topology and size of meshes, what is odd about them, and the step that they allow."""
+    changes = [parse_override(text) for text in overrides or []]
+    if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
+        _inspect_scene(source, load_scene(source, changes), as_json)
+    else:
+        _inspect_mesh(Path(source), changes, as_json)
+
+
+def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
+    meshes = [balloon.mesh for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
+    reports = {mesh: inspect_mesh(load_mesh(mesh)) for mesh in dict.fromkeys(meshes)}
+    from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
+
+    step = asdict(advise_step(scene))
     if as_json:
-        print(json.dumps(asdict(report)))
+        balloons = [{"mesh": str(mesh), **asdict(reports[mesh])} for mesh in meshes]
+        print(json.dumps({"description": scene.description, "balloons": balloons, "step": step}))
         return
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(_table(mesh.name, report))
-    for warning in report.warnings:
-        console.print(f"[yellow]warning:[/] {escape(warning)}")
+    things = {"balloon": scene.balloon, "sphere": scene.sphere, "string": scene.string}
+    counts = [f"{len(many)} {name}{'s' if len(many) > 1 else ''}" for name, many in things.items() if many]
+    console = _console()
+    console.print(_table(source, {"shows": scene.description, "holds": ", ".join(counts), **_step_rows(step)}))
+    for mesh, report in reports.items():
+        console.print()
+        _print_mesh(console, mesh.name, report, {})
 
 
-def _table(name: str, report: MeshReport) -> Table:
-    table = Table(title=escape(name), title_justify="left", title_style="bold", box=None, show_header=False)
-    table.add_column(style="dim")
-    table.add_column()
+def _inspect_mesh(mesh: Path, changes: list[Override], as_json: bool) -> None:
+    """The step is that of the scene that a mesh by itself gets."""
+    report = inspect_mesh(load_mesh(mesh))
+    from balloon_warp.advice import advise_step
+
+    step = None
+    try:
+        step = asdict(advise_step(load_scene(str(mesh), changes)))
+    except InputError as mistake:
+        if changes:
+            raise
+        report.warnings.append(f"It makes no balloon as it is: {mistake}")
+    if as_json:
+        print(json.dumps({**asdict(report), "step": step}))
+    else:
+        _print_mesh(_console(), mesh.name, report, _step_rows(step) if step else {})
+
+
+def _console() -> Console:
+    return Console(highlight=False, soft_wrap=True)
+
+
+def _print_mesh(console: Console, name: str, report: MeshReport, more: dict[str, str]) -> None:
     springs = report.springs
     of_sizes = f"{report.triangles:,} triangles, {report.quads:,} quads, {report.ngons:,} n-gons"
     of_kinds = f"{springs.structural:,} structural, {springs.shear:,} shear, {springs.flexion:,} flexion"
@@ -47,6 +95,24 @@ def _table(name: str, report: MeshReport) -> Table:
         "volume": "-" if report.volume is None else f"{report.volume:,.6g} cubic units",
         "area": f"{report.area:,.6g} square units",
     }
+    console.print(_table(name, {**rows, **more}))
+    for warning in report.warnings:
+        console.print(f"[yellow]warning:[/] {escape(warning)}")
+
+
+def _step_rows(step: dict) -> dict[str, str]:
+    place = ", ".join(f"{coordinate:.3g}" for coordinate in step["limiting_place"])
+    return {
+        "step": f"stable up to {step['stable_step']:.3g} s: {step['least_substeps']:,} substeps a frame at "
+        f'{step["frames_per_second"]:g} frames/s, {step["substeps"]:,} with "auto"',
+        "limited by": f"particle {step['limiting_particle']:,} of {step['limiting_balloon']}, at ({place}) m",
+    }
+
+
+def _table(name: str, rows: dict[str, str]) -> Table:
+    table = Table(title=escape(name), title_justify="left", title_style="bold", box=None, show_header=False)
+    table.add_column(style="dim")
+    table.add_column()
     for label, value in rows.items():
-        table.add_row(label, value)
+        table.add_row(label, escape(value))
     return table

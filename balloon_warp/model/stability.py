@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.corners import corner_faces
@@ -39,21 +39,25 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
     """
     steps = []
     for number, shape in enumerate(shapes):
-        strings = [(n, held[n]) for n, string in enumerate(scene.string) if string.balloon == number]
-        constants = _beside(
-            parameters["stiffness"][:, number],
-            parameters["string_stiffness"][:, [string for string, _ in strings]],
-            (parameters["water_density"] * np.abs(parameters["gravity"]))[:, None],
-        )
-        mass, viscosity = parameters["mass"][:, number], parameters["viscosity"][:, number]
-        peak = _peak_sums(constants, _unit_sums(shape, [particle for _, particle in strings]))
-        squared_frequency = np.maximum(2.0 * peak / mass, 1.0e-12)
-        rate = parameters["damping"][:, number] / mass + viscosity * squared_frequency
-        step = 4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate)
-        if scene.solver == "forward_euler":
-            step = np.minimum(step, rate / squared_frequency)
-        steps.append(float(np.min(step)))
+        constants, particles = _constants(number, scene, held, parameters)
+        peak = _peak_sums(constants, np.unique(_unit_sums(shape, particles), axis=0))
+        steps.append(float(np.min(_steps(peak, number, scene, parameters))))
     return min(steps)
+
+
+def limiting_particle(
+    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
+) -> tuple[int, int]:
+    """The balloon whose stable step is the shortest in the first world, and the particle of it, numbered within it,
+    whose springs are the stiffest for its mass. Arguments as for `stable_step`."""
+    limits = []
+    for number, shape in enumerate(shapes):
+        constants, particles = _constants(number, scene, held, parameters)
+        sums = _unit_sums(shape, particles) @ constants[0]
+        if len(sums):
+            step = float(_steps(sums.max(), number, scene, parameters)[0])
+            limits.append((step, number, int(np.flatnonzero(shape.mass_share)[sums.argmax()])))
+    return min(limits, default=(np.inf, 0, 0))[1:]
 
 
 def choose_substeps(scene: Scene, stable: float) -> int:
@@ -86,9 +90,33 @@ def choose_substeps(scene: Scene, stable: float) -> int:
     return scene.substeps
 
 
+def _constants(
+    number: int, scene: Scene, held: Sequence[int], parameters: Parameters
+) -> tuple[NDArray[np.float64], list[int]]:
+    """One balloon's constants of each kind of spring and of each of its strings [N/m], and the water's weight [N/m^3],
+    shape (W, 3 + strings + 1); and the particles that the strings hold."""
+    strings = [n for n, string in enumerate(scene.string) if string.balloon == number]
+    constants = _beside(
+        parameters["stiffness"][:, number],
+        parameters["string_stiffness"][:, strings],
+        (parameters["water_density"] * np.abs(parameters["gravity"]))[:, None],
+    )
+    return constants, [held[string] for string in strings]
+
+
+def _steps(peak: ArrayLike, number: int, scene: Scene, parameters: Parameters) -> NDArray[np.float64]:
+    """The stable step [s] of one balloon, shape (W,), from the largest sum of spring constants at a particle over its
+    part of the mass."""
+    mass, viscosity = parameters["mass"][:, number], parameters["viscosity"][:, number]
+    squared_frequency = np.maximum(2.0 * np.asarray(peak) / mass, 1.0e-12)
+    rate = parameters["damping"][:, number] / mass + viscosity * squared_frequency
+    steps = 4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate)
+    return np.minimum(steps, rate / squared_frequency) if scene.solver == "forward_euler" else steps
+
+
 def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:
     """The sum of spring constants at each particle that moves, over its part of the mass, for a constant of 1 of one
-    kind of spring, of one string, or of the water's weight: shape (distinct particles, 3 + strings + 1)."""
+    kind of spring, of one string, or of the water's weight: shape (moving particles, 3 + strings + 1)."""
     particles, pairs = shape.mesh.vertex_count, shape.springs.pairs
     columns = []
     for kind in range(3):
@@ -98,7 +126,7 @@ def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:
         columns.append(np.where(np.arange(particles) == particle, 0.5, 0.0))  # its other end is fixed
     columns.append(_areas_around_particles(shape.mesh))  # half of twice the area: the water's end is fixed, too
     moves = shape.mass_share > 0.0
-    return np.unique(np.stack(columns, axis=1)[moves] / shape.mass_share[moves, None], axis=0)
+    return np.stack(columns, axis=1)[moves] / shape.mass_share[moves, None]
 
 
 def _peak_sums(constants: NDArray[np.float64], unit_sums: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,51 @@
+"""How long a step the springs of a scene allow, and which particle it is that allows no more."""
+
+from dataclasses import dataclass
+from math import ceil
+
+from balloon_warp.model.plan import plan_model
+from balloon_warp.model.stability import limiting_particle, stable_step
+from balloon_warp.scene import Scene
+from balloon_warp.scene.overrides import override_scene
+
+
+@dataclass(frozen=True)
+class StepAdvice:
+    """The step part of `balloon-warp inspect`; its fields are keys of the JSON."""
+
+    stable_step: float
+    """the longest that is stable at the start [s], by Gershgorin's bound"""
+    least_substeps: int
+    """in a frame, with that step"""
+    substeps: int
+    """in a frame, as "auto" chooses: with a margin, and for all that changes during the simulation"""
+    frames_per_second: float
+    limiting_balloon: str
+    """the balloon that asks for the shortest step"""
+    limiting_particle: int
+    """its particle whose springs are the stiffest for its mass, by the order of the file's vertices, counted from 0"""
+    limiting_place: tuple[float, float, float]
+    """where that is at the start [m]"""
+
+
+def advise_step(scene: Scene) -> StepAdvice:
+    """The stable step of a scene, even if the scene itself asks for too few substeps.
+
+    Raises:
+        InputError: the scene's meshes or particles are wrong, or no step would do.
+    """
+    plan = plan_model(override_scene(scene, [("substeps", "auto")]))
+    network = (plan.scene, plan.shapes, plan.held, plan.parameters)
+    step = stable_step(*network)
+    balloon, particle = limiting_particle(*network)
+    shape = plan.shapes[balloon]
+    x, y, z = shape.mesh.points[particle].tolist()
+    return StepAdvice(
+        stable_step=step,
+        least_substeps=max(ceil(1.0 / scene.frames_per_second / step), 1),
+        substeps=plan.substeps,
+        frames_per_second=scene.frames_per_second,
+        limiting_balloon=shape.name,
+        limiting_particle=particle,
+        limiting_place=(x, y, z),
+    )
