@@ -58,16 +58,6 @@ def aim_in_tile(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int
 
 
 @wp.func
-def measured_balloon_area(faces: FaceTable, area_vectors: Any, balloon: wp.int32, lane: wp.int32):
-    """Area of a balloon whose faces have been measured, summed by the whole block."""
-    part = float(0.0)
-    for face in range(faces.balloon_offsets[balloon] + lane, faces.balloon_offsets[balloon + 1], wp.block_dim()):
-        part += wp.length(area_vectors[face])
-    total = wp.tile_sum(wp.tile(part))
-    return total[0]
-
-
-@wp.func
 def count_frame_in_block(state: WorldState, world: wp.int32, lane: wp.int32):
     """By one thread of all: the frame has passed. It was read before this launch."""
     if world == 0 and lane == 0:

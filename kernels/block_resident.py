@@ -11,22 +11,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.block import (
-    SphereForces,
-    acceleration_by_touch,
-    begin_sphere_forces,
-    clear_sphere_force,
-    count_frame_in_block,
-    force_row,
-    measured_balloon_area,
-    meet_ground,
-    meet_sphere,
-    row_of,
-    sphere_radius,
-    were_touched,
-)
-from balloon_warp.kernels.contact import move_sphere
-from balloon_warp.kernels.fixed_point import total_newtons
+from balloon_warp.kernels.block import count_frame_in_block
+from balloon_warp.kernels.block_spheres import sphere_functions
+from balloon_warp.kernels.contact import leave_ground, leave_sphere, penalty_force
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area, push
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
@@ -37,11 +24,18 @@ from balloon_warp.kernels.tables import (
     ObstacleTable,
     StringTable,
     WorldState,
+    ground_friction,
     ground_height,
-    ground_restitution,
     particle_damping,
     particle_mass,
     row_of_world,
+)
+from balloon_warp.kernels.warps import (
+    WARP_THREADS,
+    any_in_warp,
+    block_barrier,
+    put,
+    warp_sum,
 )
 
 
@@ -63,6 +57,7 @@ class SlotTable:
 @cache
 def resident_kernel(
     threads: int,
+    particles_a_thread: int,
     face_turns: int,
     kind_slots: tuple[int, int, int],
     face_slots: int,
@@ -71,178 +66,356 @@ def resident_kernel(
     has_strings: bool,
     has_ground: bool,
     fresh_normals: bool,
+    odd_substeps: bool,
     max_registers: int,
 ) -> Any:
     """A kernel for just what a scene has."""
     face_capacity = threads * face_turns
+    capacity = threads * particles_a_thread
     structural_slots = kind_slots[0]
     shear_end = structural_slots + kind_slots[1]
     slots = shear_end + kind_slots[2]
     Indices = wp.types.vector(length=slots, dtype=wp.int32)  # noqa: N806 - a type
     Numbers = wp.types.vector(length=slots, dtype=wp.float32)  # noqa: N806
-    Spheres = wp.types.matrix(shape=(max(sphere_count, 1), 3), dtype=wp.float32)  # noqa: N806
-    SphereNumbers = wp.types.vector(length=max(sphere_count, 1), dtype=wp.float32)  # noqa: N806
+    sphere_board, begin_spheres, moved_sphere, penalty_of, post_force, end_spheres = sphere_functions(
+        threads, max(sphere_count, 1)
+    )
+    warps = threads // int(WARP_THREADS)
+    area_sums = 2 * warps
+    two = particles_a_thread == 2
 
     @wp.struct
-    class Particle:
-        """A thread's particle, its springs, and the spheres, which every thread moves for itself."""
+    class Springs:
+        """The springs of a particle."""
 
-        point: wp.vec3
-        velocity: wp.vec3
-        aim: wp.vec3
-        upward: float  # gravity and helium [N]
-        gravity: float
-        damping: float
-        response: float  # velocity gained in a substep for each newton
         structural: float
         shear: float
         flexion: float
         neighbors: Indices
         scales: Numbers
         rests: Numbers  # rest length times spring constant [N]
-        touched_before: bool  # whether spheres were touched two substeps ago
-        ground_height: float
-        sphere_radii: SphereNumbers
-        centers: Spheres
-        motions: Spheres
+
+    @wp.struct
+    class Body:
+        """What else a particle has for all of a frame."""
+
+        number: wp.int32
+        active: bool  # whether there is such a particle
+        balloon: wp.int32
+        upward: float  # gravity and helium [N]
+        damping: float
+        response: float  # velocity gained in a substep for each newton
+        ramp: wp.vec2  # the inflation's
 
     @wp.func
-    def read_springs(springs: SlotTable, world: wp.int32, balloon: wp.int32, particle: wp.int32, me: Particle):
+    def read_springs(springs: SlotTable, world: wp.int32, body: Body):
         """Into registers; constants[kind] * scale is a spring's own."""
+        mine = Springs()
         row = row_of_world(world, springs.stiffness.shape[0])
-        me.structural = springs.stiffness[row, balloon, 0]
-        me.shear = springs.stiffness[row, balloon, 1]
-        me.flexion = springs.stiffness[row, balloon, 2]
+        mine.structural = springs.stiffness[row, body.balloon, 0]
+        mine.shear = springs.stiffness[row, body.balloon, 1]
+        mine.flexion = springs.stiffness[row, body.balloon, 2]
         for slot in range(slots):
-            me.neighbors[slot] = springs.neighbors[slot, particle] & 0xFFFF  # tells the compiler: not negative
-            me.scales[slot] = springs.scales[slot, particle] if wp.static(springs_vary) else 1.0
-            me.rests[slot] = springs.rest_lengths[slot, particle]
+            mine.neighbors[slot] = springs.neighbors[slot, body.number] & 0xFFFF  # tells the compiler: not negative
+            mine.rests[slot] = springs.rest_lengths[slot, body.number]
+            if wp.static(springs_vary):
+                mine.scales[slot] = springs.scales[slot, body.number]
         for slot in range(structural_slots):
-            me.rests[slot] *= me.structural
+            mine.rests[slot] *= mine.structural
         for slot in range(structural_slots, shear_end):
-            me.rests[slot] *= me.shear
+            mine.rests[slot] *= mine.shear
         for slot in range(shear_end, slots):
-            me.rests[slot] *= me.flexion
-        return me
+            mine.rests[slot] *= mine.flexion
+        return mine
 
     @wp.func
-    def pull_of_slots(points: Any, me: Particle):
+    def pull_of_slot(points: Any, point: wp.vec3, springs: Springs, slot: wp.int32, stiffness: float):
+        """Force of one spring [N]."""
+        d = points[springs.neighbors[slot]] - point
+        constant = stiffness
+        if wp.static(springs_vary):
+            constant *= springs.scales[slot]
+        return spring_coefficient(squared_length(d), constant, springs.rests[slot]) * d
+
+    @wp.func
+    def pull_of_slots(points: Any, point: wp.vec3, springs: Springs):
         """Net force of the springs [N]."""
         force = wp.vec3()
         for slot in range(structural_slots):
-            d = points[me.neighbors[slot]] - me.point
-            force += spring_coefficient(squared_length(d), me.structural * me.scales[slot], me.rests[slot]) * d
+            force += pull_of_slot(points, point, springs, slot, springs.structural)
         for slot in range(structural_slots, shear_end):
-            d = points[me.neighbors[slot]] - me.point
-            force += spring_coefficient(squared_length(d), me.shear * me.scales[slot], me.rests[slot]) * d
+            force += pull_of_slot(points, point, springs, slot, springs.shear)
         for slot in range(shear_end, slots):
-            d = points[me.neighbors[slot]] - me.point
-            force += spring_coefficient(squared_length(d), me.flexion * me.scales[slot], me.rests[slot]) * d
+            force += pull_of_slot(points, point, springs, slot, springs.flexion)
         return force
 
     @wp.func
     def measure_faces(faces: FaceTable, points: Any, lane: wp.int32, centers: Any, area_vectors: Any):
         """Every face by one thread, into the tiles."""
         for turn in range(face_turns):
-            face = wp.min(turn * threads + lane, faces.balloon.shape[0] - 1)
-            begin = faces.offsets[face]
-            end = faces.offsets[face + 1]
-            center = face_center(points, 0, faces.particles, begin, end)
-            area_vector = face_area_vector(points, 0, faces.particles, begin, end, center)
-            measured = turn * threads + lane < faces.balloon.shape[0]
-            wp.tile_scatter_masked(centers, face, center, measured)
-            wp.tile_scatter_masked(area_vectors, face, area_vector, measured)
+            face = turn * threads + lane
+            if face < faces.balloon.shape[0]:
+                begin = faces.offsets[face]
+                end = faces.offsets[face + 1]
+                center = face_center(points, 0, faces.particles, begin, end)
+                put(centers, face, center)
+                put(area_vectors, face, face_area_vector(points, 0, faces.particles, begin, end, center))
+        block_barrier()
 
     @wp.func
-    def refresh_aim(
+    def balloon_area(faces: FaceTable, area_vectors: Any, sums: Any, balloon: wp.int32, lane: wp.int32):
+        """Area of a balloon whose faces have been measured, summed in the same order every time."""
+        part = float(0.0)
+        for turn in range(face_turns):
+            face = turn * threads + lane
+            if face >= faces.balloon_offsets[balloon] and face < faces.balloon_offsets[balloon + 1]:
+                part += wp.length(area_vectors[face])
+        row = (balloon & 1) * warps  # of two, so that the next balloon does not overwrite what is still read
+        part = warp_sum(part)
+        if lane % WARP_THREADS == 0:
+            put(sums, row + lane // WARP_THREADS, part)
+        block_barrier()
+        mine = lane % WARP_THREADS
+        return warp_sum(wp.where(mine < warps, sums[row + wp.min(mine, warps - 1)], 0.0))
+
+    @wp.func
+    def refreshed_aim(
         faces: FaceTable,
         springs: SlotTable,
-        points: Any,
-        balloon: wp.int32,
-        particle: wp.int32,
         lane: wp.int32,
         centers: Any,
         area_vectors: Any,
-        me: Particle,
+        sums: Any,
+        body: Body,
+        point: wp.vec3,
     ):
-        """The aim of the particle; measuring faces takes all threads."""
-        measure_faces(faces, points, lane, centers, area_vectors)
+        """The aim of a particle, when the faces have been measured; by all threads, who sum the areas."""
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
         for slot in range(face_slots):
             # Without a branch, so that the loads of all slots are under way together.
-            face = springs.faces[slot, particle]
+            face = springs.faces[slot, body.number]
             area_vector = area_vectors[wp.max(face, 0)]
-            nearer = nearer_area(nearest, me.point, centers[wp.max(face, 0)], area_vector)
+            nearer = nearer_area(nearest, point, centers[wp.max(face, 0)], area_vector)
             normal += wp.where(face >= 0, wp.normalize(area_vector), wp.vec3())
             nearest = wp.where(face >= 0, nearer, nearest)
+        aim = wp.vec3()
         for each in range(faces.balloon_offsets.shape[0] - 1):
-            area = measured_balloon_area(faces, area_vectors, each, lane)
-            if each == balloon:
-                me.aim = aim_of(normal, nearest, area)
-        return me
+            area = balloon_area(faces, area_vectors, sums, each, lane)
+            if each == body.balloon:
+                aim = aim_of(normal, nearest, area)
+        return aim
+
+    @wp.func
+    def read_body(bodies: BodyTable, state: WorldState, world: wp.int32, place: wp.int32, step_seconds: float):
+        """Into registers, the particle at a place; where there is none, the last again, which then does not move."""
+        body = Body()
+        body.active = place < state.points.shape[1]
+        body.number = wp.min(place, state.points.shape[1] - 1)
+        body.balloon = bodies.balloon[body.number]
+        mass = particle_mass(bodies, world, body.number)
+        gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+        body.upward = lift(mass, gravity, bodies.helium[row_of_world(world, bodies.helium.shape[0]), body.balloon])
+        body.damping = particle_damping(bodies, world, body.number)
+        body.response = wp.where(body.active, response(mass, step_seconds), 0.0)
+        body.ramp = state.inflation_ramp[world, body.balloon]
+        return body
+
+    @wp.func
+    def write_particle(state: WorldState, world: wp.int32, body: Body, point: wp.vec3, velocity: wp.vec3, aim: wp.vec3):
+        """Out of registers, what a frame ends with."""
+        if body.active:
+            state.points[world, body.number] = point
+            state.velocities[world, body.number] = velocity
+            state.inflation_aims[world, body.number] = aim
+
+    @wp.func
+    def inflation_of(body: Body, aim: wp.vec3, time_in_frame: float):
+        """[N]"""
+        return push(body.ramp[0] + body.ramp[1] * time_in_frame) * aim
+
+    @wp.func
+    def advance_particle(
+        bodies: BodyTable,
+        strings: StringTable,
+        world: wp.int32,
+        time_in_frame: float,
+        step_seconds: float,
+        points: Any,
+        body: Body,
+        springs: Springs,
+        aim: wp.vec3,
+        point: wp.vec3,
+        velocity: wp.vec3,
+    ):
+        """A step under all forces but those of contacts."""
+        force = body.upward * bodies.up - body.damping * velocity + inflation_of(body, aim, time_in_frame)
+        force += pull_of_slots(points, point, springs)
+        if wp.static(has_strings):
+            force += pull_of_strings(strings, point, world, body.number)
+        new_velocity = velocity + body.response * force
+        return point + step_seconds * new_velocity, new_velocity
+
+    @wp.func
+    def is_inside(body: Body, point: wp.vec3, center: wp.vec3, radius: float):
+        """Whether a particle that moves is inside a sphere."""
+        return wp.length_sq(point - center) < radius * radius and body.response > 0.0
+
+    @wp.func
+    def stand(ground: wp.vec2, up: wp.vec3, body: Body, point: wp.vec3, velocity: wp.vec3):
+        """A particle that moves up to the ground, of some height and friction; most are above."""
+        if wp.dot(point, up) < ground[0] and body.response > 0.0:
+            return leave_ground(point, velocity, up, ground[0], ground[1])
+        return point, velocity
 
     @wp.func
     def advance_substep(
         bodies: BodyTable,
         strings: StringTable,
-        obstacles: ObstacleTable,
         faces: FaceTable,
-        springs: SlotTable,
-        sphere_forces: SphereForces,
+        slot_table: SlotTable,
+        board: wp.uint64,
         world: wp.int32,
         lane: wp.int32,
-        particle: wp.int32,
-        active: bool,
+        ground: wp.vec2,
         substep: wp.int32,
-        k_normal: float,
         step_seconds: float,
+        body: Body,
+        springs: Springs,
+        body2: Body,
+        springs2: Springs,
         source: Any,
         # in and out
-        me: Particle,
+        aim: wp.vec3,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        aim2: wp.vec3,
+        point2: wp.vec3,
+        velocity2: wp.vec3,
         target: Any,
         face_centers: Any,
         area_vectors: Any,
+        sums: Any,
     ):
         """One substep, from one tile of points to the other."""
+        time = float(substep) * step_seconds
         if wp.static(fresh_normals):
-            me = refresh_aim(
-                faces, springs, source, bodies.balloon[particle], particle, lane, face_centers, area_vectors, me
+            measure_faces(faces, source, lane, face_centers, area_vectors)
+            aim = refreshed_aim(faces, slot_table, lane, face_centers, area_vectors, sums, body, point)
+            if wp.static(two):
+                aim2 = refreshed_aim(faces, slot_table, lane, face_centers, area_vectors, sums, body2, point2)
+        new_point, new_velocity = advance_particle(
+            bodies, strings, world, time, step_seconds, source, body, springs, aim, point, velocity
+        )
+        point = new_point
+        velocity = new_velocity
+        if wp.static(two):
+            new_point2, new_velocity2 = advance_particle(
+                bodies, strings, world, time, step_seconds, source, body2, springs2, aim2, point2, velocity2
             )
+            point2 = new_point2
+            velocity2 = new_velocity2
         if wp.static(sphere_count > 0):
-            touched = were_touched(sphere_forces.stamps[world], substep - 1)
             for sphere in range(sphere_count):
-                pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
-                center, motion = move_sphere(
-                    row_of(me.centers, sphere), row_of(me.motions, sphere), pushed, me.sphere_radii[sphere],
-                    me.gravity, bodies.up, me.ground_height, ground_restitution(obstacles, world), step_seconds,
-                )  # fmt: skip
-                me.centers[sphere] = center
-                me.motions[sphere] = motion
-                if me.touched_before and lane == 0:
-                    clear_sphere_force(sphere_forces, world, sphere, substep - 2)
-            me.touched_before = touched
-        inflation = push(k_normal) * me.aim
-        force = me.upward * bodies.up - me.damping * me.velocity + inflation + pull_of_slots(source, me)
-        if wp.static(has_strings):
-            force += pull_of_strings(strings, me.point, world, particle)
-        me.velocity += me.response * force
-        me.point += step_seconds * me.velocity
-        if me.response > 0.0:
-            for sphere in range(sphere_count):
-                point, velocity = meet_sphere(
-                    obstacles, sphere_forces, world, sphere, substep, me.point, me.velocity,
-                    row_of(me.centers, sphere), row_of(me.motions, sphere), me.sphere_radii[sphere], bodies.up,
-                    inflation, active,
-                )  # fmt: skip
-                me.point = point
-                me.velocity = velocity
-            if wp.static(has_ground):
-                point, velocity = meet_ground(obstacles, world, me.point, me.velocity, bodies.up, me.ground_height)
-                me.point = point
-                me.velocity = velocity
-        wp.tile_scatter_masked(target, particle, me.point, active)
-        return me
+                center, motion, radius = moved_sphere(board, bodies.up, sphere, substep, step_seconds, lane)
+                meets = is_inside(body, point, center, radius)
+                meets2 = bool(False)
+                if wp.static(two):
+                    meets2 = is_inside(body2, point2, center, radius)
+                if any_in_warp(meets or meets2):
+                    force = wp.vec3()
+                    penalty = penalty_of(board, sphere)
+                    if meets:
+                        left, slowed, outward = leave_sphere(point, velocity, center, motion, radius, bodies.up)
+                        point = left
+                        velocity = slowed
+                        force = penalty_force(penalty, inflation_of(body, aim, time), outward)
+                    if wp.static(two):
+                        if meets2:
+                            left, slowed, outward = leave_sphere(point2, velocity2, center, motion, radius, bodies.up)
+                            point2 = left
+                            velocity2 = slowed
+                            force += penalty_force(penalty, inflation_of(body2, aim2, time), outward)
+                    post_force(board, sphere, substep, lane, force)
+        if wp.static(has_ground):
+            stood_point, stood_velocity = stand(ground, bodies.up, body, point, velocity)
+            point = stood_point
+            velocity = stood_velocity
+            if wp.static(two):
+                stood_point2, stood_velocity2 = stand(ground, bodies.up, body2, point2, velocity2)
+                point2 = stood_point2
+                velocity2 = stood_velocity2
+        put(target, lane, point)
+        if wp.static(two):
+            put(target, lane + threads, point2)
+        block_barrier()
+        return aim, point, velocity, aim2, point2, velocity2
+
+    @wp.func
+    def carry_particles(
+        bodies: BodyTable,
+        strings: StringTable,
+        obstacles: ObstacleTable,
+        faces: FaceTable,
+        slot_table: SlotTable,
+        board: wp.uint64,
+        state: WorldState,
+        world: wp.int32,
+        lane: wp.int32,
+        substeps: wp.int32,
+        step_seconds: float,
+        even: Any,
+        odd: Any,
+        face_centers: Any,
+        area_vectors: Any,
+        sums: Any,
+    ):
+        """By the particles' threads: one frame."""
+        ground = wp.vec2(ground_height(obstacles, world), ground_friction(obstacles, world))
+        body = read_body(bodies, state, world, lane, step_seconds)
+        springs = read_springs(slot_table, world, body)
+        point = state.points[world, body.number]
+        velocity = state.velocities[world, body.number]
+        aim = wp.vec3()
+        put(even, lane, point)
+        body2 = Body()
+        springs2 = Springs()
+        point2 = wp.vec3()
+        velocity2 = wp.vec3()
+        aim2 = wp.vec3()
+        if wp.static(two):
+            body2 = read_body(bodies, state, world, lane + threads, step_seconds)
+            springs2 = read_springs(slot_table, world, body2)
+            point2 = state.points[world, body2.number]
+            velocity2 = state.velocities[world, body2.number]
+            put(even, lane + threads, point2)
+        block_barrier()
+        if wp.static(not fresh_normals):
+            measure_faces(faces, even, lane, face_centers, area_vectors)
+            aim = refreshed_aim(faces, slot_table, lane, face_centers, area_vectors, sums, body, point)
+            if wp.static(two):
+                aim2 = refreshed_aim(faces, slot_table, lane, face_centers, area_vectors, sums, body2, point2)
+        for pair in range(substeps // 2):
+            substep = 2 * pair
+            aim, point, velocity, aim2, point2, velocity2 = advance_substep(
+                bodies, strings, faces, slot_table, board, world, lane, ground,
+                substep, step_seconds, body, springs, body2, springs2, even,
+                aim, point, velocity, aim2, point2, velocity2, odd, face_centers, area_vectors, sums,
+            )  # fmt: skip
+            aim, point, velocity, aim2, point2, velocity2 = advance_substep(
+                bodies, strings, faces, slot_table, board, world, lane, ground,
+                substep + 1, step_seconds, body, springs, body2, springs2, odd,
+                aim, point, velocity, aim2, point2, velocity2, even, face_centers, area_vectors, sums,
+            )  # fmt: skip
+        if wp.static(odd_substeps):
+            aim, point, velocity, aim2, point2, velocity2 = advance_substep(
+                bodies, strings, faces, slot_table, board, world, lane, ground,
+                substeps - 1, step_seconds, body, springs, body2, springs2, even,
+                aim, point, velocity, aim2, point2, velocity2, odd, face_centers, area_vectors, sums,
+            )  # fmt: skip
+        write_particle(state, world, body, point, velocity, aim)
+        if wp.static(two):
+            write_particle(state, world, body2, point2, velocity2, aim2)
 
     @wp.kernel(
         module="unique",
@@ -256,71 +429,29 @@ def resident_kernel(
         strings: StringTable,
         obstacles: ObstacleTable,
         faces: FaceTable,
-        springs: SlotTable,
+        slot_table: SlotTable,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
         state: WorldState,
-        sphere_forces: SphereForces,
     ):
-        """A block a world, a thread a particle: one frame."""
+        """A block a world, one or two particles a thread: one frame."""
         world, lane = wp.tid()
-        active = lane < state.points.shape[1]
-        particle = wp.min(lane, state.points.shape[1] - 1)
-        balloon = bodies.balloon[particle]
-        mass = particle_mass(bodies, world, particle)
-        me = Particle()
-        me.gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
-        me.ground_height = ground_height(obstacles, world)
-        helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon]
-        ramp = state.inflation_ramp[world, balloon]
-
-        me.point = state.points[world, particle]
-        me.velocity = state.velocities[world, particle]
-        me.upward = lift(mass, me.gravity, helium)
-        me.damping = particle_damping(bodies, world, particle)
-        me.response = response(mass, step_seconds)
-        me = read_springs(springs, world, balloon, particle, me)
-        for sphere in range(sphere_count):
-            me.centers[sphere] = state.sphere_positions[world, sphere]
-            me.motions[sphere] = state.sphere_velocities[world, sphere]
-            me.sphere_radii[sphere] = sphere_radius(obstacles, world, sphere)
-        if wp.static(sphere_count > 0):
-            if lane == 0:
-                begin_sphere_forces(state, sphere_forces, world)
-
-        even = wp.tile_empty(shape=threads, dtype=wp.vec3, storage="shared")
-        odd = wp.tile_empty(shape=threads, dtype=wp.vec3, storage="shared")
+        even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+        odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         face_centers = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
         area_vectors = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
-        wp.tile_scatter_masked(even, particle, me.point, active)
-        if wp.static(not fresh_normals):
-            me = refresh_aim(faces, springs, even, balloon, particle, lane, face_centers, area_vectors, me)
-        for substep in range(0, substeps, 2):
-            k_normal = ramp[0] + ramp[1] * (float(substep) * step_seconds)
-            me = advance_substep(
-                bodies, strings, obstacles, faces, springs, sphere_forces, world, lane, particle, active,
-                substep, k_normal, step_seconds, even, me, odd, face_centers, area_vectors,
-            )  # fmt: skip
-            if substep + 1 < substeps:
-                k_normal = ramp[0] + ramp[1] * (float(substep + 1) * step_seconds)
-                me = advance_substep(
-                    bodies, strings, obstacles, faces, springs, sphere_forces, world, lane, particle, active,
-                    substep + 1, k_normal, step_seconds, odd, me, even, face_centers, area_vectors,
-                )  # fmt: skip
-
-        if active:
-            state.points[world, particle] = me.point
-            state.velocities[world, particle] = me.velocity
-            state.inflation_aims[world, particle] = me.aim
-        count_frame_in_block(state, world, lane)
+        sums = wp.tile_empty(shape=area_sums, dtype=float, storage="shared")
+        board = wp.uint64(0)
         if wp.static(sphere_count > 0):
-            if lane == 0:
-                for sphere in range(sphere_count):
-                    state.sphere_positions[world, sphere] = row_of(me.centers, sphere)
-                    state.sphere_velocities[world, sphere] = row_of(me.motions, sphere)
-                    state.sphere_forces[world, sphere] = total_newtons(
-                        sphere_forces.totals, force_row(world, substeps - 1), sphere
-                    )
+            board = sphere_board()
+            begin_spheres(board, bodies, obstacles, state, world, lane)
+        carry_particles(
+            bodies, strings, obstacles, faces, slot_table, board, state, world, lane, substeps, step_seconds,
+            even, odd, face_centers, area_vectors, sums,
+        )  # fmt: skip
+        if wp.static(sphere_count > 0):
+            end_spheres(board, state, world, substeps - 1, lane)
+        count_frame_in_block(state, world, lane)
 
     return advance_resident

@@ -10,15 +10,15 @@ inflation force times the sphere's `penalty`, so that the sphere feels pressure 
 import warp as wp
 
 from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.springs import inverse_root, squared_length
 
 
 @wp.func
 def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
     """Unit vector from a sphere's center to a particle; up where they coincide."""
     arm = point - center
-    distance = wp.length(arm)
-    if distance > 0.0:
-        return arm / distance
+    if wp.length_sq(arm) > 0.0:
+        return inverse_root(squared_length(arm)) * arm
     return up
 
 
@@ -26,17 +26,6 @@ def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
 def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.vec3):
     """The velocity less its part into the obstacle."""
     return velocity - wp.min(wp.dot(velocity - obstacle_velocity, normal), 0.0) * normal
-
-
-@wp.func
-def with_friction(velocity: wp.vec3, normal: wp.vec3, stopped_speed: float, friction: float):
-    """Coulomb friction on an obstacle at rest: the normal impulse stopped `stopped_speed`, so the tangential one stops
-    at most `friction` times that."""
-    tangential = velocity - wp.dot(velocity, normal) * normal
-    speed = wp.length(tangential)
-    if speed > 0.0:
-        velocity -= tangential * wp.min(friction * stopped_speed / speed, 1.0)
-    return velocity
 
 
 @wp.func
@@ -54,20 +43,24 @@ def leave_sphere(
 
 @wp.func
 def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float):
-    """A particle up to the ground's height, slowed by friction."""
+    """A particle up to the ground's height. The speed into the ground is stopped, and by Coulomb's law at most
+    `friction` times as much of the speed along it."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
         point += depth * up
-        stopped_speed = wp.max(-wp.dot(velocity, up), 0.0)
-        velocity = without_approach(velocity, wp.vec3(), up)
-        velocity = with_friction(velocity, up, stopped_speed, friction)
+        rise = wp.dot(velocity, up)
+        along = velocity - rise * up
+        stopped = wp.max(-rise, 0.0)
+        kept = wp.max(1.0 - friction * stopped * inverse_root(squared_length(along)), 0.0)
+        velocity = kept * along + wp.max(rise, 0.0) * up
     return point, velocity
 
 
 @wp.func
 def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
     """Force on a sphere [N] from a particle that it moved `outward`."""
-    return -penalty * wp.length(inflation) * outward
+    squared = squared_length(inflation)
+    return (-penalty * squared * inverse_root(squared)) * outward
 
 
 @wp.func

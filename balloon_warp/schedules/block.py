@@ -1,5 +1,6 @@
 """The `block` schedule: a thread block a world, whose points stay in shared memory for all substeps of a frame."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
@@ -30,6 +31,8 @@ MOST_THREADS = 1024
 MOST_THREADS_OF_MULTIPROCESSOR = 2048
 REGISTERS = 65536
 """of a multiprocessor"""
+QUARTERS = 4
+"""of a multiprocessor, among which its warps and registers are shared out"""
 MOST_REGISTERS = 248
 """of a thread"""
 BYTES_PER_PARTICLE = 24
@@ -58,20 +61,17 @@ class BlockSchedule:
             )
         self.model = model
         self._tables = [table(model) for table in (body_table, string_table, obstacle_table, face_table)]
-        rows = FORCE_ROWS * model.world_count
-        self._sphere_forces = SphereForces()
-        self._sphere_forces.totals = wp.zeros((rows, model.sphere_count, 3), dtype=wp.int64, device=model.device)
-        self._sphere_forces.stamps = wp.zeros((model.world_count, FORCE_ROWS), dtype=wp.int32, device=model.device)
-        self._threads = min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS) if model.device.is_cuda else 1
         fresh = model.scene.normals == "fresh"
         ends = spring_ends(model)
-        registers = _resident_registers(model, ends, self._threads)
         self._memory: list[Any] = []
-        if registers:
+        residence = _residence(model, ends)
+        if residence:
+            self._threads = residence.threads
             self._own_tables = [slot_table(model, ends)]
             self._kernel = resident_kernel(
-                self._threads,
-                -(-model.face_count // self._threads),
+                residence.threads,
+                residence.particles_a_thread,
+                -(-model.face_count // residence.threads),
                 kind_slots(ends),
                 self._own_tables[0].faces.shape[0],
                 model.sphere_count,
@@ -79,9 +79,12 @@ class BlockSchedule:
                 model.string_count > 0,
                 model.scene.ground is not None,
                 fresh,
-                registers,
+                model.substeps % 2 == 1,
+                residence.registers,
             )
         else:
+            most = _round_up(model.particle_count, WARP_THREADS)
+            self._threads = min(most, MOST_THREADS) if model.device.is_cuda else 1
             capacity = _round_up(model.particle_count, STREAMING_STEP)
             traits = model_traits(model)
             self._own_tables = [spring_table(model, ends), water_table(model)]
@@ -89,7 +92,7 @@ class BlockSchedule:
             other_velocities = wp.zeros(
                 (model.world_count, model.particle_count if traits.rubber else 0), dtype=wp.vec3, device=model.device
             )
-            self._memory = [other_velocities]
+            self._memory = [_sphere_forces(model), other_velocities]
 
     @staticmethod
     def world_bytes(model: Model) -> int:
@@ -110,7 +113,6 @@ class BlockSchedule:
                 model.substeps,
                 model.step_seconds,
                 world_state(state),
-                self._sphere_forces,
                 *self._memory,
             ],
             block_dim=self._threads,
@@ -118,16 +120,52 @@ class BlockSchedule:
         )
 
 
-def _resident_registers(model: Model, ends: SpringEnds, threads: int) -> int:
-    """Registers a thread that let most blocks run at once on a multiprocessor; 0 if the springs do not fit in them."""
+def _sphere_forces(model: Model) -> Any:
+    """Room for the forces on spheres."""
+    forces = SphereForces()
+    forces.totals = wp.zeros(
+        (FORCE_ROWS * model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device
+    )
+    forces.stamps = wp.zeros((model.world_count, FORCE_ROWS), dtype=wp.int32, device=model.device)
+    return forces
+
+
+@dataclass(frozen=True)
+class Residence:
+    """How the particles of a world live in the registers of a block."""
+
+    particles_a_thread: int
+    threads: int
+    registers: int
+    """of a thread"""
+    blocks: int
+    """that a multiprocessor runs at once"""
+
+
+def _residence(model: Model, ends: SpringEnds) -> Residence | None:
+    """The layout that lets most worlds run at once on a multiprocessor; None if the springs do not fit in registers.
+
+    Two particles a thread share what a thread does for itself (spheres, barriers), and their loads overlap; where a
+    multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster.
+    """
     if not thread_a_particle(model) or model.device.is_cpu or beyond_basics(model):
-        return 0
-    needed = 36 + (3 if ends.vary else 2) * sum(kind_slots(ends)) + 8 * model.sphere_count
+        return None
+    single, double = _layout(model, ends, 1), _layout(model, ends, 2)
+    if single and double:
+        return double if double.blocks >= max(single.blocks, 2) else single
+    return single or double
+
+
+def _layout(model: Model, ends: SpringEnds, particles_a_thread: int) -> Residence | None:
+    """With as many blocks as leave registers for the springs."""
+    threads = _round_up(-(-model.particle_count // particles_a_thread), WARP_THREADS)
+    needed = 12 + particles_a_thread * (24 + (3 if ends.vary else 2) * sum(kind_slots(ends)))
     for blocks in range(_useful_blocks(model, threads), 0, -1):
-        registers = min(REGISTERS // (threads * blocks) // 8 * 8, MOST_REGISTERS)
+        warps_of_quarter = -(-blocks * threads // WARP_THREADS // QUARTERS)
+        registers = min(REGISTERS // QUARTERS // WARP_THREADS // warps_of_quarter // 8 * 8, MOST_REGISTERS)
         if registers >= needed:
-            return registers
-    return 0
+            return Residence(particles_a_thread, threads, registers, blocks)
+    return None
 
 
 def _useful_blocks(model: Model, threads: int) -> int:

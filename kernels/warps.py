@@ -1,0 +1,109 @@
+"""What the threads of a warp and of a block do together on a GPU. On a CPU a block has one thread."""
+
+from typing import Any
+
+import warp as wp
+
+WARP_THREADS = wp.constant(32)
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, here) != 0;
+#else
+    return here;
+#endif
+    """
+)
+def any_in_warp(here: bool) -> bool:
+    """Whether it is so in any thread of the warp; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    for (int apart = 16; apart > 0; apart /= 2) {
+        x += __shfl_xor_sync(0xffffffffu, x, apart);
+    }
+#endif
+    return x;
+    """
+)
+def warp_sum(x: float) -> float:
+    """The sum over the threads of the warp, in the same order every time; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    // Threads first share the components out among them, so that they add up one number instead of three.
+    const bool upper_half = threadIdx.x & 16;
+    const bool upper_quarter = threadIdx.x & 8;
+    float first = (upper_half ? v[2] : v[0]) + __shfl_xor_sync(0xffffffffu, upper_half ? v[0] : v[2], 16);
+    float second = (upper_half ? 0.0f : v[1]) + __shfl_xor_sync(0xffffffffu, upper_half ? v[1] : 0.0f, 16);
+    float one = (upper_quarter ? second : first) + __shfl_xor_sync(0xffffffffu, upper_quarter ? first : second, 8);
+    for (int apart = 4; apart > 0; apart /= 2) {
+        one += __shfl_xor_sync(0xffffffffu, one, apart);
+    }
+    return wp::vec3(
+        __shfl_sync(0xffffffffu, one, 0), __shfl_sync(0xffffffffu, one, 8), __shfl_sync(0xffffffffu, one, 16));
+#else
+    return v;
+#endif
+    """
+)
+def warp_sum_of_vectors(v: wp.vec3) -> wp.vec3:
+    """The sum over the threads of the warp, in the same order every time; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    const unsigned all = 0xffffffffu;
+    const int lane = threadIdx.x & 31;
+    const float* words = (const float*)entries;
+    float total = 0.0f;
+    for (int first = 0; first < count; first += 8) {
+        const bool there = first + lane / 4 < count;
+        const float word = there ? words[4 * first + lane] : 0.0f;
+        const float its_stamp = __shfl_sync(all, word, lane | 3);
+        total += there && its_stamp == stamp ? word : 0.0f;
+    }
+    if (!__any_sync(all, total != 0.0f)) {
+        return wp::vec3();
+    }
+    for (int apart = 16; apart > 2; apart /= 2) {
+        total += __shfl_xor_sync(all, total, apart);
+    }
+    return wp::vec3(__shfl_sync(all, total, 0), __shfl_sync(all, total, 1), __shfl_sync(all, total, 2));
+#else
+    return wp::vec3();
+#endif
+    """
+)
+def warp_sum_of_stamped(entries: wp.uint64, count: wp.int32, stamp: float) -> wp.vec3:
+    """The sum of the vectors among so many entries of four words whose fourth is the stamp; by all threads of a warp,
+    which get the same to the last bit every time."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+#endif
+    """
+)
+def block_barrier():
+    """Wait for all threads of the block."""
+    ...
+
+
+@wp.func_native("tile.data.ptr[index] = value;")
+def put(tile: Any, index: wp.int32, value: Any):
+    """Into a shared tile, without a barrier."""
+    ...
