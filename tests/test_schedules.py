@@ -170,6 +170,36 @@ def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule,
     assert_close(found, expected, ROUNDING if scene.normals == "cached" else 10 * ROUNDING)
 
 
+def test_a_particle_with_few_faces_may_stand_at_the_origin(schedule, device):
+    """Three faces meet at a corner of the cube, and four at the particles beside it, from which octets fill up."""
+    ball = quad_sphere(3, radius=0.5)
+    corner = int(np.argmax(ball.points.sum(axis=1)))
+    x, y, z = (-ball.points[corner]).tolist()
+    still = Balloon(mesh=ball, position=(x, y, z), helium=9.81, inflation=Inflation(k_normal=0.0), damping=0.0)
+    scene = Scene(balloon=[still], normals="fresh", gravity=9.81)
+    found, expected = (arrays(after_frames(scene, name, device, 1)) for name in (schedule, "scatter"))
+    np.testing.assert_allclose(expected["points"][0, corner], 0.0, atol=ROUNDING)
+    assert np.linalg.norm(expected["inflation_aims"][0, corner]) > 0.01
+    assert_close(found, expected, ROUNDING)
+
+
+def test_a_fixed_particle_feels_neither_sphere_nor_ground(schedule, device):
+    """Beside particles that do."""
+    ball = quad_sphere(3, radius=0.5)
+    fixed = [int(np.argmin(ball.points[:, 1])), int(np.argmax(ball.points[:, 1]))]
+    scene = Scene(
+        balloon=[Balloon(mesh=ball, position=(0.0, 0.4, 0.0), fixed=fixed)],
+        sphere=[Sphere(position=(0.0, 0.9, 0.0), radius=0.3)],
+        ground=Ground(),
+    )
+    start, moved = (arrays(after_frames(scene, schedule, device, frames))["points"][0] for frames in (0, 2))
+    np.testing.assert_array_equal(moved[fixed], start[fixed])
+    start_of_others, others = (np.delete(points, fixed, axis=0) for points in (start, moved))
+    assert start[fixed[0], 1] < -0.05
+    assert start_of_others[:, 1].min() < -0.05
+    assert others[:, 1].min() > -1e-6
+
+
 @pytest.mark.parametrize("normals", ["cached", "fresh"])
 def test_a_run_repeats_to_the_last_bit(normals, schedule, device):
     first, second = (arrays(after_frames(everything(normals), schedule, device, worlds=9)) for _ in range(2))
