@@ -12,7 +12,7 @@ Rows are dealt out to bands, so that CPU threads can share a picture: a band's t
 import warp as wp
 
 from balloon_warp.kernels.raycast_film import srgb_byte, tone
-from balloon_warp.kernels.raycast_shapes import LINE, NOTHING, SURFACE, Shapes, first_hit
+from balloon_warp.kernels.raycast_shapes import GROUND, LINE, NOTHING, SURFACE, Shapes, first_hit, water_before
 from balloon_warp.kernels.raycast_studio import Studio, backdrop, luminance
 from balloon_warp.kernels.raycast_surface import (
     EPSILON,
@@ -24,6 +24,7 @@ from balloon_warp.kernels.raycast_surface import (
     line_answer,
     sky_share,
     surface_answer,
+    water_answer,
 )
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
@@ -94,7 +95,7 @@ def cast_pixels(
         weight = wp.vec3(1.0)
         layer = wp.int32(0)
         while layer < LAYERS:
-            hit = first_hit(shapes, origin, direction, FAR)
+            hit = water_before(shapes, origin, direction, first_hit(shapes, origin, direction, FAR))
             if sample == 0 and layer == 0:
                 places[row, column] = hit.point
                 normals[row, column] = hit.normal
@@ -107,7 +108,10 @@ def cast_pixels(
             elif hit.kind == LINE:
                 answer = line_answer(hit, studio, direction, shapes.ground_color)
             else:
-                answer = ground_answer(hit, studio)
+                if hit.kind == GROUND:
+                    answer = ground_answer(hit, studio)
+                else:
+                    answer = water_answer(hit, studio, direction, shapes.ground_color)
                 fade = ground_fade(hit.point)
                 sum_plain += fade * wp.cw_mul(weight, behind)
                 weight *= 1.0 - fade

@@ -1,4 +1,4 @@
-"""What rays can hit: triangles, capsules (a sphere is a capsule of no length), and a ground plane. Y is up."""
+"""What rays can hit: triangles, capsules (a sphere is a capsule of no length), ground and water. Y is up."""
 
 import warp as wp
 
@@ -27,6 +27,9 @@ class Shapes:
     has_ground: wp.int32
     ground_height: float
     ground_color: wp.vec3
+    has_water: wp.int32
+    water_height: float
+    water_color: wp.vec3
 
 
 @wp.struct
@@ -45,6 +48,7 @@ NOTHING = wp.constant(0)
 SURFACE = wp.constant(1)
 LINE = wp.constant(2)
 GROUND = wp.constant(3)
+WATER = wp.constant(4)
 
 
 @wp.func
@@ -157,4 +161,21 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
             hit.color = shapes.ground_color
             hit.finish = wp.vec3(1.0, 1.0, 0.0)
     hit.point = origin + hit.distance * direction
+    return hit
+
+
+@wp.func
+def water_before(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, hit: Hit):
+    """The surface of the water where a ray meets it before what it hit, else what it hit.
+
+    Not a part of `first_hit`, since what is under water is lit as if there were none.
+    """
+    if shapes.has_water != 0 and direction[1] * (origin[1] - shapes.water_height) < 0.0:
+        t = (shapes.water_height - origin[1]) / direction[1]
+        if t < hit.distance:
+            hit.kind = WATER
+            hit.distance = t
+            hit.point = origin + t * direction
+            hit.normal = wp.vec3(0.0, wp.where(direction[1] < 0.0, 1.0, -1.0), 0.0)
+            hit.color = shapes.water_color
     return hit

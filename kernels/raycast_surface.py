@@ -8,6 +8,8 @@ from balloon_warp.kernels.raycast_studio import Studio, mirrored_lights, mirrore
 FAR = wp.constant(1.0e4)
 EPSILON = wp.constant(1.0e-3)
 """how far from a surface rays start, in sizes of the action"""
+MURK = wp.constant(0.3)
+"""the part of the light that water sends back"""
 REACH = wp.constant(0.7)
 """how far away a thing can be that still dims the sky's light"""
 
@@ -44,6 +46,26 @@ def ground_answer(hit: Hit, studio: Studio):
     answer = Answer()
     answer.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
     answer.sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, hit.color))
+    return answer
+
+
+@wp.func
+def water_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
+    """Clear where one looks down on it, a mirror where one looks along it, and a little murky, so that shadows show.
+
+    Args:
+        direction: of the ray that hit.
+    """
+    facing = -wp.dot(hit.normal, direction)
+    # Schlick's approximation for an index of 1.33, held back, or the room would hide what is under water.
+    fresnel = 0.02 + 0.4 * wp.pow(1.0 - facing, 5.0)
+    answer = Answer()
+    answer.key = MURK * (1.0 - fresnel) * wp.max(wp.dot(hit.normal, studio.key), 0.0) * hit.color
+    answer.key = wp.cw_mul(answer.key, studio.key_radiance)
+    answer.sky = MURK * (1.0 - fresnel) * wp.cw_mul(hit.color, sky_irradiance(hit.normal, ground_color))
+    answer.through = (1.0 - MURK) * (1.0 - fresnel) * mix(wp.vec3(1.0), hit.color, 0.2)
+    mirrored = direction + 2.0 * facing * hit.normal
+    answer.lights = fresnel * (mirrored_room(mirrored, 0.0, ground_color) + mirrored_lights(studio, mirrored, 0.0))
     return answer
 
 

@@ -18,7 +18,7 @@ from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.outputs.usd import grid
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
-from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Sphere, String, Water
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.sweep.groups import Group, plan_groups
@@ -226,6 +226,19 @@ def test_where_grounds_and_anchors_differ_each_world_has_its_own(tmp_path: Path)
     stage = Usd.Stage.Open(str(tmp_path / "alike" / "worlds.usdc"))
     assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground")).GetPointsAttr().Get()[0][1] == heights[1]
     assert not stage.GetPrimAtPath("/World/World_0/Floor")
+
+
+def test_where_water_differs_each_world_has_its_own(tmp_path: Path):
+    levels = np.array([-1.0, 0.25])
+    afloat = scene(water=Water(density=1.0))
+    run_batch(afloat, tmp_path / "out", 2, {"water.level": levels}, export=[0, 1], device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "out" / "worlds.usdc"))
+    assert not stage.GetPrimAtPath("/World/Water")
+    assert stage.GetPrimAtPath("/World/Ground")  # which is alike in both
+    boxes = UsdGeom.BBoxCache(Usd.TimeCode(0), [UsdGeom.Tokens.default_])
+    for world in (0, 1):
+        pool = boxes.ComputeWorldBound(stage.GetPrimAtPath(f"/World/World_{world}/Pool")).ComputeAlignedRange()
+        assert pool.GetMin()[1] == pool.GetMax()[1] == levels[world]
 
 
 @pytest.mark.parametrize(("up_axis", "flat"), [("Y", 1), ("Z", 2)])

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from wetness import displaced
 
 from balloon_warp import Frame, PolygonMesh, Simulator, load_scene
 from balloon_warp.mesh.components import component_labels
@@ -148,6 +149,17 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
     np.testing.assert_allclose(frames[0].net_forces[0], frames[0].inflation_forces[0] + weight, atol=2e-4)
     size = [float(np.linalg.norm(frame.net_forces[0], axis=1).mean()) for frame in (frames[0], frames[-1])]
     assert size[1] < 0.3 * size[0]
+
+
+def test_pillow_on_water_displaces_its_weight():
+    """At rest, partly under water: the weight of the water that it displaces is its own, within a hundredth; the
+    rest is what the paper's inflation, whose forces do not quite add up to zero, pushes up or down."""
+    model, frames = played("pillow_on_water")
+    mass = model.scene.balloon[0].mass
+    submerged = [displaced(shape_at(model, frame), 0.0)[0] for frame in frames[-60:]]
+    assert mass / 1000.0 < 0.5 * signed_volume(shape_at(model, frames[-1]))
+    np.testing.assert_allclose(1000.0 * np.array(submerged), mass, rtol=0.01)
+    assert max(np.linalg.norm(frame.velocities[0], axis=1).max() for frame in frames[-60:]) < 0.02
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from meshes import cube, quad_sphere
 from PIL import Image
 
+from balloon_warp import bundled_scenes
 from balloon_warp.mesh.obj import read_obj, write_obj
 
 SUMMARY_KEYS = [
@@ -77,7 +78,7 @@ def test_scenes_are_listed_a_line_each(tmp_path: Path):
     done = balloon_warp(tmp_path, "scenes")
     assert done.returncode == 0
     assert "squirrel_tether" in done.stdout
-    assert len(done.stdout.splitlines()) == 9
+    assert len(done.stdout.splitlines()) == 1 + len(bundled_scenes())
 
 
 def test_remesh_writes_quads_that_run_can_inflate(ball: Path):

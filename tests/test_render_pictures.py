@@ -120,6 +120,28 @@ def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path: Path):
     assert seen[pixel_of(camera, (0.0, 0.0, 0.0), size)] < lit - 10
 
 
+def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path: Path):
+    """A gray ball half in blue water, with and without it: the camera does not heed the water either."""
+    seen = []
+    for name in ("Water", None):
+        stage = new_stage(tmp_path / f"{name}.usda")
+        add_sphere(stage, "Ball", (0.0, 0.0, 0.0), 1.0, (0.5, 0.5, 0.5), roughness=1.0)
+        if name:
+            corners = [(-50, 0, 50), (50, 0, 50), (50, 0, -50), (-50, 0, -50)]
+            add_mesh(stage, name, corners, [4], [0, 1, 2, 3], (0.1, 0.2, 0.8), roughness=0.1, opacity=0.5)
+        seen.append(picture(stage, tmp_path, size=(120, 120)).astype(int))
+        reader = RenderStage(tmp_path / f"{name}.usda")
+        reader.read_prims(0)
+        camera = frame_action([(reader, 0)], 1.0).camera
+    wet, dry = seen
+    backward = camera.axes[2] / np.linalg.norm(camera.axes[2][[0, 2]])
+    below = pixel_of(camera, np.array([0.0, -0.6, 0.0]) + 0.8 * np.array([backward[0], 0.0, backward[2]]), (120, 120))
+    above = pixel_of(camera, (0.0, 1.0, 0.0), (120, 120))
+    np.testing.assert_allclose(wet[above[0] + 3, above[1]], dry[above[0] + 3, above[1]], atol=2)
+    blueness = [int(picture[below][2] - picture[below][0]) for picture in (wet, dry)]
+    assert blueness[0] > blueness[1] + 20
+
+
 def test_curves_have_their_colors_and_stay_visible_when_thin(tmp_path: Path):
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)

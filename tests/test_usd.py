@@ -10,7 +10,7 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdShade, UsdValidation
 from balloon_warp import InputError, Scene, Simulator, animate
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.usd.string_curve import string_curve
-from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String, Water
 
 FRAMES = 6
 
@@ -192,15 +192,17 @@ def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(
     np.testing.assert_allclose(lengths, 2.0 * length, rtol=1e-4)  # a side of 2 m; float32 ends some 3 m from the origin
 
 
+@pytest.mark.parametrize(("name", "height"), [("Ground", -0.5), ("Water", 0.25)])
 @pytest.mark.parametrize(("up_axis", "up"), [("Y", 1), ("Z", 2)])
-def test_the_ground_faces_up(tmp_path: Path, up_axis: str, up: int):
-    path = tmp_path / "ground.usda"
-    animate(everything(up_axis=up_axis, frames=1, picture_frame=0), path, device="cpu")
+def test_ground_and_water_are_level_and_face_up(tmp_path: Path, up_axis: str, up: int, name: str, height: float):
+    path = tmp_path / "planes.usda"
+    water = Water(level=0.25, density=1.0)
+    animate(everything(up_axis=up_axis, frames=1, picture_frame=0, water=water), path, device="cpu")
     stage = Usd.Stage.Open(str(path))
-    prim = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Ground"))
+    prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}"))
     corners = np.array(prim.GetPointsAttr().Get())[list(prim.GetFaceVertexIndicesAttr().Get())]
     assert prim.GetOrientationAttr().Get() == "rightHanded"
-    np.testing.assert_allclose(corners[:, up], -0.5)
+    np.testing.assert_allclose(corners[:, up], height)
     for corner in range(4):  # each turn is to the left, seen from above
         before, here, after = corners[corner - 1], corners[corner], corners[(corner + 1) % 4]
         normal = np.cross(here - before, after - here)

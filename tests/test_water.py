@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-import trimesh
 import warp as wp
-from meshes import cube, fans, grid, prism, quad_sphere, torus
+from meshes import cube, grid, prism, quad_sphere, torus
+from wetness import displaced, wet_part
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -33,22 +33,6 @@ def push_of_water(mesh: PolygonMesh, level: float, device: str, **fields) -> tup
     points = frame.points[0].astype(np.float64)
     forces = frame.net_forces[0].astype(np.float64) + [0.0, 1e-3 * G / len(points), 0.0]
     return forces.sum(axis=0), np.cross(points, forces).sum(axis=0)
-
-
-def wet_part(mesh: PolygonMesh, level: float) -> trimesh.Trimesh:
-    """What trimesh cuts off below the level, open at the cut."""
-    solid = fans(mesh)
-    points, triangles, _ = trimesh.intersections.slice_faces_plane(
-        solid.vertices, solid.faces, plane_normal=np.array([0, -1, 0]), plane_origin=np.array([0, level, 0])
-    )
-    return trimesh.Trimesh(points, triangles, process=False)
-
-
-def displaced(mesh: PolygonMesh, level: float) -> tuple[float, np.ndarray]:
-    """Volume below the level, and its center. Seen from a point on the surface, the open cut has no volume."""
-    wet = wet_part(mesh, level)
-    wet.apply_translation([0.0, -level, 0.0])
-    return wet.volume, wet.center_mass + [0.0, level, 0.0]
 
 
 def test_half_a_cube_is_lifted_by_the_water_it_displaces(device):

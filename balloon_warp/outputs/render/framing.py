@@ -16,7 +16,7 @@ MOST_FRAMES = 40
 
 @dataclass(frozen=True)
 class Framing:
-    """The union over some moments of everything but the ground, with Y up, in the stage's unit."""
+    """The union over some moments of everything but ground and water, with Y up, in the stage's unit."""
 
     center: NDArray[np.float64]
     """the middle of its bounding box, shape (3,)"""

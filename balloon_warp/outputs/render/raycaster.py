@@ -123,6 +123,11 @@ class RayCaster:
         if ground is not None:
             self._shapes.ground_height = (ground.height - self._center[1]) / self._size
             self._shapes.ground_color = wp.vec3(*ground.color.tolist())
+        water = self._stage.water
+        self._shapes.has_water = int(water is not None)
+        if water is not None:
+            self._shapes.water_height = (water.height - self._center[1]) / self._size
+            self._shapes.water_color = wp.vec3(*water.color.tolist())
 
     def _allocate(self) -> None:
         shape = (self._height, self._width)

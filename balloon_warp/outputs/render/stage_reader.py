@@ -14,8 +14,8 @@ from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.prims import Capsules, CurvesPrim, MeshPrim, SpherePrim
 
 
-class Ground(NamedTuple):
-    """A level plane."""
+class Plane(NamedTuple):
+    """A level plane without an end."""
 
     height: float
     color: NDArray[np.float32]
@@ -23,9 +23,10 @@ class Ground(NamedTuple):
 
 
 class RenderStage:
-    """The meshes, spheres, linear curves, ground and camera of a stage.
+    """The meshes, spheres, linear curves, ground, water and camera of a stage.
 
-    Invisible prims and those of purpose `guide` or `proxy` are left out. A level mesh called "Ground" is the ground.
+    Invisible prims and those of purpose `guide` or `proxy` are left out. A level mesh called "Ground" is the ground,
+    one called "Water" is water.
 
     Args:
         path: any file that USD opens.
@@ -69,7 +70,8 @@ class RenderStage:
         moment = Moment(self._stage, frame)
         self.meshes: list[MeshPrim] = []
         self.rounds: list[SpherePrim | CurvesPrim] = []
-        self.ground: Ground | None = None
+        self.ground: Plane | None = None
+        self.water: Plane | None = None
         self._camera: UsdGeom.Camera | None = None
         for prim in Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
             self._take(prim, moment)
@@ -123,8 +125,9 @@ class RenderStage:
                     return
                 points = mesh.points(moment)
                 width, height, _ = np.ptp(points, axis=0)
-                if prim.GetName().lower() == "ground" and height <= 1e-6 * width:
-                    self.ground = Ground(float(points[0, 1]), mesh.colors[0])
+                name = prim.GetName().lower()
+                if name in ("ground", "water") and height <= 1e-6 * width:
+                    setattr(self, name, Plane(float(points[0, 1]), mesh.colors[0]))
                 else:
                     self.meshes.append(mesh)
             elif UsdGeom.Sphere(prim):

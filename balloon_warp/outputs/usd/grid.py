@@ -15,12 +15,12 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.files import whole_file
 from balloon_warp.outputs.usd.grid_layout import ROOM, grid_shifts, horizontal_axes, world_bounds
 from balloon_warp.outputs.usd.grid_world import GridWorld
-from balloon_warp.outputs.usd.ground import SIZES, define_square
 from balloon_warp.outputs.usd.metadata import describe_stage
+from balloon_warp.outputs.usd.planes import SIZES, define_square, planes_of
 from balloon_warp.outputs.usd.prototypes import Prototypes
 
-FLOOR = 0.4
-"""half the side of a world's own floor, as a part of its cell"""
+PIECE = 0.4
+"""half the side of a world's own piece of ground or water, as a part of its cell"""
 SAVE_BYTES = 64 * 2**20
 """time samples that are kept in memory before they are added to the file"""
 
@@ -67,15 +67,17 @@ class GridWriter:
         side = ROOM * float(np.max((highest - lowest)[list(horizontal_axes(scene.up_axis))]))
         shifts = grid_shifts(len(members), side, scene.up_axis)
         middle = 0.5 * (lowest + highest)
-        heights = {plans[number].of_world("ground_height", row) for _, number, row in members}
         stage = Usd.Stage.Open(self._layer)
         describe_stage(stage, scene)
         prototypes = Prototypes(stage, plans)
-        if scene.ground and len(heights) == 1:
-            half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
-            define_square(stage, Sdf.Path("/World/Ground"), middle, half, heights.pop(), scene.up_axis)
-        elif scene.ground:
-            prototypes.define_floor(stage, middle, FLOOR * side, scene.up_axis)
+        half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
+        for plane in planes_of(scene):
+            heights = {plans[number].of_world(plane.height, row) for _, number, row in members}
+            if len(heights) == 1:
+                path = Sdf.Path(f"/World/{plane.name}")
+                define_square(stage, path, plane, middle, half, heights.pop(), scene.up_axis)
+            else:
+                prototypes.define_piece(stage, plane, middle, PIECE * side, scene.up_axis)
         del stage  # it would follow each change of the layer
         root, digits = self._layer.GetPrimAtPath("/World"), len(str(members[-1][0]))
         self._worlds: list[list[GridWorld]] = [[] for _ in self.groups]

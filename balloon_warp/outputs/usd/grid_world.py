@@ -61,9 +61,9 @@ class GridWorld:
             for path in prototypes.strings
         ]
         self._ground_height = plan.of_world("ground_height", row)
-        if prototypes.floor:
-            floor = _referring(world, "Floor", prototypes.floor)
-            _translated(floor, self._ground_height * np.array(plan.scene.up))
+        for plane, path in prototypes.pieces.items():
+            piece = _referring(world, plane.piece, path)
+            _translated(piece, plan.of_world(plane.height, row) * np.array(plan.scene.up))
         self._string_anchors = plan.of_world("string_anchor", row)
         self._string_lengths = plan.of_world("string_length", row)
         self._string_widths = prototypes.string_widths

@@ -10,6 +10,7 @@ SPHERE_COLORS: list[Color] = [(0.06, 0.16, 0.45), (0.85, 0.60, 0.05), (0.08, 0.4
 STRING_COLOR: Color = (0.25, 0.20, 0.16)
 FORCE_COLOR: Color = (0.02, 0.30, 0.10)
 GROUND_COLOR: Color = (0.72, 0.70, 0.66)
+WATER_COLOR: Color = (0.06, 0.40, 0.52)
 
 
 def paint(

@@ -7,7 +7,7 @@ from pxr import Tf, Usd, UsdGeom
 
 from balloon_warp.scene import Scene
 
-RESERVED = ("Ground", "Floor", "Looks", "Spheres", "Strings", "NetForces", "Prototypes")
+RESERVED = ("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "NetForces", "Prototypes")
 """what no balloon is called"""
 
 

@@ -9,8 +9,8 @@ from pxr import Sdf, Usd
 
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.balloon import define_balloon
-from balloon_warp.outputs.usd.ground import define_square
 from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.planes import Plane, define_square
 from balloon_warp.outputs.usd.sphere import define_sphere
 from balloon_warp.outputs.usd.string import define_string
 
@@ -26,7 +26,7 @@ class Prototypes:
         meshes = {_key(plan, number): shape.mesh for plan in plans for number, shape in enumerate(plan.shapes)}
         self.spheres = [HOME.AppendChild(f"Sphere_{number}") for number in range(len(scene.sphere))]
         self.strings = [HOME.AppendChild(f"String_{number}") for number in range(len(scene.string))]
-        self.floor: Sdf.Path | None = None
+        self.pieces: dict[Plane, Sdf.Path] = {}
         self.other_names = [path.name for path in (*self.spheres, *self.strings)]
         names = prim_names((mesh.name for mesh in meshes.values()), self.other_names)
         self._balloons = {key: HOME.AppendChild(name) for key, name in zip(meshes, names, strict=True)}
@@ -39,10 +39,12 @@ class Prototypes:
             for path, string in zip(self.strings, scene.string, strict=True)
         ]
 
-    def define_floor(self, stage: Usd.Stage, middle: NDArray[np.float64], half: float, up_axis: str) -> None:
-        """The piece of ground of each world, at height 0, where the heights differ; arguments as `define_square`."""
-        self.floor = HOME.AppendChild("Floor")
-        define_square(stage, self.floor, middle, half, 0.0, up_axis)
+    def define_piece(
+        self, stage: Usd.Stage, plane: Plane, middle: NDArray[np.float64], half: float, up_axis: str
+    ) -> None:
+        """The piece of a plane of each world, at height 0, where the heights differ; arguments as `define_square`."""
+        self.pieces[plane] = HOME.AppendChild(plane.piece)
+        define_square(stage, self.pieces[plane], plane, middle, half, 0.0, up_axis)
 
     def balloon(self, plan: ModelPlan, number: int) -> Sdf.Path:
         """The prototype of a balloon of this plan."""

@@ -10,9 +10,9 @@ from pxr import Sdf, Usd, UsdGeom
 from balloon_warp.model import Model
 from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd.balloon import BalloonPrim
-from balloon_warp.outputs.usd.ground import define_ground
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
+from balloon_warp.outputs.usd.planes import define_planes
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.simulator import Frame
@@ -63,8 +63,7 @@ class StageWriter:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
         balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
-        if model.scene.ground:  # after the balloons: who reads a stage's first mesh wants a balloon
-            define_ground(stage, Sdf.Path("/World/Ground"), model)
+        define_planes(stage, model)  # after the balloons: who reads a stage's first mesh wants a balloon
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]
