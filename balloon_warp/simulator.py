@@ -39,6 +39,10 @@ class Frame:
     """on each balloon's particles [N], shape (particle_count, 3); empty unless the scene asks for them"""
     inflation_forces: list[NDArray[np.float32]]
     """on each balloon's particles [N], shape (particle_count, 3)"""
+    pressures: NDArray[np.float32]
+    """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (balloon_count,)"""
+    gas_amounts: NDArray[np.float64]
+    """in each balloon [mol], shape (balloon_count,)"""
     sphere_positions: NDArray[np.float32]
     """[m], shape (sphere_count, 3)"""
     sphere_velocities: NDArray[np.float32]
@@ -137,14 +141,15 @@ class Simulator:
     def read_frame(self, world: int = 0) -> Frame:
         """Copy one world to the host."""
         self._force_reader.refresh_inflation(self.state)
-        k_normal = self.state.inflation_ramp.numpy()[world, :, 0]
-        aims = self._of_balloons(self.state.inflation_aims, world)
+        inflation_forces = self._of_balloons(self._force_reader.inflation_forces(self.state), world)
         return Frame(
             number=self.frame_number,
             points=self._of_balloons(self.state.points, world),
             velocities=self._of_balloons(self.state.velocities, world),
             net_forces=self._net_forces(world) if self.model.scene.net_forces else [],
-            inflation_forces=[100.0 * k * aim for k, aim in zip(k_normal, aims, strict=True)],
+            inflation_forces=inflation_forces,
+            pressures=self.state.pressures.numpy()[world].copy(),
+            gas_amounts=self.state.gas_amounts.numpy()[world].copy(),
             sphere_positions=_copy(self.state.sphere_positions, world),
             sphere_velocities=_copy(self.state.sphere_velocities, world),
             string_anchors=_copy(self.model.string_anchor, world % self.model.string_anchor.shape[0]),

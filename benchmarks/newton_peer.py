@@ -47,7 +47,7 @@ class NewtonPeer:
                 (model.world_count, model.particle_count),
                 inputs=[
                     *(model.particle_balloon, model.particle_mass_share, model.mass, model.helium, model.damping),
-                    *(model.gravity, model.up, substep * model.step_seconds),
+                    *(model.gravity, model.inflation_kind, model.up, substep * model.step_seconds),
                     *(self._rows(now.particle_qd), state.inflation_aims, state.inflation_ramp),
                     self._rows(now.particle_f),
                 ],

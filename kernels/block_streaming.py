@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.air import has_pressure, inertia_of_particle, load_of_balloon
 from balloon_warp.kernels.block import (
     SphereForces,
     acceleration_by_touch,
@@ -20,12 +21,23 @@ from balloon_warp.kernels.block import (
     sphere_radius,
     were_touched,
 )
+from balloon_warp.kernels.block_air import (
+    begin_gas,
+    gas_row,
+    inflation_in_air,
+    keep_load,
+    next_gas,
+    part_of_volume,
+    start_particle,
+)
 from balloon_warp.kernels.contact import move_sphere
 from balloon_warp.kernels.fixed_point import total_newtons
-from balloon_warp.kernels.inflation import inflation_force
-from balloon_warp.kernels.motion import body_force, euler_step
+from balloon_warp.kernels.gas import VOLUME, Swelling
+from balloon_warp.kernels.inflation import NORMAL_FORCE, inflation_force
+from balloon_warp.kernels.motion import body_force, euler_step, response
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
+    AirTable,
     BodyTable,
     FaceTable,
     ObstacleTable,
@@ -68,6 +80,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         faces: FaceTable,
         springs: SpringTable,
         water: WaterTable,
+        air: AirTable,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
@@ -75,6 +88,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         sphere_forces: SphereForces,
         # memory
         other_velocities: wp.array2d[wp.vec3],
+        gas_rows: wp.array2d[wp.float64],
     ):
         """A block a world: one frame."""
         world, lane = wp.tid()
@@ -86,6 +100,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         points = wp.tile_zeros(shape=buffers, dtype=wp.vec3, storage="shared")
         if lane == 0:
             begin_sphere_forces(state, sphere_forces, world)
+            if wp.static(traits.in_air):
+                begin_gas(air, state, gas_rows, world, step_seconds)
         for turn in range(rounds):
             particle = wp.min(turn * threads + lane, count - 1)
             wp.tile_scatter_masked(points, particle, state.points[world, particle], turn * threads + lane < count)
@@ -101,12 +117,13 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         for substep in range(substeps):
             if substep == 0 or wp.static(fresh_normals):
                 for balloon in range(state.inflation_ramp.shape[1]):
-                    area = balloon_area(faces, points, first, balloon, lane)
-                    for particle in range(lane, count, threads):
-                        if bodies.balloon[particle] == balloon:
-                            state.inflation_aims[world, particle] = aim_in_tile(
-                                faces, points, first, particle, points[first + particle], area
-                            )
+                    if air.kind[balloon] == NORMAL_FORCE:
+                        area = balloon_area(faces, points, first, balloon, lane)
+                        for particle in range(lane, count, threads):
+                            if bodies.balloon[particle] == balloon:
+                                state.inflation_aims[world, particle] = aim_in_tile(
+                                    faces, points, first, particle, points[first + particle], area
+                                )
             touched = were_touched(sphere_forces.stamps[world], substep - 1)
             for sphere in range(state.sphere_positions.shape[1]):
                 pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
@@ -120,51 +137,110 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                     clear_sphere_force(sphere_forces, world, sphere, substep - 2)
             touched_before = touched
             time_in_frame = float(substep) * step_seconds
-            if wp.static(traits.rubber):
+            if wp.static(traits.keeps_velocities):
                 if substep % 2 == 1:
                     velocities = other_velocities[world]
                     new_velocities = state.velocities[world]
                 else:
                     velocities = state.velocities[world]
                     new_velocities = other_velocities[world]
-            for turn in range(rounds):
-                active = turn * threads + lane < count
-                particle = wp.min(turn * threads + lane, count - 1)
-                balloon = bodies.balloon[particle]
-                mass = particle_mass(bodies, world, particle)
-                point = points[first + particle]
-                velocity = velocities[particle]
-                ramp = state.inflation_ramp[world, balloon]
-                k_normal = ramp[0] + ramp[1] * time_in_frame
-                inflation = inflation_force(k_normal, state.inflation_aims[world, particle])
-                body = body_force(
-                    mass,
-                    gravity,
-                    bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon],
-                    particle_damping(bodies, world, particle),
-                    bodies.up,
-                    velocity,
-                )
-                pull = pull_of_springs(springs, points, first, velocities, point, velocity, world, balloon, particle)
-                pull += pull_of_strings(strings, point, world, particle)
-                if wp.static(traits.in_water):
-                    pull += water_force(water, faces, bodies, points, first, world, particle, velocity, step_seconds)
-                point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
-                if mass > 0.0:
-                    for sphere in range(state.sphere_positions.shape[1]):
-                        point, velocity = meet_sphere(
-                            obstacles, sphere_forces, world, sphere, substep, point, velocity,
-                            row_of(centers, sphere), row_of(motions, sphere),
-                            sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
+            if wp.static(traits.in_air):
+                amounts = gas_rows[gas_row(world, substep)]
+                for balloon in range(state.inflation_ramp.shape[1]):
+                    begin = air.balloon_particles[balloon]
+                    own = air.balloon_particles[balloon + 1] - begin
+                    part = Swelling()
+                    for particle in range(begin + lane, begin + own, threads):
+                        point = points[first + particle]
+                        velocity = velocities[particle]
+                        pull = pull_of_springs(
+                            springs, points, first, velocities, point, velocity, world, balloon, particle
+                        )
+                        if wp.static(traits.in_water):
+                            pull += water_force(
+                                water, faces, bodies, points, first, world, particle, velocity, step_seconds
+                            )
+                        part += start_particle(
+                            bodies, strings, faces, air, state, points, first, world, particle,
+                            velocity, pull, amounts, new_velocities, step_seconds,
                         )  # fmt: skip
-                    point, velocity = meet_ground(obstacles, world, point, velocity, bodies.up, height)
-                if active:
-                    new_velocities[particle] = velocity
-                wp.tile_scatter_masked(points, capacity - first + particle, point, active)
+                    load = wp.vec3()
+                    if has_pressure(air, balloon):
+                        part[VOLUME] = part_of_volume(faces, points, first, balloon, lane)
+                        swelling = wp.tile_sum(wp.tile(part, preserve_type=True))
+                        load = load_of_balloon(
+                            air, bodies, state.inflation_ramp[world, balloon], amounts[balloon], swelling[0],
+                            world, balloon, time_in_frame, step_seconds,
+                        )  # fmt: skip
+                    if lane == 0:
+                        keep_load(state, world, balloon, load)
+                        if balloon == state.inflation_ramp.shape[1] - 1:
+                            next_gas(air, state, gas_rows, world, substep, time_in_frame + step_seconds, step_seconds)
+                    for turn in range((own + threads - 1) // threads):
+                        active = turn * threads + lane < own
+                        particle = begin + wp.min(turn * threads + lane, own - 1)
+                        mass = inertia_of_particle(bodies, air, amounts, world, particle)
+                        point = points[first + particle]
+                        inflation = inflation_in_air(bodies, air, state, world, particle, point, load, time_in_frame)
+                        velocity = new_velocities[particle] + response(mass, step_seconds) * inflation
+                        if wp.static(traits.forward_euler):
+                            point += step_seconds * velocities[particle]
+                        else:
+                            point += step_seconds * velocity
+                        if mass > 0.0:
+                            for sphere in range(state.sphere_positions.shape[1]):
+                                point, velocity = meet_sphere(
+                                    obstacles, sphere_forces, world, sphere, substep, point, velocity,
+                                    row_of(centers, sphere), row_of(motions, sphere),
+                                    sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
+                                )  # fmt: skip
+                            point, velocity = meet_ground(obstacles, world, point, velocity, bodies.up, height)
+                        if active:
+                            new_velocities[particle] = velocity
+                        wp.tile_scatter_masked(points, capacity - first + particle, point, active)
+            else:
+                for turn in range(rounds):
+                    active = turn * threads + lane < count
+                    particle = wp.min(turn * threads + lane, count - 1)
+                    balloon = bodies.balloon[particle]
+                    mass = particle_mass(bodies, world, particle)
+                    point = points[first + particle]
+                    velocity = velocities[particle]
+                    ramp = state.inflation_ramp[world, balloon]
+                    k_normal = ramp[0] + ramp[1] * time_in_frame
+                    inflation = inflation_force(k_normal, state.inflation_aims[world, particle])
+                    body = body_force(
+                        mass,
+                        gravity,
+                        bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon],
+                        particle_damping(bodies, world, particle),
+                        bodies.up,
+                        velocity,
+                    )
+                    pull = pull_of_springs(
+                        springs, points, first, velocities, point, velocity, world, balloon, particle
+                    )
+                    pull += pull_of_strings(strings, point, world, particle)
+                    if wp.static(traits.in_water):
+                        pull += water_force(
+                            water, faces, bodies, points, first, world, particle, velocity, step_seconds
+                        )
+                    point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
+                    if mass > 0.0:
+                        for sphere in range(state.sphere_positions.shape[1]):
+                            point, velocity = meet_sphere(
+                                obstacles, sphere_forces, world, sphere, substep, point, velocity,
+                                row_of(centers, sphere), row_of(motions, sphere),
+                                sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
+                            )  # fmt: skip
+                        point, velocity = meet_ground(obstacles, world, point, velocity, bodies.up, height)
+                    if active:
+                        new_velocities[particle] = velocity
+                    wp.tile_scatter_masked(points, capacity - first + particle, point, active)
             first = capacity - first
         for particle in range(lane, count, threads):
             state.points[world, particle] = points[first + particle]
-            if wp.static(traits.rubber):
+            if wp.static(traits.keeps_velocities):
                 state.velocities[world, particle] = new_velocities[particle]
         count_frame_in_block(state, world, lane)
         if lane == 0:

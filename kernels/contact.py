@@ -9,7 +9,7 @@ inflation force times the sphere's `penalty`, so that the sphere feels pressure 
 
 import warp as wp
 
-from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.gas import inflation_of_kind
 from balloon_warp.kernels.springs import inverse_root, squared_length
 
 
@@ -90,6 +90,7 @@ def resolve_contacts(
     # model
     particle_balloon: wp.array[wp.int32],
     particle_mass_share: wp.array[float],
+    inflation_kind: wp.array[wp.int32],
     sphere_radius: wp.array2d[float],
     sphere_penalty: wp.array2d[float],
     up: wp.vec3,
@@ -99,6 +100,7 @@ def resolve_contacts(
     # state in
     inflation_aims: wp.array2d[wp.vec3],
     inflation_ramp: wp.array2d[wp.vec2],
+    inflation_loads: wp.array2d[wp.vec2],
     sphere_positions: wp.array2d[wp.vec3],
     sphere_velocities: wp.array2d[wp.vec3],
     points: wp.array2d[wp.vec3],
@@ -113,8 +115,15 @@ def resolve_contacts(
     point = points[world, particle]
     velocity = velocities[world, particle]
     if particle_mass_share[particle] > 0.0:
-        ramp = inflation_ramp[world, particle_balloon[particle]]
-        inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+        balloon = particle_balloon[particle]
+        ramp = inflation_ramp[world, balloon]
+        inflation = inflation_of_kind(
+            inflation_kind[balloon],
+            ramp[0] + ramp[1] * time_in_frame,
+            inflation_loads[world, balloon],
+            wp.dot(point, up),
+            inflation_aims[world, particle],
+        )
         for sphere in range(sphere_positions.shape[1]):
             center = sphere_positions[world, sphere]
             radius = sphere_radius[world % sphere_radius.shape[0], sphere]

@@ -5,12 +5,14 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.air import area_vector_of_particle, drag_in_air, has_pressure
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import body_force, euler_step
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
+    AirTable,
     BodyTable,
     FaceTable,
     ObstacleTable,
@@ -40,7 +42,7 @@ def net_force(
     inflation: wp.vec3,
     pull: wp.vec3,
 ):
-    """All forces on a particle but those of contacts [N]; `pull` is that of its springs, and of water."""
+    """All forces on a particle but those of contacts [N]; `pull` is that of its springs, and of water and air."""
     balloon = bodies.balloon[particle]
     body = body_force(
         mass,
@@ -53,9 +55,36 @@ def net_force(
     return body + inflation + pull + pull_of_strings(strings, point, world, particle)
 
 
+@wp.func
+def leave_obstacles(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    sphere_forces: wp.array3d[wp.int64],
+    world: wp.int32,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    inflation: wp.vec3,
+):
+    """A particle that moves, out of every sphere, which gets its penalty, then above the ground."""
+    for sphere in range(sphere_positions.shape[1]):
+        radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
+        point, velocity, outward = leave_sphere(
+            point, velocity, sphere_positions[world, sphere], sphere_velocities[world, sphere], radius, bodies.up
+        )
+        if wp.length_sq(outward) > 0.0:
+            penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
+            add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
+    point, velocity = leave_ground(
+        point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
+    )
+    return point, velocity
+
+
 @cache
 def force_kernel(traits: Traits) -> Any:
-    """The kernel that finds net forces."""
+    """The kernel that finds all forces but the inflation's."""
     pull_of_springs = spring_puller(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
@@ -66,19 +95,17 @@ def force_kernel(traits: Traits) -> Any:
         strings: StringTable,
         water: WaterTable,
         faces: FaceTable,
-        time_in_frame: float,
+        air: AirTable,
+        step_seconds: float,
         # state in
-        inflation_aims: wp.array2d[wp.vec3],
-        inflation_ramp: wp.array2d[wp.vec2],
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
         # state out
+        inflation_aims: wp.array2d[wp.vec3],
         forces: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, particle): the net force."""
+        """A thread a (world, particle). The aim, too, where it is the area vector."""
         world, particle = wp.tid()
-        ramp = inflation_ramp[world, bodies.balloon[particle]]
-        inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
         mass = particle_mass(bodies, world, particle)
         point = points[world, particle]
         velocity = velocities[world, particle]
@@ -86,8 +113,13 @@ def force_kernel(traits: Traits) -> Any:
             springs, points[world], 0, velocities[world], point, velocity, world, bodies.balloon[particle], particle
         )
         if wp.static(traits.in_water):
-            pull += water_force(water, faces, bodies, points[world], 0, world, particle, velocity, 0.0)
-        forces[world, particle] = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
+            pull += water_force(water, faces, bodies, points[world], 0, world, particle, velocity, step_seconds)
+        if wp.static(traits.in_air):
+            area_vector = area_vector_of_particle(faces, points[world], 0, particle)
+            pull += drag_in_air(air, world, bodies.balloon[particle], area_vector, velocity)
+            if has_pressure(air, bodies.balloon[particle]):
+                inflation_aims[world, particle] = area_vector
+        forces[world, particle] = net_force(bodies, strings, world, particle, point, velocity, mass, wp.vec3(), pull)
 
     return sum_forces
 
@@ -137,21 +169,8 @@ def particle_kernel(traits: Traits) -> Any:
         force = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
         point, velocity = advance(point, velocity, force, mass, step_seconds)
         if mass > 0.0:
-            for sphere in range(sphere_positions.shape[1]):
-                radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
-                point, velocity, outward = leave_sphere(
-                    point,
-                    velocity,
-                    sphere_positions[world, sphere],
-                    sphere_velocities[world, sphere],
-                    radius,
-                    bodies.up,
-                )
-                if wp.length_sq(outward) > 0.0:
-                    penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
-                    add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
-            point, velocity = leave_ground(
-                point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
+            point, velocity = leave_obstacles(
+                bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world, point, velocity, inflation
             )
         new_velocities[world, particle] = velocity
         new_points[world, particle] = point

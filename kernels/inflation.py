@@ -11,6 +11,8 @@ import warp as wp
 
 from balloon_warp.kernels.lanes_types import cross_product
 
+NORMAL_FORCE = wp.constant(0)
+"""the kind of inflation that is this one"""
 FAR = wp.constant(1.0e30)
 """a squared distance [m^2] beyond all others"""
 
@@ -93,7 +95,8 @@ def ramp_inflation(
     # state out
     inflation_ramp: wp.array2d[wp.vec2],
 ):
-    """A thread a (world, balloon): k_normal at the start of the frame, and its slope [1/s] over the frame."""
+    """A thread a (world, balloon): what is keyframed, such as k_normal, at the start of the frame, and its
+    slope [1/s] over the frame."""
     world, balloon = wp.tid()
     begin = float(frame[0]) * frame_seconds
     first = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin)

@@ -2,16 +2,27 @@
 
 import warp as wp
 
+from balloon_warp.kernels.air import area_vector_of_particle, has_pressure
 from balloon_warp.kernels.inflation import push
+from balloon_warp.kernels.lanes_air import (
+    add_particle_to_swelling,
+    add_volume_to_swelling,
+    drag_lanes,
+    find_load_lanes,
+    inflation_in_lane,
+    move_gas_lanes,
+)
 from balloon_warp.kernels.lanes_contact import leave_obstacle_lanes, move_sphere_lanes
 from balloon_warp.kernels.lanes_inflation import aim_all_lanes
 from balloon_warp.kernels.lanes_state import (
     DAMPING,
     GRAVITY,
     HELIUM,
+    INERTIA,
     MASS,
     RAMP_BEGIN,
     RAMP_SLOPE,
+    SWELLING,
     VISCOSITY,
     YIELD_STRETCH,
     LaneState,
@@ -35,6 +46,7 @@ from balloon_warp.kernels.pull import pull_of_strings
 from balloon_warp.kernels.springs import rubber_coefficient, spring_coefficient
 from balloon_warp.kernels.tables import (
     SLICE,
+    AirTable,
     BodyTable,
     FaceTable,
     ObstacleTable,
@@ -149,9 +161,8 @@ def inflation_lanes(numbers: wp.array[Lanes], time_in_frame: float):
 
 
 @wp.func
-def response_lanes(numbers: wp.array[Lanes], share: float, step_seconds: float):
+def response_lanes(masses: Lanes, share: float, step_seconds: float):
     """Velocity gained in a step for each newton, in each world [m/s/N]."""
-    masses = numbers[MASS]
     responses = Lanes()
     for lane in range(LANE_COUNT):
         responses[lane] = response(share * masses[lane], step_seconds)
@@ -188,12 +199,86 @@ def move_particle_lanes(
         force += body_force_lanes(numbers, share, bodies.up, velocity)
         if lanes.water_forces.shape[1] > 0:
             force += lanes.water_forces[group, particle]
-        new_velocity = velocity + lanes_scaled(force, response_lanes(numbers, share, step_seconds))
+        new_velocity = velocity + lanes_scaled(force, response_lanes(numbers[MASS], share, step_seconds))
         lanes.velocities[group, particle] = new_velocity
         if traits.forward_euler:
             new_points[particle] = point + step_seconds * velocity
         else:
             new_points[particle] = point + step_seconds * new_velocity
+
+
+@wp.func
+def pull_of_string_lanes(strings: StringTable, state: WorldState, group: wp.int32, point: Lanes3, particle: wp.int32):
+    """Net force of the strings that hold a particle in each world [N]."""
+    force = Lanes3()
+    for lane in range(LANE_COUNT):
+        pull = pull_of_strings(strings, column(point, lane), world_of(state, group, lane), particle)
+        force = set_column(force, lane, pull)
+    return force
+
+
+@wp.func
+def move_particle_in_air_lanes(
+    traits: LaneTraits,
+    bodies: BodyTable,
+    springs: SpringTable,
+    strings: StringTable,
+    faces: FaceTable,
+    air: AirTable,
+    state: WorldState,
+    lanes: LaneState,
+    group: wp.int32,
+    time_in_frame: float,
+    step_seconds: float,
+    points: wp.array[Lanes3],
+    # out
+    new_points: wp.array[Lanes3],
+):
+    """Every particle by one substep, as if there were no obstacles."""
+    for particle in range(points.shape[0]):
+        lanes.old_velocities[group, particle] = lanes.velocities[group, particle]
+    move_gas_lanes(air, state, lanes, group, time_in_frame, step_seconds)
+    for balloon in range(air.kind.shape[0]):
+        numbers = lanes.balloons[group, balloon]
+        for number in range(5):
+            numbers[SWELLING + number] = Lanes()
+        for particle in range(air.balloon_particles[balloon], air.balloon_particles[balloon + 1]):
+            share = bodies.mass_share[particle]
+            point = points[particle]
+            velocity = lanes.old_velocities[group, particle]
+            area_vector = area_vector_of_particle(faces, points, 0, particle)
+            if traits.rubber:
+                force = pull_of_rubber_lanes(springs, numbers, points, lanes.old_velocities[group], particle)
+            else:
+                force = pull_of_spring_lanes(springs, numbers, points, point, particle)
+            force += body_force_lanes(numbers, share, bodies.up, velocity)
+            force += drag_lanes(air, state, group, balloon, area_vector, velocity)
+            if lanes.water_forces.shape[1] > 0:
+                force += lanes.water_forces[group, particle]
+            if strings.offsets.shape[0] > 0:
+                force += pull_of_string_lanes(strings, state, group, point, particle)
+            velocity += lanes_scaled(force, response_lanes(numbers[INERTIA], share, step_seconds))
+            lanes.velocities[group, particle] = velocity
+            if has_pressure(air, balloon):
+                lanes.aims[group, particle] = area_vector
+                add_particle_to_swelling(numbers, share, bodies.up, point, area_vector, velocity)
+        if has_pressure(air, balloon):
+            add_volume_to_swelling(faces, points, numbers, balloon)
+            find_load_lanes(air, bodies, state, numbers, group, balloon, time_in_frame, step_seconds)
+        for particle in range(air.balloon_particles[balloon], air.balloon_particles[balloon + 1]):
+            point = points[particle]
+            aim = lanes.aims[group, particle]
+            force = Lanes3()
+            for lane in range(LANE_COUNT):
+                height = wp.dot(column(point, lane), bodies.up)
+                inflation = inflation_in_lane(air, balloon, numbers, lane, time_in_frame, height, column(aim, lane))
+                force = set_column(force, lane, inflation)
+            responses = response_lanes(numbers[INERTIA], bodies.mass_share[particle], step_seconds)
+            velocity = lanes.velocities[group, particle] + lanes_scaled(force, responses)
+            lanes.velocities[group, particle] = velocity
+            if traits.forward_euler:
+                velocity = lanes.old_velocities[group, particle]
+            new_points[particle] = point + step_seconds * velocity
 
 
 @wp.func
@@ -234,6 +319,7 @@ def advance_groups(
     obstacles: ObstacleTable,
     faces: FaceTable,
     water: WaterTable,
+    air: AirTable,
     traits: LaneTraits,
     substeps: wp.int32,
     step_seconds: float,
@@ -260,7 +346,13 @@ def advance_groups(
         move_sphere_lanes(bodies, obstacles, state, lanes, group, step_seconds)
         if lanes.water_forces.shape[1] > 0:
             set_water_force_lanes(water, faces, bodies, state, lanes, points, group, step_seconds)
-        move_particle_lanes(traits, bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
-        add_string_lanes(traits, bodies, strings, state, lanes, group, step_seconds, points, new_points)
-        leave_obstacle_lanes(bodies, obstacles, state, lanes, new_points, group, time_in_frame)
+        if traits.in_air:
+            move_particle_in_air_lanes(
+                traits, bodies, springs, strings, faces, air, state, lanes, group,
+                time_in_frame, step_seconds, points, new_points,
+            )  # fmt: skip
+        else:
+            move_particle_lanes(traits, bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
+            add_string_lanes(traits, bodies, strings, state, lanes, group, step_seconds, points, new_points)
+        leave_obstacle_lanes(bodies, air, obstacles, state, lanes, new_points, group, time_in_frame)
     write_lanes(state, lanes, new_points, group)

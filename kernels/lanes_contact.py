@@ -3,10 +3,11 @@
 import warp as wp
 
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
-from balloon_warp.kernels.inflation import inflation_force
-from balloon_warp.kernels.lanes_state import RAMP_BEGIN, RAMP_SLOPE, LaneState, world_of
+from balloon_warp.kernels.lanes_air import inflation_in_lane
+from balloon_warp.kernels.lanes_state import LaneState, world_of
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column, squared_lengths
 from balloon_warp.kernels.tables import (
+    AirTable,
     BodyTable,
     ObstacleTable,
     WorldState,
@@ -70,6 +71,7 @@ def touches_ground(lanes: LaneState, group: wp.int32, up: wp.vec3, point: Lanes3
 @wp.func
 def leave_sphere_lanes(
     bodies: BodyTable,
+    air: AirTable,
     obstacles: ObstacleTable,
     state: WorldState,
     lanes: LaneState,
@@ -93,8 +95,10 @@ def leave_sphere_lanes(
             )
             if wp.length_sq(outward) > 0.0:
                 numbers = lanes.balloons[group, bodies.balloon[particle]]
-                k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
-                inflation = inflation_force(k_normal, column(lanes.aims[group, particle], lane))
+                inflation = inflation_in_lane(
+                    air, bodies.balloon[particle], numbers, lane, time_in_frame,
+                    wp.dot(column(points[particle], lane), bodies.up), column(lanes.aims[group, particle], lane),
+                )  # fmt: skip
                 penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
                 state.sphere_forces[world, sphere] += penalty_force(penalty, inflation, outward)
                 points[particle] = set_column(points[particle], lane, point)
@@ -128,6 +132,7 @@ def leave_ground_lanes(
 @wp.func
 def leave_obstacle_lanes(
     bodies: BodyTable,
+    air: AirTable,
     obstacles: ObstacleTable,
     state: WorldState,
     lanes: LaneState,
@@ -140,6 +145,8 @@ def leave_obstacle_lanes(
         if bodies.mass_share[particle] > 0.0:
             for sphere in range(state.sphere_positions.shape[1]):
                 if touches_sphere(lanes, group, sphere, points[particle]):
-                    leave_sphere_lanes(bodies, obstacles, state, lanes, points, group, particle, sphere, time_in_frame)
+                    leave_sphere_lanes(
+                        bodies, air, obstacles, state, lanes, points, group, particle, sphere, time_in_frame
+                    )
             if touches_ground(lanes, group, bodies.up, points[particle]):
                 leave_ground_lanes(bodies, obstacles, state, lanes, points, group, particle)

@@ -24,7 +24,11 @@ RAMP_BEGIN = wp.constant(7)
 RAMP_SLOPE = wp.constant(8)
 VISCOSITY = wp.constant(9)
 YIELD_STRETCH = wp.constant(10)
-BALLOON_NUMBERS = 11
+INERTIA = wp.constant(11)  # the mass, and that of the gas
+LOAD = wp.constant(12)
+LOAD_RISE = wp.constant(13)
+SWELLING = wp.constant(14)  # five numbers, as in `gas`
+BALLOON_NUMBERS = 19
 
 
 @wp.struct
@@ -33,6 +37,7 @@ class LaneTraits:
 
     fresh_normals: bool
     rubber: bool
+    in_air: bool
     forward_euler: bool
 
 
@@ -44,7 +49,7 @@ class LaneState:
     other_points: wp.array2d[Lanes3]
     velocities: wp.array2d[Lanes3]
     old_velocities: wp.array2d[Lanes3]
-    """before the substep; empty unless springs are rubber"""
+    """before the substep; empty unless they are needed"""
     aims: wp.array2d[Lanes3]
     face_centers: wp.array2d[Lanes3]
     face_area_vectors: wp.array2d[Lanes3]

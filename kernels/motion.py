@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.inflation import inflation_force
+from balloon_warp.kernels.inflation import NORMAL_FORCE, inflation_force
 
 
 @wp.func
@@ -54,6 +54,7 @@ def set_body_forces(
     helium: wp.array2d[float],
     damping: wp.array2d[float],
     gravity: wp.array[float],
+    inflation_kind: wp.array[wp.int32],
     up: wp.vec3,
     time_in_frame: float,
     # state in
@@ -63,7 +64,8 @@ def set_body_forces(
     # state out
     forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): gravity, helium, damping, inflation. Overwrites `forces`; the others add to it."""
+    """A thread a (world, particle): gravity, helium, damping, inflation by normal forces. Overwrites `forces`; the
+    others add to it."""
     world, particle = wp.tid()
     balloon = particle_balloon[particle]
     share = particle_mass_share[particle]
@@ -76,8 +78,9 @@ def set_body_forces(
         up,
         velocities[world, particle],
     )
-    inflation = inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
-    forces[world, particle] = body + inflation
+    if inflation_kind[balloon] == NORMAL_FORCE:
+        body += inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+    forces[world, particle] = body
 
 
 @cache

@@ -97,6 +97,25 @@ class FaceTable:
 
 
 @wp.struct
+class AirTable:
+    """What fills balloons, and the air around them."""
+
+    kind: wp.array[wp.int32]
+    """of each balloon's inflation"""
+    gamma: wp.array2d[float]
+    molar_mass: wp.array2d[float]
+    drag_coefficient: wp.array2d[float]
+    pressure: wp.array[float]
+    temperature: wp.array[float]
+    density: wp.array[float]
+    wind: wp.array[wp.vec3]
+    tube_balloons: wp.array[wp.vec2i]
+    tube_conductance: wp.array2d[float]
+    balloon_particles: wp.array[wp.int32]
+    """where each balloon's particles begin, and after the last, where they end"""
+
+
+@wp.struct
 class WorldState:
     """The arrays of `balloon_warp.model.State` that a schedule reads a frame from and writes it to."""
 
@@ -105,6 +124,9 @@ class WorldState:
     velocities: wp.array2d[wp.vec3]
     inflation_aims: wp.array2d[wp.vec3]
     inflation_ramp: wp.array2d[wp.vec2]
+    inflation_loads: wp.array2d[wp.vec2]
+    pressures: wp.array2d[float]
+    gas_amounts: wp.array2d[wp.float64]
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]

@@ -11,5 +11,12 @@ class Traits(NamedTuple):
     rubber: bool = False
     """springs are viscous, or pull no more once they are overextended"""
     in_water: bool = False
+    in_air: bool = False
+    """there is pressure, gas or drag in air"""
     forward_euler: bool = False
     """points move by the old velocities"""
+
+    @property
+    def keeps_velocities(self) -> bool:
+        """Whether velocities before a substep are needed when some after it are known."""
+        return self.rubber or self.in_air

@@ -7,12 +7,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from balloon_warp.model.air import KINDS, is_in_air
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Vary
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.scene import Scene
 
-VECTORS = ("initial_sphere_positions", "initial_sphere_velocities", "string_anchor")
+VECTORS = ("initial_sphere_positions", "initial_sphere_velocities", "string_anchor", "wind")
 """the parameters with three numbers to an item"""
 
 
@@ -41,8 +42,10 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
     def of_worlds(name: str) -> Any:
         values = plan.parameters[name]
         if name in VECTORS:
-            return array(values.reshape(-1, 3), wp.vec3).reshape(values.shape[:2])
-        return array(values, float)
+            return array(values.reshape(-1, 3), wp.vec3).reshape(values.shape[:-1])
+        if name == "initial_loads":
+            return array(values, wp.vec2)
+        return array(values, wp.float64 if name == "initial_gas_amounts" else float)
 
     face_sizes = np.concatenate([shape.mesh.face_vertex_counts for shape in shapes])
     face_particles = np.concatenate(
@@ -75,6 +78,9 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
         spring_rest_length=joined([shape.springs.rest_lengths for shape in shapes], float),
         spring_stiffness_scale=joined([shape.stiffness_scale for shape in shapes], float),
         keyframe_times=array(_keyframe_times(scene), float),
+        inflation_kind=array([KINDS.index(balloon.inflation.kind) for balloon in scene.balloon], wp.int32),
+        in_air=is_in_air(scene, plan.parameters, plan.turns),
+        tube_balloons=array(np.array([tube.balloons for tube in scene.tube]).reshape(-1, 2), wp.vec2i),
         string_particle=array(
             [particle + offsets[string.balloon] for string, particle in zip(scene.string, plan.held, strict=True)],
             wp.int32,

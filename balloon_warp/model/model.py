@@ -80,7 +80,22 @@ class Model:
     keyframe_times: wp.array
     """[s], shape (balloon_count, keyframe_count); a shorter list repeats its last, float32"""
     keyframe_values: wp.array
-    """k_normal, shape (W, balloon_count, keyframe_count), float32"""
+    """k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, float32,
+    shape (W, balloon_count, keyframe_count)"""
+    inflation_kind: wp.array
+    """normal force 0, pressure 1, gas 2, shape (balloon_count,), int32"""
+    initial_gas_amounts: wp.array
+    """[mol], shape (W, balloon_count), float64"""
+    initial_loads: wp.array
+    """pressure of a gas at height 0 [Pa], and its rise with height [Pa/m], shape (W, balloon_count), vec2"""
+    initial_pressures: wp.array
+    """of a gas, above the air's [Pa], shape (W, balloon_count), float32"""
+    gamma: wp.array
+    """p V^gamma of a gas stays as it is, shape (W, balloon_count), float32"""
+    molar_mass: wp.array
+    """of a gas [kg/mol], shape (W, balloon_count), float32"""
+    drag_coefficient: wp.array
+    """C_d in air, shape (W, balloon_count), float32"""
 
     # spheres
     initial_sphere_positions: wp.array
@@ -104,7 +119,23 @@ class Model:
     string_stiffness: wp.array
     """[N/m], shape (W, string_count), float32"""
 
+    # tubes
+    tube_balloons: wp.array
+    """its two balloons, shape (tube_count,), vec2i"""
+    tube_conductance: wp.array
+    """[mol/(s Pa)], shape (W, tube_count), float32"""
+
     # surroundings
+    in_air: bool
+    """whether there is pressure, gas or drag; a substep then sums the other forces before it finds the pressures"""
+    air_pressure: wp.array
+    """[Pa], shape (W,), float32"""
+    air_temperature: wp.array
+    """[K], shape (W,), float32"""
+    air_density: wp.array
+    """[kg/m^3], below 0 for that of dry air as an ideal gas, shape (W,), float32"""
+    wind: wp.array
+    """[m/s], shape (W,), vec3"""
     gravity: wp.array
     """[m/s^2], shape (W,), float32"""
     ground_height: wp.array

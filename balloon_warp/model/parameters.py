@@ -26,7 +26,8 @@ SURROUNDINGS = {"ground": ("height", "friction", "restitution"), "water": ("leve
 
 
 def scene_parameters(scene: Scene) -> Parameters:
-    """What the scene says, alike in all worlds; the length of a string is NaN where the scene says none."""
+    """What the scene says, alike in all worlds; NaN where it leaves out a string's length or an amount of gas."""
+    air = scene.atmosphere
     balloons, spheres, strings = scene.balloon, scene.sphere, scene.string
     ground, water = scene.ground or NO_GROUND, scene.water or NO_WATER
     keyframes = [balloon.inflation.keyframes for balloon in balloons]
@@ -39,6 +40,11 @@ def scene_parameters(scene: Scene) -> Parameters:
         "helium": np.array([[balloon.helium for balloon in balloons]]),
         "damping": np.array([[balloon.damping for balloon in balloons]]),
         "keyframe_values": np.array([[[v for _, v in keys + keys[-1:] * (longest - len(keys))] for keys in keyframes]]),
+        "initial_gas_amounts": np.array([[_or_nan(balloon.inflation.amount) for balloon in balloons]]),
+        "initial_pressures": np.array([[balloon.inflation.start_pressure for balloon in balloons]]),
+        "gamma": np.array([[balloon.inflation.gamma for balloon in balloons]]),
+        "molar_mass": np.array([[balloon.inflation.molar_mass for balloon in balloons]]),
+        "drag_coefficient": np.array([[balloon.drag_coefficient for balloon in balloons]]),
         "initial_balloon_positions": np.array([[balloon.position for balloon in balloons]]),
         "initial_sphere_positions": np.array([sphere.position for sphere in spheres]).reshape(1, -1, 3),
         "initial_sphere_velocities": np.array([sphere.velocity for sphere in spheres]).reshape(1, -1, 3),
@@ -46,7 +52,7 @@ def scene_parameters(scene: Scene) -> Parameters:
         "sphere_radius": np.array([[sphere.radius for sphere in spheres]]),
         "sphere_penalty": np.array([[sphere.penalty for sphere in spheres]]),
         "string_anchor": np.array([string.anchor for string in strings]).reshape(1, -1, 3),
-        "string_length": np.array([[np.nan if string.length is None else string.length for string in strings]]),
+        "string_length": np.array([[_or_nan(string.length) for string in strings]]),
         "string_stiffness": np.array([[string.stiffness for string in strings]]),
         "gravity": np.array([scene.gravity]),
         "ground_height": np.array([ground.height]),
@@ -55,7 +61,16 @@ def scene_parameters(scene: Scene) -> Parameters:
         "water_level": np.array([water.level]),
         "water_density": np.array([water.density]),
         "water_drag": np.array([water.drag]),
+        "air_pressure": np.array([air.pressure]),
+        "air_temperature": np.array([air.temperature]),
+        "air_density": np.array([-1.0 if air.density is None else air.density]),
+        "wind": np.array([air.wind]),
+        "tube_conductance": np.array([[tube.conductance for tube in scene.tube]]),
     }
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def vary_parameters(parameters: Parameters, scene: Scene, world_count: int, vary: Vary) -> Parameters:
@@ -143,8 +158,12 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
     for table, fields in SURROUNDINGS.items():
         for field in fields if getattr(scene, table) else ():
             yield f"{table}.{field}", (f"{table}_{field}", ())
+    for field in ("pressure", "temperature", "density"):
+        yield f"atmosphere.{field}", (f"air_{field}", ())
+    for axis in range(3):
+        yield f"atmosphere.wind.{axis}", ("wind", (axis,))
     for number, balloon in enumerate(scene.balloon):
-        for field in ("mass", "helium", "damping"):
+        for field in ("mass", "helium", "damping", "drag_coefficient"):
             yield f"balloon.{number}.{field}", (field, (number,))
         for axis in range(3):
             yield f"balloon.{number}.position.{axis}", ("initial_balloon_positions", (number, axis))
@@ -153,10 +172,16 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
         for field in ("viscosity", "yield_stretch"):
             yield f"balloon.{number}.stiffness.{field}", (field, (number,))
         # As in overrides, a number takes the place of all keyframes, and a keyframe's value has a path of its own.
-        yield f"balloon.{number}.inflation.k_normal", ("keyframe_values", (number, slice(None)))
-        if isinstance(balloon.inflation.k_normal, list):
-            for key in range(len(balloon.inflation.k_normal)):
-                yield f"balloon.{number}.inflation.k_normal.{key}.1", ("keyframe_values", (number, key))
+        field = balloon.inflation.keyframed
+        yield f"balloon.{number}.inflation.{field}", ("keyframe_values", (number, slice(None)))
+        if isinstance(getattr(balloon.inflation, field), list):
+            for key in range(len(balloon.inflation.keyframes)):
+                yield f"balloon.{number}.inflation.{field}.{key}.1", ("keyframe_values", (number, key))
+        if balloon.inflation.kind == "gas":
+            yield f"balloon.{number}.inflation.amount", ("initial_gas_amounts", (number,))
+            yield f"balloon.{number}.inflation.start_pressure", ("initial_pressures", (number,))
+            for field in ("gamma", "molar_mass"):
+                yield f"balloon.{number}.inflation.{field}", (field, (number,))
     for number in range(len(scene.sphere)):
         for field in ("mass", "radius", "penalty"):
             yield f"sphere.{number}.{field}", (f"sphere_{field}", (number,))
@@ -168,10 +193,12 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
             yield f"string.{number}.{field}", (f"string_{field}", (number,))
         for axis in range(3):
             yield f"string.{number}.anchor.{axis}", ("string_anchor", (number, axis))
+    for number in range(len(scene.tube)):
+        yield f"tube.{number}.conductance", ("tube_conductance", (number,))
 
 
 def _summary(places: Mapping[str, list[Place]]) -> list[str]:
-    """The paths without the numbers of balloons, spheres and strings."""
+    """The paths without the numbers of balloons, spheres, strings and tubes."""
     return [path for path in places if not _is_numbered(path)]
 
 

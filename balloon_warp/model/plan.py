@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.model.air import require_sealed, settle_gas
 from balloon_warp.model.parameters import Parameters, Vary, vary_parameters
 from balloon_warp.model.shape import BalloonShape, require_resolution, shape_balloon
 from balloon_warp.model.stability import choose_substeps, stable_step
@@ -55,17 +56,21 @@ def plan_model(scene: Scene, world_count: int = 1, vary: Vary | None = None) -> 
     """Read the scene's meshes, string them, and give each world its parameters.
 
     Raises:
-        InputError: a mesh cannot be read or strung, a particle is not in its balloon, a varied value is wrong, or the
-            step is not stable.
+        InputError: a mesh cannot be read or strung, or not hold gas, a particle is not in its balloon, a varied value
+            is wrong, or the step is not stable.
     """
     if world_count < 1:
         raise InputError(f"world_count: must be at least 1 (got {world_count})")
     shapes = [shape_balloon(balloon, scene) for balloon in scene.balloon]
+    for balloon, shape in zip(scene.balloon, shapes, strict=True):
+        if balloon.inflation.kind == "gas":
+            require_sealed(shape)
     held = [_held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     parameters = vary_parameters(parameters_at(scene, 0), scene, world_count, vary or {})
     for number, shape in enumerate(shapes):
         require_resolution(shape, position_shifts(scene, parameters)[:, number])
     parameters["string_length"] = _string_lengths(scene, shapes, held, parameters)
+    parameters = settle_gas(scene, shapes, position_shifts(scene, parameters), parameters)
     changes = list(turns(scene))
     return ModelPlan(
         scene=scene,

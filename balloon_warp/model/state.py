@@ -1,7 +1,6 @@
 """The state: what changes during a simulation."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import warp as wp
 
@@ -26,29 +25,47 @@ class State:
     sphere_forces: wp.array
     """penalties since the spheres last moved [N], shape (world_count, sphere_count), vec3"""
     inflation_ramp: wp.array
-    """k_normal at the start of the frame and its slope [1/s], shape (world_count, balloon_count), vec2"""
+    """what is keyframed, such as k_normal, at the start of the frame, and its slope [1/s], shape (world_count,
+    balloon_count), vec2"""
     inflation_aims: wp.array
-    """(A_p / A_total) n of each particle, shape (world_count, particle_count), vec3"""
+    """of each particle, shape (world_count, particle_count), vec3: (A_p / A_total) n, or under pressure or gas its area
+    vector [m^2]"""
+    inflation_loads: wp.array
+    """what multiplies the aims at height 0, and its rise with height [1/m], under pressure or gas [Pa], shape
+    (world_count, balloon_count), vec2"""
+    pressures: wp.array
+    """of balloons with pressure or gas, above the air's [Pa], shape (world_count, balloon_count), float32"""
+    gas_amounts: wp.array
+    """[mol], shape (world_count, balloon_count), float64"""
 
 
 def initial_state(model: Model) -> State:
     """Every world at the start: at rest, in the shape of the meshes."""
     worlds, device = model.world_count, model.device
 
-    def of_worlds(count: int, kernel: Any, *inputs: wp.array) -> wp.array:
-        every = wp.zeros((worlds, count), dtype=wp.vec3, device=device)
-        wp.launch(kernel, every.shape, inputs=inputs, outputs=[every], device=device)
+    def rows_of_worlds(rows: wp.array) -> wp.array:
+        every = wp.zeros((worlds, rows.shape[1]), dtype=rows.dtype, device=device)
+        wp.launch(spread_over_worlds, every.shape, inputs=[rows], outputs=[every], device=device)
         return every
 
+    points = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
+    wp.launch(
+        place_balloons,
+        points.shape,
+        inputs=[model.initial_points, model.initial_shifts, model.particle_balloon],
+        outputs=[points],
+        device=device,
+    )
     return State(
         frame=wp.zeros(1, dtype=wp.int32, device=device),
-        points=of_worlds(
-            model.particle_count, place_balloons, model.initial_points, model.initial_shifts, model.particle_balloon
-        ),
+        points=points,
         velocities=wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device),
-        sphere_positions=of_worlds(model.sphere_count, spread_over_worlds, model.initial_sphere_positions),
-        sphere_velocities=of_worlds(model.sphere_count, spread_over_worlds, model.initial_sphere_velocities),
+        sphere_positions=rows_of_worlds(model.initial_sphere_positions),
+        sphere_velocities=rows_of_worlds(model.initial_sphere_velocities),
         sphere_forces=wp.zeros((worlds, model.sphere_count), dtype=wp.vec3, device=device),
         inflation_ramp=wp.zeros((worlds, model.balloon_count), dtype=wp.vec2, device=device),
         inflation_aims=wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device),
+        inflation_loads=rows_of_worlds(model.initial_loads),
+        pressures=rows_of_worlds(model.initial_pressures),
+        gas_amounts=rows_of_worlds(model.initial_gas_amounts),
     )

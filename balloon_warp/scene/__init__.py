@@ -1,9 +1,22 @@
 """Scenes: what a TOML file says, checked, with overrides and defaults applied."""
 
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.scene.schema import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String, Water
+from balloon_warp.scene.schema import (
+    Atmosphere,
+    Balloon,
+    Change,
+    Ground,
+    Inflation,
+    Scene,
+    Sphere,
+    Stiffness,
+    String,
+    Tube,
+    Water,
+)
 
 __all__ = [
+    "Atmosphere",
     "Balloon",
     "Change",
     "Ground",
@@ -12,6 +25,7 @@ __all__ = [
     "Sphere",
     "Stiffness",
     "String",
+    "Tube",
     "Water",
     "bundled_scenes",
     "load_scene",

@@ -63,7 +63,9 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
             place[int(name)] = value
     elif isinstance(place, dict):
         if rest:
-            _put(place.setdefault(name, [] if name in ("balloon", "sphere", "string") else {}), rest, value, path)
+            _put(
+                place.setdefault(name, [] if name in ("balloon", "sphere", "string", "tube") else {}), rest, value, path
+            )
         else:
             place[name] = value
     else:

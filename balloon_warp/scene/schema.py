@@ -24,7 +24,13 @@ NonNegative = Annotated[float, Field(ge=0, lt=1e12)]
 Vector = tuple[Real, Real, Real]
 Keyframe = tuple[NonNegative, Real]
 """a time [s] and the value at that time"""
+Keyframed = Real | Annotated[list[Keyframe], Field(min_length=1)]
+"""a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last;
+at least a frame apart"""
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
+
+HELIUM_MOLAR_MASS = 0.0040026
+"""[kg/mol]"""
 
 
 class Table(BaseModel):
@@ -57,23 +63,67 @@ class Stiffness(Table):
 
 
 class Inflation(Table):
-    """The paper's inflation: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N]."""
+    """What fills a balloon.
 
-    k_normal: Real | Annotated[list[Keyframe], Field(min_length=1)] = 0.2
-    """a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last.
-    Keyframes are at least a frame apart."""
+    - "normal_force", the paper's: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N].
+    - "pressure": a given pressure acts on every face.
+    - "gas": a sealed amount of gas does, whose pressure falls as it expands, and which has weight and buoyancy.
+    """
+
+    kind: Literal["normal_force", "pressure", "gas"] = "normal_force"
+    k_normal: Keyframed = 0.2
+    """of "normal_force"; a number or keyframes"""
+    pressure: Keyframed = 0.0
+    """of "pressure": above the air's [Pa]; a number or keyframes"""
+    amount: NonNegative | None = None
+    """of "gas", at the start [mol]; what `start_pressure` asks for when missing"""
+    start_pressure: Annotated[float, Field(gt=-1e12, lt=1e12)] = 0.0
+    """of "gas": above the air's, at the start [Pa]; 0 is in balance with springs at their rest lengths"""
+    pump: Keyframed = 0.0
+    """of "gas": what is pumped in, and if negative let out [mol/s]; a number or keyframes"""
+    gamma: Annotated[float, Field(ge=1, le=10)] = 1.0
+    """of "gas": p V^gamma stays as it is. 1 keeps the temperature; without exchange of heat, 1.4 for air, 1.667 for
+    helium"""
+    molar_mass: NonNegative = HELIUM_MOLAR_MASS
+    """of "gas" [kg/mol]"""
+
+    @property
+    def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
+        """which field its kind may change with time"""
+        return KEYFRAMED_FIELDS[self.kind]
 
     @property
     def keyframes(self) -> list[Keyframe]:
-        """`k_normal` as keyframes; a plain number is one keyframe."""
-        return self.k_normal if isinstance(self.k_normal, list) else [(0.0, self.k_normal)]
+        """That field as keyframes; a plain number is one keyframe."""
+        value = getattr(self, self.keyframed)
+        return value if isinstance(value, list) else [(0.0, value)]
+
+    @model_validator(mode="after")
+    def _fields_of_its_kind(self) -> Self:
+        for kind, fields in FIELDS_OF_KINDS.items():
+            for field in fields if kind != self.kind else ():
+                if getattr(self, field) != type(self).model_fields[field].default:
+                    raise ValueError(f'{field}: needs kind = "{kind}" (got kind = "{self.kind}")')
+        return self
 
     @model_validator(mode="after")
     def _times_increase(self) -> Self:
         times = [time for time, _ in self.keyframes]
         if any(later <= earlier for earlier, later in itertools.pairwise(times)):
-            raise ValueError(f"k_normal: keyframe times must increase (got {times})")
+            raise ValueError(f"{self.keyframed}: keyframe times must increase (got {times})")
         return self
+
+
+FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
+    "normal_force": ("k_normal",),
+    "pressure": ("pressure",),
+    "gas": ("amount", "start_pressure", "pump", "gamma", "molar_mass"),
+}
+KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
+    "normal_force": "k_normal",
+    "pressure": "pressure",
+    "gas": "pump",
+}
 
 
 class Balloon(Table):
@@ -95,6 +145,8 @@ class Balloon(Table):
     """lift for each kilogram of balloon, against gravity's 9.81 [N/kg]"""
     damping: NonNegative = 0.1
     """drag of the whole balloon for each m/s, shared like the mass [N s/m]"""
+    drag_coefficient: NonNegative = 0.0
+    """C_d of the air's drag, as for a sphere: 1/2 density C_d A u^2, u the speed relative to the wind"""
     stiffness: Stiffness = Stiffness()
     inflation: Inflation = Inflation()
     fixed: list[Annotated[int, Field(ge=0)]] = []
@@ -187,6 +239,28 @@ class Change(Table):
     between worlds, but for places and velocities at the start; and `substeps`."""
 
 
+class Atmosphere(Table):
+    """The air around the balloons, alike everywhere."""
+
+    pressure: Positive = 101325.0
+    """[Pa]"""
+    temperature: Positive = 293.15
+    """of the air, and of gas at the air's pressure [K]"""
+    density: NonNegative | None = None
+    """[kg/m^3]; that of dry air as an ideal gas when missing"""
+    wind: Vector = (0.0, 0.0, 0.0)
+    """its velocity [m/s]"""
+
+
+class Tube(Table):
+    """A tube between two balloons with gas: through it flows the gas that the difference of pressures drives."""
+
+    balloons: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]
+    """which two, by their places in the scene"""
+    conductance: NonNegative
+    """flow for each pascal between them [mol/(s Pa)]"""
+
+
 class Scene(Table):
     """One world: balloons, and what is around them."""
 
@@ -213,6 +287,8 @@ class Scene(Table):
     string: list[String] = []
     ground: Ground | None = None
     water: Water | None = None
+    tube: list[Tube] = []
+    atmosphere: Atmosphere = Atmosphere()
     change: list[Change] = []
     """what changes while it is simulated, in order of time"""
 
@@ -233,11 +309,29 @@ class Scene(Table):
         if any(later < earlier for earlier, later in itertools.pairwise(times)):
             raise ValueError(f"change: times must not decrease (got {times})")
         for number, balloon in enumerate(self.balloon):
-            times = [time for time, _ in balloon.inflation.keyframes]
+            inflation = balloon.inflation
+            times = [time for time, _ in inflation.keyframes]
             shortest = min((later - earlier for earlier, later in itertools.pairwise(times)), default=math.inf)
             if shortest * self.frames_per_second < 1.0 - 1e-6:
                 raise ValueError(
-                    f"balloon.{number}.inflation.k_normal: keyframes must be at least a frame apart, "
+                    f"balloon.{number}.inflation.{inflation.keyframed}: keyframes must be at least a frame apart, "
                     f"{1.0 / self.frames_per_second:g} s (got {shortest:g} s)"
                 )
+            if inflation.kind == "gas" and balloon.helium:
+                raise ValueError(f"balloon.{number}.helium: must be 0, its gas lifts it (got {balloon.helium:g})")
+        for number, tube in enumerate(self.tube):
+            self._check_tube(number, tube)
         return self
+
+    def _check_tube(self, number: int, tube: Tube) -> None:
+        first, second = tube.balloons
+        if first == second or max(tube.balloons) >= len(self.balloon):
+            raise ValueError(
+                f"tube.{number}.balloons: must be two balloons below the number of balloons, {len(self.balloon)} "
+                f"(got {first} and {second})"
+            )
+        ends = self.balloon[first].inflation, self.balloon[second].inflation
+        if any(end.kind != "gas" for end in ends):
+            raise ValueError(f'tube.{number}.balloons: both must have inflation.kind = "gas"')
+        if ends[0].gamma != ends[1].gamma or ends[0].molar_mass != ends[1].molar_mass:
+            raise ValueError(f"tube.{number}.balloons: both must have the same gamma and molar_mass")

@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.block import FORCE_ROWS, SphereForces
+from balloon_warp.kernels.block_air import GAS_ROWS
 from balloon_warp.kernels.block_resident import resident_kernel
 from balloon_warp.kernels.block_streaming import streaming_kernel
 from balloon_warp.model import Model, State
@@ -15,6 +16,7 @@ from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.tables import (
     SpringEnds,
+    air_table,
     body_table,
     face_table,
     obstacle_table,
@@ -87,18 +89,23 @@ class BlockSchedule:
             self._threads = min(most, MOST_THREADS) if model.device.is_cuda else 1
             capacity = _round_up(model.particle_count, STREAMING_STEP)
             traits = model_traits(model)
-            self._own_tables = [spring_table(model, ends), water_table(model)]
+            self._own_tables = [spring_table(model, ends), water_table(model), air_table(model)]
             self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), traits, fresh)
             other_velocities = wp.zeros(
-                (model.world_count, model.particle_count if traits.rubber else 0), dtype=wp.vec3, device=model.device
+                (model.world_count, model.particle_count if traits.keeps_velocities else 0),
+                dtype=wp.vec3,
+                device=model.device,
             )
-            self._memory = [_sphere_forces(model), other_velocities]
+            gas_rows = wp.zeros(
+                (GAS_ROWS * model.world_count, model.balloon_count), dtype=wp.float64, device=model.device
+            )
+            self._memory = [_sphere_forces(model), other_velocities, gas_rows]
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        velocities = VECTOR_BYTES * model.particle_count if model_traits(model).rubber else 0
-        return velocities + FORCE_ROWS * (24 * model.sphere_count + 4)
+        velocities = VECTOR_BYTES * model.particle_count if model_traits(model).keeps_velocities else 0
+        return velocities + FORCE_ROWS * (24 * model.sphere_count + 4) + GAS_ROWS * 8 * model.balloon_count
 
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""
@@ -186,7 +193,7 @@ def fits_in_block(model: Model) -> bool:
 def _most_particles(model: Model) -> int:
     if model.device.is_cpu:
         return CPU_TILE_BYTES // BYTES_PER_PARTICLE
-    reserved = 1024  # for the sums of areas
+    reserved = 2048  # for the sums of areas and swellings
     capacity = (model.device.max_shared_memory_per_block - reserved) // BYTES_PER_PARTICLE
     return capacity // STREAMING_STEP * STREAMING_STEP
 

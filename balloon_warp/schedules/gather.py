@@ -16,6 +16,7 @@ from balloon_warp.kernels.gather import (
 )
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.gather_air import GatherAir
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import (
     body_table,
@@ -47,18 +48,20 @@ class GatherSchedule:
         self._water = water_table(model)
         self._faces = face_table(model)
         self._aims = AimRefresher(model)
+        self._air = GatherAir(model, self._springs) if model.in_air else None
         shape = model.world_count, model.particle_count
         self._other_points = wp.zeros(shape, dtype=wp.vec3, device=model.device)
         self._other_velocities = None
-        if self._traits.rubber:
+        if self._traits.keeps_velocities:
             self._other_velocities = wp.zeros(shape, dtype=wp.vec3, device=model.device)
         self._sphere_quanta = wp.zeros((model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device)
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        vectors = 2 if model_traits(model).rubber else 1
-        return VECTOR_BYTES * vectors * model.particle_count + 24 * model.sphere_count + AimRefresher.world_bytes(model)
+        vectors = 2 if model_traits(model).keeps_velocities else 1
+        refreshed = AimRefresher.world_bytes(model) + (GatherAir.world_bytes(model) if model.in_air else 0)
+        return VECTOR_BYTES * vectors * model.particle_count + 24 * model.sphere_count + refreshed
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
@@ -76,15 +79,8 @@ class GatherSchedule:
                 *(self._bodies, self._obstacles, model.step_seconds),
                 *(state.sphere_positions, state.sphere_velocities, self._sphere_quanta),
             )
-            self._launch(
-                self._kernel,
-                (model.world_count, model.particle_count),
-                *(self._bodies, self._springs, self._strings, self._obstacles, self._water, self._faces),
-                *(model.step_seconds, substep * model.step_seconds),
-                *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
-                *(points, velocities),
-                *(new_points, new_velocities, self._sphere_quanta),
-            )
+            old, new = (points, velocities), (new_points, new_velocities)
+            self._advance_particles(state, substep * model.step_seconds, old, new)
             points, new_points = new_points, points
             velocities, new_velocities = new_velocities, velocities
         if points is not state.points:
@@ -93,6 +89,25 @@ class GatherSchedule:
             wp.copy(state.velocities, velocities)
         self._launch_spheres(write_sphere_forces, self._sphere_quanta, state.sphere_forces)
         self._launch(count_frame, 1, state.frame)
+
+    def _advance_particles(
+        self, state: State, time_in_frame: float, old: tuple[wp.array, wp.array], new: tuple[wp.array, wp.array]
+    ) -> None:
+        """One substep from the old points and velocities to the new."""
+        model = self.model
+        if self._air:
+            self._air.advance_particles(state, time_in_frame, old, new, self._sphere_quanta)
+            return
+        self._launch(
+            self._kernel,
+            (model.world_count, model.particle_count),
+            *(self._bodies, self._springs, self._strings, self._obstacles, self._water, self._faces),
+            *(model.step_seconds, time_in_frame),
+            *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
+            *old,
+            *new,
+            self._sphere_quanta,
+        )
 
     def _launch_spheres(self, kernel: Any, *arguments: Any) -> None:
         if self.model.sphere_count:

@@ -16,6 +16,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.tables import (
+    air_table,
     body_table,
     face_table,
     obstacle_table,
@@ -56,6 +57,7 @@ class LanesSchedule:
             obstacle_table(model),
             face_table(model),
             water_table(model),
+            air_table(model),
         ]
         self._traits = _lane_traits(model)
         self._lanes = _lane_state(model, group_count)
@@ -65,7 +67,7 @@ class LanesSchedule:
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         traits = model_traits(model)
-        of_particles = 4 + traits.in_water + traits.rubber
+        of_particles = 4 + traits.in_water + traits.keeps_velocities
         vectors = of_particles * model.particle_count + 2 * model.face_count + model.sphere_count
         numbers = (BALLOON_NUMBERS + 1) * model.balloon_count + model.sphere_count + 1
         filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
@@ -102,6 +104,7 @@ def _lane_traits(model: Model) -> Any:
     traits = LaneTraits()
     traits.fresh_normals = model.scene.normals == "fresh"
     traits.rubber = used.rubber
+    traits.in_air = used.in_air
     traits.forward_euler = used.forward_euler
     return traits
 
@@ -114,7 +117,7 @@ def _lane_state(model: Model, group_count: int) -> Any:
     lanes.points = rows(model.particle_count, Lanes3)
     lanes.other_points = rows(model.particle_count, Lanes3)
     lanes.velocities = rows(model.particle_count, Lanes3)
-    lanes.old_velocities = rows(model.particle_count if model_traits(model).rubber else 0, Lanes3)
+    lanes.old_velocities = rows(model.particle_count if model_traits(model).keeps_velocities else 0, Lanes3)
     lanes.aims = rows(model.particle_count, Lanes3)
     lanes.face_centers = rows(model.face_count, Lanes3)
     lanes.face_area_vectors = rows(model.face_count, Lanes3)

@@ -15,6 +15,7 @@ from balloon_warp.kernels.springs import add_rubber_forces, add_spring_forces, a
 from balloon_warp.kernels.water import add_water_forces
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.scatter_air import ScatterAir
 from balloon_warp.schedules.tables import body_table, face_table, water_table
 from balloon_warp.schedules.traits import model_traits
 
@@ -35,11 +36,13 @@ class ScatterSchedule:
         self._face_area_vectors = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._balloon_areas = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
         self._water_tables = [table(model) for table in (water_table, face_table, body_table)]
+        self._air = ScatterAir(model) if model.in_air else None
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        return VECTOR_BYTES * (model.particle_count + 2 * model.face_count) + 4 * model.balloon_count
+        in_air = ScatterAir.world_bytes(model) if model.in_air else 0
+        return VECTOR_BYTES * (model.particle_count + 2 * model.face_count) + 4 * model.balloon_count + in_air
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
@@ -52,7 +55,11 @@ class ScatterSchedule:
         self._launch(count_frame, 1, state.frame)
 
     def _advance_substep(self, state: State, time_in_frame: float) -> None:
+        if self._air:
+            self._air.move_gas(state, time_in_frame)
         self.sum_forces(state, time_in_frame)
+        if self._air:
+            self._air.add_forces(state, time_in_frame, self.forces)
         self._integrate(state)
         self._move_spheres(state)
         self._resolve_contacts(state, time_in_frame)
@@ -105,7 +112,8 @@ class ScatterSchedule:
         self._launch(
             set_body_forces,
             (m.world_count, m.particle_count),
-            *(m.particle_balloon, m.particle_mass_share, m.mass, m.helium, m.damping, m.gravity, m.up, time_in_frame),
+            *(m.particle_balloon, m.particle_mass_share, m.mass, m.helium, m.damping, m.gravity),
+            *(m.inflation_kind, m.up, time_in_frame),
             *(state.velocities, state.inflation_aims, state.inflation_ramp),
             self.forces,
         )
@@ -146,10 +154,11 @@ class ScatterSchedule:
 
     def _integrate(self, state: State) -> None:
         m = self.model
+        mass = self._air.masses if self._air else m.mass
         self._launch(
             euler_kernel(self._traits.forward_euler),
             (m.world_count, m.particle_count),
-            *(m.particle_balloon, m.particle_mass_share, m.mass, m.step_seconds),
+            *(m.particle_balloon, m.particle_mass_share, mass, m.step_seconds),
             *(self.forces, state.points, state.velocities),
             *(state.points, state.velocities),
         )
@@ -171,9 +180,10 @@ class ScatterSchedule:
             self._launch(
                 resolve_contacts,
                 (m.world_count, m.particle_count),
-                *(m.particle_balloon, m.particle_mass_share, m.sphere_radius, m.sphere_penalty),
+                *(m.particle_balloon, m.particle_mass_share, m.inflation_kind, m.sphere_radius, m.sphere_penalty),
                 *(m.up, m.ground_height, m.ground_friction, time_in_frame),
-                *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
+                *(state.inflation_aims, state.inflation_ramp, state.inflation_loads),
+                *(state.sphere_positions, state.sphere_velocities),
                 *(state.points, state.velocities),
                 *(state.points, state.velocities, state.sphere_forces),
             )

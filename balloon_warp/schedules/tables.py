@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.tables import (
     CHUNK,
     SLICE,
+    AirTable,
     BodyTable,
     FaceTable,
     ObstacleTable,
@@ -105,12 +106,12 @@ def string_table(model: Model) -> Any:
     return table
 
 
-def body_table(model: Model) -> Any:
-    """What pulls at each particle by itself."""
+def body_table(model: Model, mass: wp.array | None = None) -> Any:
+    """What pulls at each particle by itself; with other masses of balloons, those that it moves with."""
     table = BodyTable()
     table.balloon = model.particle_balloon
     table.mass_share = model.particle_mass_share
-    table.mass = model.mass
+    table.mass = model.mass if mass is None else mass
     table.helium = model.helium
     table.damping = model.damping
     table.gravity = model.gravity
@@ -149,6 +150,23 @@ def face_table(model: Model) -> Any:
     table.balloon_offsets = wp.array(np.cumsum([0, *face_counts]), dtype=wp.int32, device=model.device)
     table.particle_offsets = model.particle_face_offsets
     table.around_particles = model.particle_faces
+    return table
+
+
+def air_table(model: Model) -> Any:
+    """What fills balloons, and the air around them."""
+    table = AirTable()
+    table.kind = model.inflation_kind
+    table.gamma = model.gamma
+    table.molar_mass = model.molar_mass
+    table.drag_coefficient = model.drag_coefficient
+    table.pressure = model.air_pressure
+    table.temperature = model.air_temperature
+    table.density = model.air_density
+    table.wind = model.wind
+    table.tube_balloons = model.tube_balloons
+    table.tube_conductance = model.tube_conductance
+    table.balloon_particles = wp.array(model.particle_offsets, dtype=wp.int32, device=model.device)
     return table
 
 

@@ -20,6 +20,7 @@ def model_traits(model: Model) -> Traits:
         springs_vary=bool((model.spring_stiffness_scale.numpy() != 1.0).any()),
         rubber=ever("viscosity", lambda t: t > 0.0) or ever("yield_stretch", lambda stretch: stretch < NEVER_YIELDS),
         in_water=model.has_water,
+        in_air=model.in_air,
         forward_euler=model.scene.solver == "forward_euler",
     )
 
@@ -30,6 +31,8 @@ def beyond_basics(model: Model) -> str | None:
     traits = model_traits(model)
     if traits.in_water:
         return "water"
+    if traits.in_air:
+        return "pressure, gas or drag in air"
     if traits.rubber:
         return "springs that are viscous or yield"
     if traits.forward_euler:

@@ -33,6 +33,7 @@ class BalloonPrim:
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
+        self._has_pressure = model.scene.balloon[number].inflation.kind != "normal_force"
         self.mesh = model.shapes[number].mesh
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
         self._measures = {
@@ -51,5 +52,11 @@ class BalloonPrim:
     def _measure(self, frame: Frame) -> dict[str, float]:
         mesh = replace(self.mesh, points=frame.points[self.number].astype(np.float64))
         area = total_area(mesh)
+        return {"volume": signed_volume(mesh), "area": area, "pressure": self._pressure(frame, area)}
+
+    def _pressure(self, frame: Frame, area: float) -> float:
+        """Above the air's [Pa]; of normal forces, their sum over the area."""
+        if self._has_pressure:
+            return float(frame.pressures[self.number])
         inflation = float(np.linalg.norm(frame.inflation_forces[self.number], axis=1).sum())
-        return {"volume": signed_volume(mesh), "area": area, "pressure": inflation / area if area > 0.0 else 0.0}
+        return inflation / area if area > 0.0 else 0.0

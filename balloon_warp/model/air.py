@@ -1,0 +1,76 @@
+"""Gas and air at the start: amounts, pressures and densities of every world, from what the scene says. Host side."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.gas import DRY_AIR_MOLAR_MASS, GAS_CONSTANT
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.timeline import Turn
+from balloon_warp.scene import Scene
+
+KINDS = ("normal_force", "pressure", "gas")
+"""of inflation, as the kernels number them"""
+LEAST_ROUNDNESS = 1.0e-6
+"""volume over the cube of the size, of a balloon that can hold gas"""
+
+
+def require_sealed(shape: BalloonShape) -> None:
+    """Make sure that a balloon can hold gas.
+
+    Raises:
+        InputError: its mesh is open, has no inside, or encloses no volume.
+    """
+    edges = mesh_edges(shape.mesh)
+    if not is_closed(edges):
+        raise InputError(f"{shape.name}: its mesh is open, so that it cannot hold gas; expected another inflation.kind")
+    if len(inconsistent_edges(edges)):
+        raise InputError(f"{shape.name}: its faces have no common outer side, so that it cannot hold gas")
+    size = float(np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).max())
+    if signed_volume(shape.mesh) < LEAST_ROUNDNESS * size**3:
+        raise InputError(f"{shape.name}: encloses no volume at the start, so that it cannot hold gas")
+
+
+def is_in_air(scene: Scene, parameters: Parameters, turns: Sequence[Turn]) -> bool:
+    """Whether there is pressure, gas or drag in any world at any time."""
+    kinds = {balloon.inflation.kind for balloon in scene.balloon}
+    drags = bool((parameters["drag_coefficient"] > 0.0).any()) or any("drag_coefficient" in t.values for t in turns)
+    return drags or kinds != {"normal_force"}
+
+
+def settle_gas(
+    scene: Scene, shapes: Sequence[BalloonShape], shifts: NDArray[np.float64], parameters: Parameters
+) -> Parameters:
+    """The parameters with the amounts of gas at the start, and the pressures and loads that follow from them.
+
+    At the air's pressure p_a a gas is as warm as the air, so that a mole takes v = R T / p_a. In a balloon of volume V,
+    n moles then have p = p_a ((n v / V)^gamma - 1) above the air's.
+
+    Args:
+        shifts: how far each balloon starts from where its shape is [m], shape (W, balloon_count, 3).
+    """
+    p_a, temperature = parameters["air_pressure"][:, None], parameters["air_temperature"][:, None]
+    given, gamma = parameters["initial_gas_amounts"], parameters["gamma"]
+    molar_volume = GAS_CONSTANT * temperature / p_a
+    volume = np.array([max(signed_volume(shape.mesh), 1.0e-30) for shape in shapes])
+    holds_gas = np.array([balloon.inflation.kind == "gas" for balloon in scene.balloon])
+    compression = np.maximum(1.0 + parameters["initial_pressures"] / p_a, 0.0) ** (1.0 / gamma)
+    amounts = np.where(np.isnan(given), compression * volume / molar_volume, given) * holds_gas
+    pressures = p_a * ((amounts * molar_volume / volume) ** gamma - 1.0) * holds_gas
+
+    dry = DRY_AIR_MOLAR_MASS / molar_volume
+    air_density = np.where(parameters["air_density"][:, None] < 0.0, dry, parameters["air_density"][:, None])
+    gas_density = amounts * parameters["molar_mass"] / volume
+    rise = (air_density - gas_density) * parameters["gravity"][:, None] * holds_gas
+    centers = np.stack([shape.mass_share @ shape.mesh.points for shape in shapes]) + shifts
+    loads = np.broadcast_arrays(pressures - rise * (centers @ np.array(scene.up)), rise)
+    return parameters | {
+        "initial_gas_amounts": amounts,
+        "initial_pressures": pressures,
+        "initial_loads": np.stack(loads, axis=-1),
+    }

@@ -1,0 +1,200 @@
+"""Gas and air as the schedules meet them: amounts that flow, loads on balloons, drag on particles."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.gas import (
+    GAS,
+    PRESSURE,
+    Swelling,
+    air_drag,
+    area_vector_in_face,
+    dry_air_density,
+    gas_load,
+    inflation_of_kind,
+    molar_volume,
+    tube_flow,
+)
+from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, particle_mass, row_of_world
+
+
+@wp.func
+def area_vector_of_particle(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int32):
+    """Gradient of the volume with respect to a particle's place [m^2]; particle p stands at `points[first + p]`."""
+    point = points[first + particle]
+    area_vector = 0.0 * point
+    for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
+        face = faces.around_particles[incidence]
+        area_vector = area_vector + area_vector_in_face(
+            points, first, faces.particles, faces.offsets[face], faces.offsets[face + 1], particle, point
+        )
+    return area_vector
+
+
+@wp.func
+def volume_origin(faces: FaceTable, points: Any, first: wp.int32, balloon: wp.int32):
+    """A point of the balloon's own, about which its volume is taken: that keeps float32's digits."""
+    return points[first + faces.particles[faces.offsets[faces.balloon_offsets[balloon]]]]
+
+
+@wp.func
+def has_pressure(air: AirTable, balloon: wp.int32):
+    """Whether a balloon's aims are its area vectors."""
+    return air.kind[balloon] == PRESSURE or air.kind[balloon] == GAS
+
+
+@wp.func
+def air_pressure(air: AirTable, world: wp.int32):
+    """[Pa]"""
+    return air.pressure[row_of_world(world, air.pressure.shape[0])]
+
+
+@wp.func
+def air_temperature(air: AirTable, world: wp.int32):
+    """[K]"""
+    return air.temperature[row_of_world(world, air.temperature.shape[0])]
+
+
+@wp.func
+def air_density(air: AirTable, world: wp.int32):
+    """[kg/m^3]"""
+    density = air.density[row_of_world(world, air.density.shape[0])]
+    if density < 0.0:
+        return dry_air_density(air_pressure(air, world), air_temperature(air, world))
+    return density
+
+
+@wp.func
+def gas_mass(air: AirTable, amounts: wp.array[wp.float64], world: wp.int32, balloon: wp.int32):
+    """Of what is in a balloon [kg]."""
+    return float(amounts[balloon]) * air.molar_mass[row_of_world(world, air.molar_mass.shape[0]), balloon]
+
+
+@wp.func
+def inertia_of_particle(
+    bodies: BodyTable, air: AirTable, amounts: wp.array[wp.float64], world: wp.int32, particle: wp.int32
+):
+    """Its mass and its share of the gas, which moves along [kg]; 0 for a fixed particle."""
+    gas = gas_mass(air, amounts, world, bodies.balloon[particle])
+    return particle_mass(bodies, world, particle) + bodies.mass_share[particle] * gas
+
+
+@wp.func
+def drag_in_air(air: AirTable, world: wp.int32, balloon: wp.int32, area_vector: wp.vec3, velocity: wp.vec3):
+    """Force of the air on a particle [N]."""
+    return air_drag(
+        air_density(air, world),
+        air.drag_coefficient[row_of_world(world, air.drag_coefficient.shape[0]), balloon],
+        air.wind[row_of_world(world, air.wind.shape[0])],
+        area_vector,
+        velocity,
+    )
+
+
+@wp.func
+def move_gas(
+    air: AirTable,
+    inflation_ramp: wp.array[wp.vec2],
+    pressures: wp.array[float],
+    amounts: wp.array[wp.float64],
+    world: wp.int32,
+    time_in_frame: float,
+    step_seconds: float,
+):
+    """By one thread of a world, whose rows the arrays are: what is pumped, and flows through tubes, in a substep."""
+    for balloon in range(air.kind.shape[0]):
+        if air.kind[balloon] == GAS:
+            ramp = inflation_ramp[balloon]
+            pumped = step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * step_seconds))
+            amounts[balloon] = wp.max(amounts[balloon] + wp.float64(pumped), wp.float64(0.0))
+    for tube in range(air.tube_balloons.shape[0]):
+        first = air.tube_balloons[tube][0]
+        second = air.tube_balloons[tube][1]
+        flow = tube_flow(
+            air.tube_conductance[row_of_world(world, air.tube_conductance.shape[0]), tube],
+            wp.vec2(pressures[first], pressures[second]),
+            wp.vec2(float(amounts[first]), float(amounts[second])),
+            air.gamma[row_of_world(world, air.gamma.shape[0]), first],
+            air_pressure(air, world),
+            step_seconds,
+        )
+        amounts[first] = wp.max(amounts[first] - wp.float64(flow), wp.float64(0.0))
+        amounts[second] = wp.max(amounts[second] + wp.float64(flow), wp.float64(0.0))
+
+
+@wp.func
+def load_of_balloon(
+    air: AirTable,
+    bodies: BodyTable,
+    ramp: wp.vec2,
+    amount: wp.float64,
+    swelling: Swelling,
+    world: wp.int32,
+    balloon: wp.int32,
+    time_in_frame: float,
+    step_seconds: float,
+):
+    """Pressure above the air's at the center of mass [Pa], at height 0, and its rise with height [Pa/m]."""
+    if air.kind[balloon] == PRESSURE:
+        given = ramp[0] + ramp[1] * time_in_frame
+        return wp.vec3(given, given, 0.0)
+    return gas_load(
+        swelling,
+        air_pressure(air, world),
+        air_density(air, world),
+        float(amount),
+        molar_volume(air_pressure(air, world), air_temperature(air, world)),
+        air.molar_mass[row_of_world(world, air.molar_mass.shape[0]), balloon],
+        air.gamma[row_of_world(world, air.gamma.shape[0]), balloon],
+        bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
+        step_seconds,
+    )
+
+
+@wp.kernel(enable_backward=False)
+def move_gases(
+    # model
+    bodies: BodyTable,
+    air: AirTable,
+    time_in_frame: float,
+    step_seconds: float,
+    # state in
+    inflation_ramp: wp.array2d[wp.vec2],
+    pressures: wp.array2d[float],
+    # state in and out
+    gas_amounts: wp.array2d[wp.float64],
+    # state out
+    masses: wp.array2d[float],
+):
+    """A thread a world: what is pumped, what flows through tubes, and the masses of the balloons with their gas."""
+    world = wp.tid()
+    move_gas(air, inflation_ramp[world], pressures[world], gas_amounts[world], world, time_in_frame, step_seconds)
+    for balloon in range(masses.shape[1]):
+        own = bodies.mass[row_of_world(world, bodies.mass.shape[0]), balloon]
+        masses[world, balloon] = own + gas_mass(air, gas_amounts[world], world, balloon)
+
+
+@wp.kernel(enable_backward=False)
+def add_inflation_forces(
+    # model
+    bodies: BodyTable,
+    air: AirTable,
+    # state in
+    points: wp.array2d[wp.vec3],
+    inflation_aims: wp.array2d[wp.vec3],
+    inflation_ramp: wp.array2d[wp.vec2],
+    inflation_loads: wp.array2d[wp.vec2],
+    # state out
+    forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): the force of its balloon's inflation at the start of a frame."""
+    world, particle = wp.tid()
+    balloon = bodies.balloon[particle]
+    forces[world, particle] += inflation_of_kind(
+        air.kind[balloon],
+        inflation_ramp[world, balloon][0],
+        inflation_loads[world, balloon],
+        wp.dot(points[world, particle], bodies.up),
+        inflation_aims[world, particle],
+    )
