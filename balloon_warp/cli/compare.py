@@ -10,6 +10,7 @@ from rich.table import Table
 
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.cli.size import parse_size
 from balloon_warp.comparison.choices import parse_choices, shown
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import load_scene, scene_name
@@ -54,6 +55,7 @@ def compare(
         int | None,
         typer.Option(help="Frame that is shown and measured; if not given, the scene's picture, else the last."),
     ] = None,
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of each run's picture, in pixels.")] = "480x270",
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     schedule: Annotated[
         str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
@@ -78,6 +80,7 @@ def compare(
             output or Path(f"{scene_name(scene)}_compare.png"),
             table=table,
             frame=frame,
+            size=parse_size(size),
             device=device,
             schedule=schedule,
             on_frame=lambda run, runs, done, count: progress.update(

@@ -1,6 +1,5 @@
 """`balloon-warp render`"""
 
-import re
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from balloon_warp.cli.quiet import quiet_warp
-from balloon_warp.errors import InputError
+from balloon_warp.cli.size import parse_size
 
 
 def render(
@@ -26,7 +25,7 @@ def render(
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
 ) -> None:
     """Make a picture or an animation of a stage."""
-    pixels = _parse_size(size)
+    pixels = parse_size(size)
     quiet_warp()
     from balloon_warp.outputs.render import render_stage  # loads USD: only once the arguments are known to be good
 
@@ -44,10 +43,3 @@ def render(
             on_frame=lambda done, count: progress.update(task, completed=done, total=count),
         )
     Console(highlight=False, soft_wrap=True).print(f"wrote {picture}", markup=False)
-
-
-def _parse_size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d{1,12})[xX](\d{1,12})", text)
-    if not match:
-        raise InputError(f"size: {text[:40]!r}; expected WIDTHxHEIGHT in pixels, such as 960x540")
-    return int(match[1]), int(match[2])
