@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from balloon_warp.outputs.usd import StageWriter
     from balloon_warp.scene import Scene, bundled_scenes, load_scene
     from balloon_warp.simulator import Frame, Simulator
+    from balloon_warp.solids import MassProperties
     from balloon_warp.springs import build_springs
     from balloon_warp.sweep.batch import run_batch
     from balloon_warp.sweep.cluster import Cluster
@@ -33,6 +34,7 @@ __all__ = [
     "Cluster",
     "Frame",
     "InputError",
+    "MassProperties",
     "MissingExtraError",
     "PolygonMesh",
     "Scene",
@@ -65,6 +67,7 @@ _HOMES = {
     "outputs.usd": ("StageWriter",),
     "scene": ("Scene", "bundled_scenes", "load_scene"),
     "simulator": ("Frame", "Simulator"),
+    "solids": ("MassProperties",),
     "springs": ("build_springs",),
     "sweep.batch": ("run_batch",),
     "sweep.cluster": ("Cluster",),

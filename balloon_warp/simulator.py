@@ -21,6 +21,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 from balloon_warp.schedules.choose import make_schedule, schedule_named
 from balloon_warp.schedules.readout import ForceReader
+from balloon_warp.solids import MassProperties, mass_properties
 
 HEALTHY = np.iinfo(np.int32).max
 """no particle of a world is bad"""
@@ -154,6 +155,10 @@ class Simulator:
             sphere_velocities=_copy(self.state.sphere_velocities, world),
             string_anchors=_copy(self.model.string_anchor, world % self.model.string_anchor.shape[0]),
         )
+
+    def mass_properties(self) -> MassProperties:
+        """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
+        return mass_properties(self.model, self.state.points)
 
     def set_parameters(self, parameters: Parameters) -> None:
         """Write parameters where the kernels read them; they hold from the next frame on.

@@ -1,6 +1,7 @@
 """A balloon of the scene as geometry: its mesh placed in the world, and the springs over it. Host side, float64."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,11 @@ class BalloonShape:
     """each spring's constant over that of its kind, shape (spring_count,)"""
     mass_share: NDArray[np.float64]
     """each particle's part of the balloon's mass, shape (particle_count,); 0 for a particle that does not move"""
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether no edge of the mesh is on a border."""
+        return is_closed(mesh_edges(self.mesh))
 
 
 def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:

@@ -1,0 +1,54 @@
+"""Balloons as solids: what each weighs and how it turns, if it were filled with one material."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.solids import SolidSums, measure_solids, sum_solids
+from balloon_warp.model import Model
+
+LANES = 32
+"""threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Of every balloon of every world, as a solid of density 1 kg/m^3; times a density they are those of its material.
+
+    Exact for the polyhedron whose faces are fans of triangles about their centers (Kim et al. 2006). They mean
+    something for closed balloons only.
+    """
+
+    closed: NDArray[np.bool_]
+    """whether the balloon has an inside, shape (balloon_count,)"""
+    volume: NDArray[np.float64]
+    """[m^3], shape (world_count, balloon_count)"""
+    center: NDArray[np.float64]
+    """center of mass [m], shape (world_count, balloon_count, 3)"""
+    inertia: NDArray[np.float64]
+    """tensor about the center of mass, along the axes of the world [m^5], shape (world_count, balloon_count, 3, 3)"""
+
+
+def mass_properties(model: Model, points: wp.array) -> MassProperties:
+    """Measure balloons on the device. The same to the last bit every time.
+
+    Args:
+        model: what the balloons are made of.
+        points: [m], shape (world_count, particle_count), vec3.
+    """
+    shape = (model.world_count, model.balloon_count)
+    offsets = np.cumsum([0, *(balloon.mesh.face_count for balloon in model.shapes)])
+
+    def zeros(shape: tuple[int, ...], dtype: Any) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=model.device)
+
+    sums = zeros((*shape, LANES), SolidSums)
+    measures = [zeros(shape, wp.float64), zeros(shape, wp.vec3d), zeros(shape, wp.mat33d)]
+    topology = [wp.array(offsets, dtype=wp.int32, device=model.device), model.face_offsets, model.face_particles]
+    wp.launch(sum_solids, sums.shape, inputs=[*topology, points], outputs=[sums], device=model.device)
+    wp.launch(measure_solids, shape, inputs=[*topology, points, sums], outputs=measures, device=model.device)
+    volume, center, inertia = (np.array(array.numpy()) for array in measures)  # on the CPU numpy() alone is a view
+    return MassProperties(np.array([balloon.closed for balloon in model.shapes]), volume, center, inertia)
