@@ -105,8 +105,14 @@ class RealTimeCase:
 
 AnyCase = Case | ExportCase | FirstFrameCase | RealTimeCase
 
-GPU_BASE = Case("4,096 balloons", "block", 4096, peer="newton", quick=True)
-CPU_BASE = Case("64 balloons", "lanes", 64, peer="newton", quick=True)
+
+def balloons(worlds: int) -> str:
+    """What a case of so many is called."""
+    return "one balloon" if worlds == 1 else f"{worlds:,} balloons"
+
+
+GPU_BASE = Case(balloons(4096), "block", 4096, peer="newton", quick=True)
+CPU_BASE = Case(balloons(64), "lanes", 64, peer="newton", quick=True)
 
 COMMON_CASES: list[AnyCase] = [
     FirstFrameCase("time to first frame, kernels to be compiled [s]", cold=True),
@@ -133,13 +139,13 @@ GPU_CASES: list[AnyCase] = [
     GPU_BASE,
     Case("4,096 balloons, sphere and ground", "block", 4096, spheres=1, ground=True, quick=True),
     Case("4,096 balloons, fresh normals", "block", 4096, normals="fresh", peer="newton"),
-    Case("65,536 balloons", "block", 65536),
-    Case("64 balloons", "block", 64),
-    Case("one balloon", "block", 1, peer="newton", quick=True),
+    Case(balloons(65536), "block", 65536),
+    Case(balloons(64), "block", 64),
+    Case(balloons(1), "block", 1, peer="newton", quick=True),
     Case("one balloon, sphere and ground", "block", 1, spheres=1, ground=True),
     Case("512 balloons of 2,648 particles", "block", 512, cells=21),
-    Case("4,096 balloons", "gather", 4096),
-    Case("4,096 balloons", "scatter", 4096),
+    *[Case(balloons(worlds), "gather", worlds) for worlds in (1, 64, 4096, 65536)],
+    *[Case(balloons(worlds), "scatter", worlds) for worlds in (1, 64, 4096, 65536)],
     Case("one balloon of 99,848 particles", "gather", 1, cells=129, quick=True),
     Case("one balloon of 99,848 particles, sphere and ground", "gather", 1, cells=129, spheres=1, ground=True),
     *beside(GPU_BASE, cells=(4, 18, 36)),
@@ -153,12 +159,13 @@ CPU_CASES: list[AnyCase] = [
     CPU_BASE,
     Case("64 balloons, sphere and ground", "lanes", 64, spheres=1, ground=True),
     Case("64 balloons, fresh normals", "lanes", 64, normals="fresh", peer="newton"),
-    Case("64 balloons", "gather", 64),
-    Case("64 balloons", "scatter", 64),
-    Case("one balloon", "octets", 1, peer="newton", quick=True),
+    Case(balloons(4096), "lanes", 4096),
+    Case(balloons(64), "octets", 64),
+    *[Case(balloons(worlds), "gather", worlds) for worlds in (1, 64)],
+    *[Case(balloons(worlds), "scatter", worlds) for worlds in (1, 64)],
+    Case(balloons(1), "octets", 1, peer="newton", quick=True),
     Case("one balloon, sphere and ground", "octets", 1, spheres=1, ground=True),
     Case("one balloon, fresh normals", "octets", 1, normals="fresh", peer="newton"),
-    Case("one balloon", "gather", 1),
     *beside(CPU_BASE, cells=(4, 18, 24)),
     *beside(CPU_BASE, worlds=(8, 16, 256)),
     *beside(CPU_BASE, substeps=(8, 16, 64, 128)),
