@@ -6,6 +6,8 @@ thread a world adds up the lanes, and the balloons.
 
 import warp as wp
 
+from balloon_warp.kernels.gas import cone_volume
+
 
 @wp.struct
 class BalloonSums:
@@ -61,7 +63,7 @@ def sum_balloons(
             next_arm = points[world, face_particles[corner]] - origin - center
             area_vector += 0.5 * wp.cross(arm, next_arm)
             arm = next_arm
-        part.volume += wp.dot(center, area_vector) / 3.0
+        part.volume += cone_volume(center, area_vector)
         part.area += wp.length(area_vector)
         part.area_vector += area_vector
         part.corners += corners
@@ -121,7 +123,7 @@ def measure_worlds(
         corner_count = face_offsets[balloon_faces[balloon + 1]] - first
         center = total.corners / float(corner_count)
         balloon_mass = mass[world % mass.shape[0], balloon]
-        volume += total.volume - wp.dot(center, total.area_vector) / 3.0
+        volume += total.volume - cone_volume(center, total.area_vector)
         area += total.area
         kinetic_energy += total.kinetic_energy
         height += balloon_mass * (wp.dot(points[world, face_particles[first]], up) + wp.dot(center, up))
