@@ -16,7 +16,7 @@ from balloon_warp.kernels.health import find_non_finite
 from balloon_warp.kernels.timeline import hold_spheres
 from balloon_warp.model import Model, Turn, Vary, build_model, initial_state
 from balloon_warp.model.memory import require_memory, world_bytes
-from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.parameters import METHODS, Parameters
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 from balloon_warp.schedules.choose import make_schedule, schedule_named
@@ -93,7 +93,7 @@ class Simulator:
     def _begin(self, model: Model, schedule: str) -> None:
         kind = schedule_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
-        self._turns = deque(model.turns)
+        self._turns, self._asked_schedule = deque(model.turns), schedule
         changing = {name for turn in model.turns for name in turn.values}  # of a model that others may use, too
         self.model = replace(model, **{name: wp.clone(getattr(model, name)) for name in changing})
         self.state = initial_state(model)
@@ -186,7 +186,7 @@ class Simulator:
                 for name in ("sphere_positions", "sphere_velocities", "sphere_forces"):
                     wp.copy(getattr(self.state, name)[:, now], getattr(before, name)[:, until_now])
         self.model = model
-        self.schedule = make_schedule(model, self.schedule.name)
+        self.schedule = make_schedule(model, self._asked_schedule)
         self._first_frames = _first_frames(model)
         for cached in ("_frame_graph", "_force_reader"):
             self.__dict__.pop(cached, None)
@@ -197,8 +197,11 @@ class Simulator:
             rows = getattr(self.model, name).numpy().copy()
             turn.apply(name, rows)
             self.set_parameters({name: rows})
-        if isinstance(turn.scene.substeps, int) and turn.scene.substeps != self.model.substeps:
-            self.go_on_in(replace(self.model, substeps=turn.scene.substeps))
+        methods = {name: getattr(turn.scene, name) for name in METHODS}
+        if any(getattr(self.model.scene, name) != method for name, method in methods.items()):
+            substeps = self.model.substeps if turn.scene.substeps == "auto" else turn.scene.substeps
+            scene = self.model.scene.model_copy(update=methods)
+            self.go_on_in(replace(self.model, scene=scene, substeps=substeps))
 
     def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
         """One world's rows of a particle array, split by balloon."""

@@ -101,6 +101,20 @@ def test_other_substeps_go_on_from_the_same_state(device, schedule):
     assert 1e-7 < np.abs(difference).max() < 2e-3
 
 
+@pytest.mark.parametrize("method", [{"solver": "forward_euler"}, {"normals": "fresh"}])
+def test_another_method_takes_over(method, device, schedule):
+    """From the frame on that the change names, as in `scatter`."""
+    if schedule in ("octets", "lanes", "block") and method.get("solver"):
+        schedule = "auto"  # which takes another that has forward Euler
+    changed = busy(change=[Change(time=2 / 60, set=method)])
+    found, expected = after_frames(changed, 4, device, schedule), after_frames(changed, 4, device, "scatter")
+    np.testing.assert_allclose(found.state.points.numpy(), expected.state.points.numpy(), rtol=0, atol=1e-5)
+    without = after_frames(busy(), 4, device, "scatter").state.points.numpy()
+    with_it = after_frames(busy(**method), 4, device, "scatter").state.points.numpy()
+    for other in (without, with_it):
+        assert np.abs(expected.state.points.numpy() - other).max() > 1e-5
+
+
 def test_a_sphere_waits_where_it_will_appear(device, schedule):
     """It falls from its start, freely: after n frames of m steps at h, 1/2 g (n m h)^2 (1 + 1 / n m) below."""
     late = Sphere(position=(0.0, 0.0, 0.0), radius=0.6, start=3 / 60)  # amid the cube, which it would push apart
@@ -153,7 +167,7 @@ def test_too_few_substeps_for_a_change_are_refused():
     [
         (
             [Change(time=0, set={"balloon.position": [0, 0, 1]})],
-            "change.0.set: balloon.position: cannot change",
+            "change.0.set: balloon.position: cannot change; what can is substeps, solver",
         ),
         ([Change(time=0, set={"frames": 3})], "change.0.set: frames: cannot change"),
         ([Change(time=0, set={"gravity": 1}), Change(time=1, set={"gravity": "up"})], "change.1.set: gravity: "),

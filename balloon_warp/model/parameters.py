@@ -16,6 +16,8 @@ Vary = Mapping[str, ArrayLike]
 Place = tuple[str, tuple[int | slice, ...]]
 """an array of `Parameters`, and an index into each world's part of it"""
 
+METHODS = ("substeps", "solver", "normals")
+"""fields of the scene that are no parameters, and may change during a simulation all the same"""
 KINDS = ("structural", "shear", "flexion")
 NEVER_YIELDS = 1.0e9
 """the stretch at which springs yield that do not yield: 1 - 1 / stretch is 1 in float32"""
@@ -119,10 +121,9 @@ def require_changeable(scene: Scene, paths: Iterable[str]) -> None:
     for path in paths:
         named = [place for known, place in places.items() if known == path or known.startswith(f"{path}.")]
         at_start = any(name.startswith("initial_") for place in named for name, _ in place)
-        if path != "substeps" and (at_start or not named):
-            raise InputError(
-                f"{path}: cannot change during a simulation; substeps can, and what may differ between worlds"
-            )
+        if path not in METHODS and (at_start or not named):
+            methods = ", ".join(METHODS)
+            raise InputError(f"{path}: cannot change; what can is {methods}, and what may differ between worlds")
 
 
 def _checked(scene: Scene, path: str, given: ArrayLike, world_count: int) -> NDArray[np.float64]:

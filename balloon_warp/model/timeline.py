@@ -32,7 +32,10 @@ class Turn:
 
     def changes_stability(self, before: Scene) -> bool:
         """Whether another step may be stable than in the scene before."""
-        return not STABILITY.isdisjoint(self.values) or self.scene.substeps != before.substeps
+        return not STABILITY.isdisjoint(self.values) or (self.scene.substeps, self.scene.solver) != (
+            before.substeps,
+            before.solver,
+        )
 
 
 def parameters_at(scene: Scene, frame: int) -> Parameters:
