@@ -18,7 +18,7 @@ L2_BYTES = 50e6
 BLOCK_INSTRUCTIONS = 196
 BLOCK_OBSTACLE_INSTRUCTIONS = 80
 
-GATHER_INSTRUCTIONS = 990
+GATHER_INSTRUCTIONS = 1020
 GATHER_OBSTACLE_INSTRUCTIONS = 105
 GATHER_TABLE_BYTES = 12 * 8 + 16
 GATHER_STATE_BYTES = 12 * 5
@@ -59,7 +59,7 @@ def gather_bound(particles: int, multiprocessors: int, launch_seconds: float, ob
 
     Instructions, counted in its machine code for sm_90, for 12 springs a particle in three chunks of four: 194 a chunk,
     of which 24 are its loads and 48 the law's, and the others 64-bit addresses and what Warp does about negative
-    indices; 410 more for a particle's own numbers, the step and the ground's test; a sphere's test is some 105.
+    indices; 440 more for a particle's own numbers, the step and the ground's test; a sphere's test is some 105.
 
     Bytes from the L2 cache: 8 a spring (the other end and the rest length), 16 of valence, balloon and mass, and the
     vectors that are read (point, velocity, aim) and written (point, velocity). A neighbor's point is in the L1 cache
