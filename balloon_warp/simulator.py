@@ -191,6 +191,10 @@ class Simulator:
         for cached in ("_frame_graph", "_force_reader"):
             self.__dict__.pop(cached, None)
 
+    def drop_turns(self) -> None:
+        """What the scene would change from here on does not happen."""
+        self._turns.clear()
+
     def _take_turn(self, turn: Turn) -> None:
         """Change what the scene says changes at this frame."""
         for name in turn.values:

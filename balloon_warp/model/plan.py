@@ -52,8 +52,13 @@ class ModelPlan:
         return sum(shape.springs.count for shape in self.shapes)
 
 
-def plan_model(scene: Scene, world_count: int = 1, vary: Vary | None = None) -> ModelPlan:
+def plan_model(
+    scene: Scene, world_count: int = 1, vary: Vary | None = None, shapes: list[BalloonShape] | None = None
+) -> ModelPlan:
     """Read the scene's meshes, string them, and give each world its parameters.
+
+    Args:
+        shapes: of the scene's balloons, where they are known already.
 
     Raises:
         InputError: a mesh cannot be read or strung, or not hold gas, a particle is not in its balloon, a varied value
@@ -61,7 +66,7 @@ def plan_model(scene: Scene, world_count: int = 1, vary: Vary | None = None) -> 
     """
     if world_count < 1:
         raise InputError(f"world_count: must be at least 1 (got {world_count})")
-    shapes = [shape_balloon(balloon, scene) for balloon in scene.balloon]
+    shapes = shapes or [shape_balloon(balloon, scene) for balloon in scene.balloon]
     for balloon, shape in zip(scene.balloon, shapes, strict=True):
         if balloon.inflation.kind == "gas":
             require_sealed(shape)

@@ -156,8 +156,8 @@ class Balloon(Table):
 
 
 def _ends_after_its_start(lasting: Any) -> Any:
-    if lasting.end is not None and lasting.end <= lasting.start:
-        raise ValueError(f"end: must come after the start, {lasting.start:g} s (got {lasting.end:g} s)")
+    if lasting.end is not None and lasting.end < lasting.start:
+        raise ValueError(f"end: must not come before the start, {lasting.start:g} s (got {lasting.end:g} s)")
     return lasting
 
 
@@ -177,7 +177,7 @@ class Sphere(Table):
     color: tuple[UnitInterval, UnitInterval, UnitInterval] | None = None
     start: NonNegative = 0.0
     """when it appears, at its position and velocity [s]; until then nothing touches it"""
-    end: Positive | None = None
+    end: NonNegative | None = None
     """when it is gone [s]; never when missing"""
 
     _lives = model_validator(mode="after")(_ends_after_its_start)
@@ -198,7 +198,7 @@ class String(Table):
     """[N/m]"""
     start: NonNegative = 0.0
     """when it is tied [s]"""
-    end: Positive | None = None
+    end: NonNegative | None = None
     """when it is cut [s]; never when missing"""
 
     _lives = model_validator(mode="after")(_ends_after_its_start)

@@ -1,0 +1,6 @@
+"""The live application: a simulation that is played with in the browser.
+
+session      a thread that advances the simulation in real time, and does what the page asks
+playground   the simulation itself, and what can be done to it; a journal of it all, which replays
+page         what is seen and clicked, over viser
+"""

@@ -1,0 +1,88 @@
+"""What was done to a simulation, frame by frame: the scene that replays it."""
+
+from typing import Any
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Change, Scene, Sphere, String
+from balloon_warp.scene.timeline import frame_at
+
+LONGEST = 20_000
+"""entries; a journal that would grow beyond is closed, so that a long session does not fill the memory"""
+
+
+class Journal:
+    """Of one simulation, from its start.
+
+    Args:
+        scene: what it started from.
+    """
+
+    def __init__(self, scene: Scene):
+        self.base = scene
+        self.spheres, self.strings = list(scene.sphere), list(scene.string)
+        self.changes: dict[int, dict[str, Any]] = {}
+        """by frame, the new values by their paths"""
+        self.length = 0
+        self.closed = False
+
+    def copy(self) -> "Journal":
+        """As it is now; what is written later goes into one of the two."""
+        other = Journal(self.base)
+        other.spheres, other.strings = list(self.spheres), list(self.strings)
+        other.changes = {frame: dict(values) for frame, values in self.changes.items()}
+        other.length, other.closed = self.length, self.closed
+        return other
+
+    def change(self, frame: int, path: str, value: Any) -> None:
+        """A value changes at the start of a frame; of several in one frame the last counts."""
+        if not self._full():
+            self.changes.setdefault(frame, {})[path] = value
+
+    def add_sphere(self, frame: int, sphere: Sphere) -> int:
+        """It appears at the start of a frame; returns its number in the scene that replays."""
+        if not self._full():
+            self.spheres.append(sphere.model_copy(update={"start": self._time(frame)}))
+        return len(self.spheres) - 1
+
+    def add_string(self, frame: int, string: String) -> int:
+        """It is tied at the start of a frame; returns its number in the scene that replays."""
+        if not self._full():
+            self.strings.append(string.model_copy(update={"start": self._time(frame)}))
+        return len(self.strings) - 1
+
+    def end(self, bodies: list, number: int, frame: int) -> None:
+        """A sphere or string of this journal ends at the start of a frame."""
+        if not self.closed:
+            bodies[number] = bodies[number].model_copy(update={"end": self._time(frame)})
+
+    def forget_what_was_planned(self, frame: int) -> None:
+        """What the scene itself would have done from a frame on does not happen."""
+        kept = [change for change in self.base.change if frame_at(self.base, change.time) < frame]
+        self.base = self.base.model_copy(update={"change": kept})
+        for bodies in (self.spheres, self.strings):
+            for number, body in enumerate(bodies):
+                if frame_at(self.base, body.start) >= frame > 0:
+                    bodies[number] = body.model_copy(update={"end": body.start})
+                elif body.end is not None and frame_at(self.base, body.end) >= frame:
+                    bodies[number] = body.model_copy(update={"end": None})
+
+    def scene(self, frames: int) -> Scene:
+        """The scene that replays it.
+
+        Raises:
+            InputError: too much was done to be kept.
+        """
+        if self.closed:
+            raise InputError(f"more was done since the start than the {LONGEST:,} entries that are kept; reset first")
+        changes = [*self.base.change]
+        changes += [Change(time=self._time(frame), set=values) for frame, values in sorted(self.changes.items())]
+        update = {"change": changes, "sphere": self.spheres, "string": self.strings, "frames": max(frames, 1)}
+        return Scene.model_validate(dict(self.base) | update)
+
+    def _time(self, frame: int) -> float:
+        return frame / self.base.frames_per_second
+
+    def _full(self) -> bool:
+        self.length += 1
+        self.closed = self.closed or self.length > LONGEST
+        return self.closed

@@ -1,0 +1,265 @@
+"""A simulation that is played with: every touch takes effect between two frames, and is written down."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.device import pick_device
+from balloon_warp.model import build_model, lay_out, plan_model
+from balloon_warp.model.parameters import METHODS
+from balloon_warp.model.plan import ModelPlan
+from balloon_warp.scene import Scene, Sphere, String
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.timeline import is_there, scenes_over_time
+from balloon_warp.simulator import HEALTHY, Simulator
+from balloon_warp.viewer.journal import Journal
+
+MOST_THROWN = 8
+"""spheres that are about at one time; the next one takes the place of the oldest"""
+STATE = ("frame", "points", "velocities", "sphere_positions", "sphere_velocities", "sphere_forces")
+
+
+@dataclass(frozen=True)
+class Moment:
+    """All that it takes to go on from here."""
+
+    frame: int
+    scene: Scene
+    journal: Journal
+    numbers: tuple[list[int], list[int]]
+    substeps: int
+    hands: dict[object, int]
+    state: dict[str, NDArray]
+
+
+class Playground:
+    """One world on one device.
+
+    Args:
+        scene: where it starts.
+        device: a Warp device; the GPU where there is one, when missing.
+
+    Raises:
+        InputError: the scene cannot be simulated.
+    """
+
+    def __init__(self, scene: Scene, device: str | None = None):
+        self.start, self._least_substeps = scene, 1 if scene.substeps == "auto" else scene.substeps
+        self._first_model = build_model(scene, pick_device(device))
+        self.keep_stable = True
+        """whether every change takes as many substeps as it needs"""
+        self.size = float(max(np.ptp(shape.mesh.points, axis=0).max() for shape in self._first_model.shapes))
+        """of the largest balloon at the start [m]"""
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the start of the scene, as it was given."""
+        self.simulator = Simulator.of_model(self._first_model)
+        self.live = self.start
+        """the scene as it is now, but for what it has planned; once anything is touched, exactly as it is"""
+        self.journal = Journal(self.start.model_copy(update={"substeps": self.simulator.model.substeps}))
+        self._numbers = list(range(len(self.live.sphere))), list(range(len(self.live.string)))
+        """of the spheres and strings that are there, in the journal"""
+        self._untouched = True
+        self.hands: dict[object, int] = {}
+        """by who holds it, the string in the live scene that is a hand"""
+
+    @property
+    def frame(self) -> int:
+        return self.simulator.frame_number
+
+    @property
+    def seconds(self) -> float:
+        """simulated since the start [s]"""
+        return self.frame * self.simulator.model.frame_seconds
+
+    @property
+    def k_normal(self) -> float:
+        """of the first balloon, now"""
+        keyframes = self.live.balloon[0].inflation.keyframes
+        return float(np.interp(self.seconds, *zip(*keyframes, strict=True)))
+
+    def step(self) -> None:
+        """One frame.
+
+        Raises:
+            BlowUpError: the simulation left the finite numbers.
+        """
+        self.simulator.step()
+
+    def set(self, path: str, value: Any) -> None:
+        """Change a value of the scene.
+
+        Raises:
+            InputError: there is no such value, or it is out of its bounds; nothing changes then.
+        """
+        scene = override_scene(self.live, [(path, value)])
+        self._take_over()
+        scene = override_scene(self.live, [(path, value)])
+        if path in METHODS:
+            self._rebuild(scene, list(range(len(scene.sphere))))
+        else:
+            plan = self._plan(scene)
+            self.live = scene
+            rows = plan.parameters.items()
+            self.simulator.set_parameters({name: row for name, row in rows if not name.startswith("initial_")})
+            self._go_at(plan.substeps)
+        self.journal.change(self.frame, path, value)
+
+    def throw(self, position: NDArray, velocity: NDArray, radius: float, mass: float) -> None:
+        """A sphere appears, and flies.
+
+        Raises:
+            InputError: it is too small, too heavy, or somewhere that cannot be.
+        """
+        sphere = Sphere(position=_tuple(position), velocity=_tuple(velocity), radius=radius, mass=mass)
+        self._take_over()
+        spheres, kept = [*self.live.sphere, sphere], list(range(len(self.live.sphere)))
+        numbers = self._numbers[0]
+        thrown = [number for number in kept if numbers[number] >= len(self.start.sphere)]
+        if len(thrown) >= MOST_THROWN:
+            oldest = thrown[0]
+            self.journal.end(self.journal.spheres, numbers.pop(oldest), self.frame)
+            del spheres[oldest], kept[oldest]
+        numbers.append(self.journal.add_sphere(self.frame, sphere))
+        self._rebuild(self.live.model_copy(update={"sphere": spheres}), [*kept, None])
+
+    def tie(self, particle: int, anchor: NDArray, stiffness: float | None = None, length: float | None = None) -> int:
+        """Tie a string from a place to a particle, numbered over all balloons; returns its number in the live scene.
+
+        It is taut, and as strong as the balloon is heavy, when nothing is said.
+        """
+        offsets = self.simulator.model.particle_offsets
+        balloon = int(np.searchsorted(offsets, particle, side="right")) - 1
+        weight = self.live.balloon[balloon].mass
+        string = String(
+            anchor=_tuple(anchor),
+            balloon=balloon,
+            particle=particle - offsets[balloon],
+            length=length or max(float(np.linalg.norm(self.points[particle] - anchor)), 1e-6),
+            stiffness=stiffness or 60.0 * weight / self.size,
+        )
+        self._take_over()
+        self._numbers[1].append(self.journal.add_string(self.frame, string))
+        self._rebuild(self.live.model_copy(update={"string": [*self.live.string, string]}))
+        return len(self.live.string) - 1
+
+    def cut(self, string: int) -> None:
+        """Cut a string of the live scene."""
+        self._take_over()
+        self.journal.end(self.journal.strings, self._numbers[1].pop(string), self.frame)
+        strings = [*self.live.string[:string], *self.live.string[string + 1 :]]
+        self.hands = {who: held - (held > string) for who, held in self.hands.items() if held != string}
+        self._rebuild(self.live.model_copy(update={"string": strings}))
+
+    def cut_all(self) -> None:
+        """Cut every string but the hands."""
+        for string in reversed(range(len(self.live.string))):
+            if string not in self.hands.values():
+                self.cut(string)
+
+    def grab(self, who: object, particle: int, place: NDArray) -> None:
+        """Take hold of a particle; the hand is at a place."""
+        self.release(who)
+        self.hands[who] = self.tie(particle, place, length=1e-3 * self.size)
+
+    def pull(self, who: object, place: NDArray) -> None:
+        """Move a hand, where it holds anything."""
+        if who in self.hands:
+            anchor = [float(x) for x in place]
+            self.live = override_scene(self.live, [(f"string.{self.hands[who]}.anchor", anchor)])
+            anchors = [string.anchor for string in self.live.string]
+            self.simulator.set_parameters({"string_anchor": np.array(anchors)})
+            self.journal.change(self.frame, f"string.{self._numbers[1][self.hands[who]]}.anchor", anchor)
+
+    def release(self, who: object) -> None:
+        """Let go."""
+        if who in self.hands:
+            self.cut(self.hands[who])
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        """of all balloons [m], shape (particle_count, 3)"""
+        return self.simulator.state.points.numpy()[0]
+
+    def moment(self) -> Moment:
+        """All that it takes to come back here."""
+        return Moment(
+            frame=self.frame,
+            scene=self.live,
+            journal=self.journal.copy(),
+            numbers=(list(self._numbers[0]), list(self._numbers[1])),
+            substeps=self.simulator.model.substeps,
+            hands=dict(self.hands),
+            state={name: np.array(getattr(self.simulator.state, name).numpy()) for name in STATE},
+        )
+
+    def return_to(self, moment: Moment) -> None:
+        """Go on from a moment; what was done since is undone. Nobody holds anything any more."""
+        self.journal = moment.journal.copy()
+        self._numbers = list(moment.numbers[0]), list(moment.numbers[1])
+        self._untouched, self.hands = False, dict(moment.hands)
+        self.simulator.drop_turns()
+        self._rebuild(moment.scene, [None] * len(moment.scene.sphere), moment.substeps)
+        for name, values in moment.state.items():
+            getattr(self.simulator.state, name).assign(values)
+        self.simulator.first_bad_particle.fill_(HEALTHY)
+        self.simulator.frame_number = moment.frame
+        for who in list(self.hands):
+            self.release(who)
+
+    def _take_over(self) -> None:
+        """From the first touch on, what the scene itself had planned does not happen."""
+        if not self._untouched:
+            return
+        self._untouched = False
+        scene, before = self.start, max(self.frame - 1, 0)
+        for frame, changed in scenes_over_time(self.start):
+            if frame < self.frame:
+                scene = changed
+        self.simulator.drop_turns()
+        self.journal.forget_what_was_planned(self.frame)
+        lasting = (scene.sphere, scene.string)
+        there = [[n for n, body in enumerate(bodies) if is_there(scene, body, before)] for bodies in lasting]
+        self._numbers = there[0], there[1]
+        lengths = self.simulator.model.string_length.numpy()[0].tolist()
+        forever = {"start": 0.0, "end": None}
+        spheres = [scene.sphere[n].model_copy(update=forever) for n in there[0]]
+        strings = [scene.string[n].model_copy(update={**forever, "length": lengths[n]}) for n in there[1]]
+        self.live = scene.model_copy(update={"change": [], "sphere": spheres, "string": strings})
+        self._rebuild(self.live, there[0])
+
+    def _plan(self, scene: Scene) -> ModelPlan:
+        """With as many substeps as it needs."""
+        plan = plan_model(scene.model_copy(update={"substeps": "auto"}), shapes=self._first_model.shapes)
+        values = plan.parameters["keyframe_values"]  # as many as at the start: so they give the same to the last bit
+        missing = self._first_model.keyframe_values.shape[2] - values.shape[2]
+        values = np.pad(values, [(0, 0), (0, 0), (0, missing)], mode="edge")
+        parameters = {**plan.parameters, "keyframe_values": values}
+        return replace(plan, parameters=parameters, substeps=max(plan.substeps, self._least_substeps))
+
+    def _rebuild(self, scene: Scene, spheres: list[int | None] | None = None, substeps: int | None = None) -> None:
+        """Go on in a scene with other spheres or strings, or another method."""
+        plan = self._plan(scene)
+        running = self.simulator.model.substeps
+        wanted = substeps or (plan.substeps if self.keep_stable else running)
+        if wanted != running and substeps is None:
+            self.journal.change(self.frame, "substeps", wanted)
+        self.live = scene
+        model = lay_out(plan, self.simulator.model.device)
+        times = self._first_model.keyframe_times
+        self.simulator.go_on_in(replace(model, substeps=wanted, keyframe_times=times), spheres)
+
+    def _go_at(self, substeps: int) -> None:
+        """As many substeps as a change needs."""
+        model = self.simulator.model
+        if self.keep_stable and substeps != model.substeps:
+            self.simulator.go_on_in(replace(model, substeps=substeps))
+            self.journal.change(self.frame, "substeps", substeps)
+
+
+def _tuple(place: NDArray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in place)
+    return x, y, z

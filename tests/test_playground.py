@@ -1,0 +1,222 @@
+"""What is done to a simulation while it runs, and the scene that replays it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, String, load_scene
+from balloon_warp.scene.load import bundled_scenes
+from balloon_warp.scene.write import scene_toml
+from balloon_warp.simulator import Simulator
+from balloon_warp.viewer import journal
+from balloon_warp.viewer.playground import MOST_THROWN, Playground
+
+
+def on_a_string(**fields) -> Scene:
+    fields = {"ground": Ground(height=-1.0)} | fields
+    return Scene(
+        balloon=[
+            Balloon(mesh=quad_sphere(4, 0.5), helium=10.0, inflation=Inflation(k_normal=[(0.0, 0.2), (9.0, 1.0)]))
+        ],
+        string=[String(anchor=(0.0, -1.0, 0.0))],
+        **fields,
+    )
+
+
+def steps(playground: Playground, count: int) -> None:
+    for _ in range(count):
+        playground.step()
+
+
+def replayed(playground: Playground) -> Simulator:
+    """The journal's scene, simulated from its start to where the playground is."""
+    simulator = Simulator(playground.journal.scene(playground.frame), str(playground.simulator.model.device))
+    for _ in range(playground.frame):
+        simulator.step()
+    return simulator
+
+
+def volume(playground: Playground) -> float:
+    return float(np.linalg.norm(playground.points - playground.points.mean(axis=0), axis=1).mean() ** 3)
+
+
+def play(playground: Playground) -> None:
+    """All that can be done, in some order."""
+    steps(playground, 3)
+    playground.set("balloon.inflation.k_normal", 0.8)
+    playground.set("balloon.helium", 12.0)
+    steps(playground, 2)
+    playground.throw(np.array([0.0, 1.5, 0.0]), np.array([0.0, -6.0, 0.0]), 0.2, 1.0)
+    steps(playground, 4)
+    playground.grab("left", 7, playground.points[7] + [0.3, 0.0, 0.0])
+    steps(playground, 2)
+    playground.pull("left", playground.points[7] + [0.6, 0.1, 0.0])
+    playground.set("balloon.stiffness.structural", 90.0)
+    steps(playground, 3)
+    playground.release("left")
+    playground.cut_all()
+    playground.set("normals", "fresh")
+    steps(playground, 3)
+    playground.tie(3, playground.points[3] - [0.0, 0.4, 0.0])
+    for number in range(MOST_THROWN + 1):
+        playground.throw(np.array([2.0, 1.5 + number, 0.0]), np.zeros(3), 0.1, 1.0)
+    steps(playground, 3)
+
+
+def test_the_journal_replays_to_the_last_bit(device):
+    """On a GPU too: every schedule that auto takes repeats to the last bit."""
+    playground = Playground(on_a_string(), device)
+    play(playground)
+    again = replayed(playground)
+    np.testing.assert_array_equal(again.state.points.numpy()[0], playground.points)
+    np.testing.assert_array_equal(again.state.velocities.numpy(), playground.simulator.state.velocities.numpy())
+
+
+def test_the_journal_replays_from_its_file(device, tmp_path):
+    """The file says every digit, and finds the mesh."""
+    playground = Playground(load_scene("squirrel_tether"), device)
+    steps(playground, 2)
+    playground.set("gravity", 1.0 / 3.0)
+    playground.grab("hand", 100, playground.points[100] + [0.1, 0.0, 0.0])
+    steps(playground, 2)
+    path = tmp_path / "replay.toml"
+    path.write_text(scene_toml(playground.journal.scene(4), tmp_path))
+    simulator = Simulator(load_scene(path), device)
+    for _ in range(4):
+        simulator.step()
+    np.testing.assert_array_equal(simulator.state.points.numpy()[0], playground.points)
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_scene_survives_being_written(name, tmp_path):
+    scene = load_scene(name)
+    path = tmp_path / "again.toml"
+    path.write_text(scene_toml(scene, tmp_path))
+    assert load_scene(path) == scene
+
+
+def test_odd_texts_survive_being_written(tmp_path):
+    mesh = Path(bundled_scenes()["squirrel_inflate"]).parent / "squirrel.obj"
+    scene = Scene(description='"quoted" \\ \n \u0007 é', balloon=[Balloon(mesh=mesh)])
+    path = tmp_path / "odd.toml"
+    path.write_text(scene_toml(scene, tmp_path), encoding="utf-8")
+    assert load_scene(path) == scene
+
+
+def test_touching_ends_what_was_planned(device):
+    planned = [Change(time=2 / 60, set={"gravity": 3.0}), Change(time=6 / 60, set={"gravity": 50.0})]
+    late = [Sphere(position=(0.0, 0.0, 0.0), radius=0.6, start=7 / 60), Sphere(position=(0, 5, 0), end=8 / 60)]
+    playground = Playground(on_a_string(change=planned, sphere=late), device)
+    steps(playground, 4)
+    playground.set("balloon.helium", 9.0)
+    assert playground.live.gravity == 3.0
+    assert len(playground.live.sphere) == 1
+    steps(playground, 6)
+    assert float(playground.simulator.model.gravity.numpy()[0]) == 3.0
+    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
+
+
+def test_an_untouched_scene_is_played_as_planned(device):
+    scene = on_a_string(
+        change=[Change(time=2 / 60, set={"gravity": 50.0})], sphere=[Sphere(position=(0, 0, 0), start=3 / 60)]
+    )
+    playground = Playground(scene, device)
+    steps(playground, 6)
+    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
+    assert playground.simulator.model.gravity.numpy() == 50.0
+
+
+def test_a_thrown_sphere_dents_the_balloon(device):
+    playground = Playground(on_a_string(), device)
+    steps(playground, 10)
+    before = volume(playground)
+    top = playground.points[:, 1].max()
+    playground.throw(np.array([0.0, top + 0.3, 0.0]), np.array([0.0, -4.0, 0.0]), 0.25, 2.0)
+    steps(playground, 10)
+    assert playground.points[:, 1].max() < top - 0.1
+    assert volume(playground) != before
+
+
+def test_a_hand_pulls_the_balloon(device):
+    playground = Playground(on_a_string(ground=None), device)
+    playground.cut_all()
+    still = Playground(on_a_string(ground=None), device)
+    still.cut_all()
+    playground.grab("hand", 0, playground.points[0] + [1.0, 0.0, 0.0])
+    for each in (playground, still):
+        steps(each, 20)
+    assert playground.points[:, 0].mean() > still.points[:, 0].mean() + 0.05
+    playground.release("hand")
+    assert (playground.live.string, playground.hands) == ([], {})
+
+
+def test_reset_goes_back_to_the_start(device):
+    playground = Playground(on_a_string(), device)
+    start = playground.moment()
+    play(playground)
+    playground.reset()
+    assert playground.frame == 0
+    assert playground.live is playground.start
+    for name, values in playground.moment().state.items():
+        np.testing.assert_array_equal(values, start.state[name], err_msg=name)
+
+
+def test_a_moment_brings_everything_back(device):
+    """And what happens next happens again, to the last bit; what was done after it is gone from the journal."""
+    playground = Playground(on_a_string(), device)
+    steps(playground, 3)
+    playground.throw(np.array([0.0, 1.5, 0.0]), np.array([0.0, -6.0, 0.0]), 0.2, 1.0)
+    steps(playground, 5)
+    moment = playground.moment()
+    steps(playground, 4)
+    expected = playground.points.copy()
+    playground.set("balloon.inflation.k_normal", 5.0)
+    playground.throw(np.array([3.0, 1.5, 0.0]), np.zeros(3), 0.2, 1.0)
+    steps(playground, 4)
+    playground.return_to(moment)
+    assert playground.frame == 8
+    steps(playground, 4)
+    np.testing.assert_array_equal(playground.points, expected)
+    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], expected)
+
+
+def test_stiffer_springs_get_more_substeps_unless_told_not_to():
+    playground = Playground(on_a_string(), "cpu")
+    few = playground.simulator.model.substeps
+    playground.set("balloon.stiffness.structural", 2000.0)
+    assert playground.simulator.model.substeps > few
+    steps(playground, 30)
+    playground.reset()
+    playground.keep_stable = False
+    playground.set("balloon.stiffness.structural", 1e6)
+    assert playground.simulator.model.substeps == few
+    moment = playground.moment()
+    with pytest.raises(BlowUpError, match="blew up"):
+        steps(playground, 60)
+    playground.return_to(moment)
+    playground.set("balloon.stiffness.structural", 20.0)
+    steps(playground, 30)
+    assert np.isfinite(playground.points).all()
+
+
+@pytest.mark.parametrize(("path", "value"), [("balloon.mass", -1.0), ("balloon.helium", "a lot"), ("nonsense", 1.0)])
+def test_a_wrong_value_changes_nothing(path, value):
+    playground = Playground(on_a_string(), "cpu")
+    with pytest.raises(InputError):
+        playground.set(path, value)
+    assert playground.live is playground.start
+    playground.step()
+
+
+def test_a_journal_does_not_grow_forever(monkeypatch):
+    monkeypatch.setattr(journal, "LONGEST", 5)
+    playground = Playground(on_a_string(), "cpu")
+    for value in range(9):
+        playground.set("gravity", float(value))
+        playground.step()
+    assert len(playground.journal.changes) == 5
+    with pytest.raises(InputError, match="more was done since the start than the 5 entries"):
+        playground.journal.scene(9)
