@@ -179,8 +179,9 @@ class Simulator:
                 puts it; all as they are, when missing.
         """
         before, self.state = self.state, initial_state(model)
-        for name in ("frame", "points", "velocities"):
-            wp.copy(getattr(self.state, name), getattr(before, name))
+        for name, array in vars(before).items():
+            if not name.startswith("sphere_"):
+                wp.copy(getattr(self.state, name), array)
         for now, until_now in enumerate(range(self.model.sphere_count) if spheres is None else spheres):
             if until_now is not None:
                 for name in ("sphere_positions", "sphere_velocities", "sphere_forces"):

@@ -18,7 +18,8 @@ from balloon_warp.viewer.journal import Journal
 
 MOST_THROWN = 8
 """spheres that are about at one time; the next one takes the place of the oldest"""
-STATE = ("frame", "points", "velocities", "sphere_positions", "sphere_velocities", "sphere_forces")
+REBUILT = ("viscosity", "yield_stretch", "drag_coefficient")
+"""fields that decide which kernels run"""
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,8 @@ class Playground:
         return self.frame * self.simulator.model.frame_seconds
 
     @property
-    def k_normal(self) -> float:
-        """of the first balloon, now"""
+    def inflation(self) -> float:
+        """what is keyframed of the first balloon, now"""
         keyframes = self.live.balloon[0].inflation.keyframes
         return float(np.interp(self.seconds, *zip(*keyframes, strict=True)))
 
@@ -98,7 +99,7 @@ class Playground:
         scene = override_scene(self.live, [(path, value)])
         self._take_over()
         scene = override_scene(self.live, [(path, value)])
-        if path in METHODS:
+        if path in METHODS or path.endswith(REBUILT):
             self._rebuild(scene, list(range(len(scene.sphere))))
         else:
             plan = self._plan(scene)
@@ -193,7 +194,7 @@ class Playground:
             numbers=(list(self._numbers[0]), list(self._numbers[1])),
             substeps=self.simulator.model.substeps,
             hands=dict(self.hands),
-            state={name: np.array(getattr(self.simulator.state, name).numpy()) for name in STATE},
+            state={name: np.array(array.numpy()) for name, array in vars(self.simulator.state).items()},
         )
 
     def return_to(self, moment: Moment) -> None:
