@@ -31,6 +31,7 @@ from balloon_warp.kernels.block_air import (
     start_particle,
 )
 from balloon_warp.kernels.contact import move_sphere
+from balloon_warp.kernels.contiguous import vector_of_tile
 from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.gas import VOLUME, Swelling
 from balloon_warp.kernels.inflation import NORMAL_FORCE, inflation_force
@@ -62,7 +63,7 @@ MAX_REGISTERS = 64
 def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_normals: bool) -> Any:
     """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
     buffers = 2 * capacity
-    pull_of_springs = spring_puller(traits)
+    pull_of_springs = spring_puller(traits, vector_of_tile)
     advance = euler_step(traits.forward_euler)
     Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
 

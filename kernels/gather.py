@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.air import area_vector_of_particle, drag_in_air, has_pressure
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.contiguous import vector_at
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import body_force, euler_step
@@ -85,7 +86,7 @@ def leave_obstacles(
 @cache
 def force_kernel(traits: Traits) -> Any:
     """The kernel that finds all forces but the inflation's."""
-    pull_of_springs = spring_puller(traits)
+    pull_of_springs = spring_puller(traits, vector_at)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
     def sum_forces(
@@ -127,7 +128,7 @@ def force_kernel(traits: Traits) -> Any:
 @cache
 def particle_kernel(traits: Traits) -> Any:
     """The kernel that advances the particles."""
-    pull_of_springs = spring_puller(traits)
+    pull_of_springs = spring_puller(traits, vector_at)
     advance = euler_step(traits.forward_euler)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})

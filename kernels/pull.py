@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contiguous import float_at, int_at, vector_at
 from balloon_warp.kernels.springs import rubber_coefficient, spring_coefficient, squared_length, string_coefficient
 from balloon_warp.kernels.tables import (
     CHUNK,
@@ -20,10 +21,20 @@ from balloon_warp.kernels.tables import (
 from balloon_warp.kernels.traits import Traits
 
 
+@wp.func
+def kind_constant(constants: wp.vec3, kind: wp.int32):
+    """`constants[kind]`, without the memory that an index needs."""
+    return wp.where(kind == 0, constants[0], wp.where(kind == 1, constants[1], constants[2]))
+
+
 @cache
-def spring_puller(traits: Traits) -> Any:
+def spring_puller(traits: Traits, point_at: Any) -> Any:
     """The function that sums a particle's springs; without the scales if they are all 1, and without looking at
-    velocities if no spring is viscous."""
+    velocities if no spring is viscous.
+
+    Args:
+        point_at: the function that reads a point, of an array or a tile.
+    """
 
     @wp.func
     def pull_of_springs(
@@ -50,17 +61,18 @@ def spring_puller(traits: Traits) -> Any:
                 entry = chunk + SLICE * slot
                 scale = float(1.0)
                 if wp.static(traits.springs_vary):
-                    scale = springs.scales[entry]
-                end = springs.ends[entry]
-                d = points[first + (end >> 2)] - point
+                    scale = float_at(springs.scales, entry)
+                end = int_at(springs.ends, entry)
+                length = float_at(springs.rest_lengths, entry)
+                d = point_at(points, first + (end >> 2)) - point
                 if wp.static(traits.rubber):
-                    opening = wp.dot(velocities[end >> 2] - velocity, d)
+                    opening = wp.dot(vector_at(velocities, end >> 2) - velocity, d)
                     coefficient = rubber_coefficient(
-                        squared_length(d), opening, scale, springs.rest_lengths[entry], viscosity, yield_stretch
+                        squared_length(d), opening, scale, length, viscosity, yield_stretch
                     )
                 else:
-                    coefficient = spring_coefficient(squared_length(d), scale, springs.rest_lengths[entry])
-                force += constants[end & 3] * coefficient * d
+                    coefficient = spring_coefficient(squared_length(d), scale, length)
+                force += kind_constant(constants, end & 3) * coefficient * d
         return force
 
     return pull_of_springs

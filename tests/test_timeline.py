@@ -87,8 +87,10 @@ def test_each_value_changes_in_every_schedule(path, device, schedule):
 
 def test_a_value_that_stays_changes_nothing(device, schedule):
     found = after_frames(busy(change=[Change(time=0.02, set={"gravity": 9.81})]), 4, device, schedule)
-    np.testing.assert_array_equal(
-        found.state.points.numpy(), after_frames(busy(), 4, device, schedule).state.points.numpy()
+    # On a GPU, scatter adds in another order every time.
+    rounding = 1e-6 if schedule == "scatter" and device != "cpu" else 0
+    np.testing.assert_allclose(
+        found.state.points.numpy(), after_frames(busy(), 4, device, schedule).state.points.numpy(), rtol=0, atol=rounding
     )
 
 

@@ -104,6 +104,8 @@ class BlockSchedule:
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
+        if _residence(model, spring_ends(model)):
+            return 0
         velocities = VECTOR_BYTES * model.particle_count if model_traits(model).keeps_velocities else 0
         return velocities + FORCE_ROWS * (24 * model.sphere_count + 4) + GAS_ROWS * 8 * model.balloon_count
 
