@@ -90,7 +90,10 @@ def test_a_value_that_stays_changes_nothing(device, schedule):
     # On a GPU, scatter adds in another order every time.
     rounding = 1e-6 if schedule == "scatter" and device != "cpu" else 0
     np.testing.assert_allclose(
-        found.state.points.numpy(), after_frames(busy(), 4, device, schedule).state.points.numpy(), rtol=0, atol=rounding
+        found.state.points.numpy(),
+        after_frames(busy(), 4, device, schedule).state.points.numpy(),
+        rtol=0,
+        atol=rounding,
     )
 
 
