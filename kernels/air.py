@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact import above_ground, out_of_sphere
 from balloon_warp.kernels.gas import (
     GAS,
     PRESSURE,
@@ -14,9 +15,19 @@ from balloon_warp.kernels.gas import (
     gas_load,
     inflation_of_kind,
     molar_volume,
+    swelling_of_particle,
     tube_flow,
 )
-from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, particle_mass, row_of_world
+from balloon_warp.kernels.motion import response
+from balloon_warp.kernels.tables import (
+    AirTable,
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    ground_height,
+    particle_mass,
+    row_of_world,
+)
 
 
 @wp.func
@@ -121,6 +132,45 @@ def move_gas(
         )
         amounts[first] = wp.max(amounts[first] - wp.float64(flow), wp.float64(0.0))
         amounts[second] = wp.max(amounts[second] + wp.float64(flow), wp.float64(0.0))
+
+
+@wp.func
+def outside_obstacles(
+    obstacles: ObstacleTable, sphere_positions: wp.array[wp.vec3], world: wp.int32, up: wp.vec3, point: wp.vec3
+):
+    """Where obstacles let a point go, and the normal of the last one that it met there, zero if none."""
+    normal = wp.vec3()
+    for sphere in range(sphere_positions.shape[0]):
+        radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
+        point, normal = out_of_sphere(point, normal, sphere_positions[sphere], radius, up)
+    point, normal = above_ground(point, normal, up, ground_height(obstacles, world))
+    return point, normal
+
+
+@wp.func
+def swelling_beside_obstacles(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    sphere_positions: wp.array[wp.vec3],
+    world: wp.int32,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    mass: float,
+    share: float,
+    area_vector: wp.vec3,
+    load: wp.vec2,
+    step_seconds: float,
+):
+    """A particle's part of its balloon's swelling, under the old load; the velocity is that without inflation."""
+    height = wp.dot(point, bodies.up)
+    push = load[0] + load[1] * height
+    end = point + step_seconds * (velocity + response(mass, step_seconds) * push * area_vector)
+    normal = wp.vec3()
+    if mass > 0.0:
+        end, normal = outside_obstacles(obstacles, sphere_positions, world, bodies.up, end)
+    return swelling_of_particle(
+        area_vector, (end - point) / step_seconds, normal, mass, share, height, push, step_seconds
+    )
 
 
 @wp.func

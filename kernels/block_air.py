@@ -14,12 +14,21 @@ from balloon_warp.kernels.air import (
     has_pressure,
     inertia_of_particle,
     move_gas,
+    swelling_beside_obstacles,
     volume_origin,
 )
-from balloon_warp.kernels.gas import face_volume, inflation_of_kind, swelling_of_particle
+from balloon_warp.kernels.gas import face_volume, inflation_of_kind
 from balloon_warp.kernels.gather import net_force
 from balloon_warp.kernels.motion import response
-from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, StringTable, WorldState, particle_mass
+from balloon_warp.kernels.tables import (
+    AirTable,
+    BodyTable,
+    FaceTable,
+    ObstacleTable,
+    StringTable,
+    WorldState,
+    particle_mass,
+)
 
 GAS_ROWS = 2
 
@@ -69,6 +78,7 @@ def keep_load(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.ve
 def start_particle(
     bodies: BodyTable,
     strings: StringTable,
+    obstacles: ObstacleTable,
     faces: FaceTable,
     air: AirTable,
     state: WorldState,
@@ -94,8 +104,18 @@ def start_particle(
     inertia = inertia_of_particle(bodies, air, amounts, world, particle)
     new_velocity = velocity + response(inertia, step_seconds) * force
     new_velocities[particle] = new_velocity
-    return swelling_of_particle(
-        area_vector, new_velocity, inertia, bodies.mass_share[particle], wp.dot(point, bodies.up)
+    return swelling_beside_obstacles(
+        bodies,
+        obstacles,
+        state.sphere_positions[world],
+        world,
+        point,
+        new_velocity,
+        inertia,
+        bodies.mass_share[particle],
+        area_vector,
+        state.inflation_loads[world, balloon],
+        step_seconds,
     )
 
 

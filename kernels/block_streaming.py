@@ -103,14 +103,14 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
             begin_sphere_forces(state, sphere_forces, world)
             if wp.static(traits.in_air):
                 begin_gas(air, state, gas_rows, world, step_seconds)
-        for turn in range(rounds):
-            particle = wp.min(turn * threads + lane, count - 1)
-            wp.tile_scatter_masked(points, particle, state.points[world, particle], turn * threads + lane < count)
         centers = Spheres()
         motions = Spheres()
         for sphere in range(state.sphere_positions.shape[1]):
             centers[sphere] = state.sphere_positions[world, sphere]
             motions[sphere] = state.sphere_velocities[world, sphere]
+        for turn in range(rounds):
+            particle = wp.min(turn * threads + lane, count - 1)
+            wp.tile_scatter_masked(points, particle, state.points[world, particle], turn * threads + lane < count)
         touched_before = bool(False)
         first = wp.int32(0)
         velocities = state.velocities[world]
@@ -134,6 +134,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                 )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
+                if wp.static(traits.in_air):
+                    state.sphere_positions[world, sphere] = center  # the same by all threads
                 if touched_before and lane == 0:
                     clear_sphere_force(sphere_forces, world, sphere, substep - 2)
             touched_before = touched
@@ -162,7 +164,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                                 water, faces, bodies, points, first, world, particle, velocity, step_seconds
                             )
                         part += start_particle(
-                            bodies, strings, faces, air, state, points, first, world, particle,
+                            bodies, strings, obstacles, faces, air, state, points, first, world, particle,
                             velocity, pull, amounts, new_velocities, step_seconds,
                         )  # fmt: skip
                     load = wp.vec3()

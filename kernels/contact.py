@@ -57,6 +57,25 @@ def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, 
 
 
 @wp.func
+def out_of_sphere(point: wp.vec3, normal: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3):
+    """Where a sphere lets a point go, and the obstacle's normal there; both as they are if it is outside."""
+    if wp.length_sq(point - center) < radius * radius:
+        normal = way_out(point, center, up)
+        point = center + radius * normal
+    return point, normal
+
+
+@wp.func
+def above_ground(point: wp.vec3, normal: wp.vec3, up: wp.vec3, height: float):
+    """Where the ground lets a point go, and the obstacle's normal there; both as they are if it is above."""
+    depth = height - wp.dot(point, up)
+    if depth > 0.0:
+        normal = up
+        point += depth * up
+    return point, normal
+
+
+@wp.func
 def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
     """Force on a sphere [N] from a particle that it moved `outward`."""
     squared = squared_length(inflation)

@@ -24,8 +24,8 @@ DRY_AIR_MOLAR_MASS = 0.0289652
 Swelling = wp.types.vector(length=5, dtype=wp.float32)
 """How a balloon swells, summed over its faces and particles: see the numbers below."""
 VOLUME = wp.constant(0)  # [m^3]
-RESPONSE = wp.constant(1)  # sum |a|^2 / m [m^4/kg], a the area vectors
-RATE = wp.constant(2)  # sum a . v [m^3/s], v the velocities without pressure
+RESPONSE = wp.constant(1)  # sum |a|^2 / m [m^4/kg], a the area vectors, along obstacles
+RATE = wp.constant(2)  # sum a . v [m^3/s], v the velocities at the end of the step, without pressure
 HEIGHT = wp.constant(3)  # of the center of mass [m]
 RESPONSE_HEIGHT = wp.constant(4)  # sum |a|^2 height / m [m^5/kg]
 
@@ -83,17 +83,30 @@ def face_volume(
 
 
 @wp.func
-def swelling_of_particle(area_vector: wp.vec3, velocity: wp.vec3, mass: float, share: float, height: float):
+def swelling_of_particle(
+    area_vector: wp.vec3,
+    velocity: wp.vec3,
+    normal: wp.vec3,
+    mass: float,
+    share: float,
+    height: float,
+    push: float,
+    step_seconds: float,
+):
     """A particle's part; without mass it is fixed.
 
     Args:
-        velocity: after the step's other forces [m/s].
+        velocity: at which it will move in this step under the old pressure, beside obstacles [m/s].
+        normal: of the obstacle that it is pressed against, along which it cannot follow the pressure; zero if none.
         share: of the balloon's mass.
+        push: the old pressure [Pa], whose part in the velocity does not count.
     """
+    free = area_vector - wp.dot(area_vector, normal) * normal
     response = float(0.0)
     if mass > 0.0:
-        response = wp.length_sq(area_vector) / mass
-    return Swelling(0.0, response, wp.dot(area_vector, velocity), share * height, response * height)
+        response = wp.length_sq(free) / mass
+    rate = wp.dot(area_vector, velocity) - step_seconds * push * response
+    return Swelling(0.0, response, rate, share * height, response * height)
 
 
 @wp.func
@@ -134,7 +147,8 @@ def gas_load(
     At the end of the step the volume will be V + h (r + h G p), r the rate and G the response, and the pressure, to
     first order, p(V) - s h (r + h G p) with s = -dp/dV. Solved for p, this is backward Euler in the one direction in
     which the gas is stiff: stable at any step that the springs allow, and the explicit p(V) for h -> 0. At rest it is
-    p(V) whatever the step, since r counts the other forces. Forward Euler takes it, too, and keeps that mode bounded.
+    p(V) whatever the step, since r counts the other forces, and obstacles. Forward Euler takes it, too, and keeps that
+    mode bounded.
 
     The air's pressure falls with height, and the gas's less: that is buoyancy and the gas's weight. The area vectors
     times height add up to V up exactly.

@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from balloon_warp.kernels.air import has_pressure, load_of_balloon, volume_origin
-from balloon_warp.kernels.gas import VOLUME, Swelling, face_volume, inflation_of_kind, swelling_of_particle
+from balloon_warp.kernels.air import has_pressure, load_of_balloon, swelling_beside_obstacles, volume_origin
+from balloon_warp.kernels.gas import VOLUME, Swelling, face_volume, inflation_of_kind
 from balloon_warp.kernels.gather import leave_obstacles
 from balloon_warp.kernels.motion import response
 from balloon_warp.kernels.tables import (
@@ -38,6 +38,7 @@ def weigh_gases(
     # model
     bodies: BodyTable,
     faces: FaceTable,
+    obstacles: ObstacleTable,
     air: AirTable,
     time_in_frame: float,
     step_seconds: float,
@@ -47,8 +48,10 @@ def weigh_gases(
     inflation_aims: wp.array2d[wp.vec3],
     inflation_ramp: wp.array2d[wp.vec2],
     gas_amounts: wp.array2d[wp.float64],
-    # state out
+    sphere_positions: wp.array2d[wp.vec3],
+    # state in and out
     inflation_loads: wp.array2d[wp.vec2],
+    # state out
     pressures: wp.array2d[float],
 ):
     """A block a (world, balloon): its swelling, summed in the same order every time, and the load that follows.
@@ -66,12 +69,18 @@ def weigh_gases(
         for particle in range(
             air.balloon_particles[balloon] + lane, air.balloon_particles[balloon + 1], wp.block_dim()
         ):
-            part += swelling_of_particle(
-                inflation_aims[world, particle],
+            part += swelling_beside_obstacles(
+                bodies,
+                obstacles,
+                sphere_positions[world],
+                world,
+                points[world, particle],
                 velocities[world, particle],
                 particle_mass(bodies, world, particle),
                 bodies.mass_share[particle],
-                wp.dot(points[world, particle], bodies.up),
+                inflation_aims[world, particle],
+                inflation_loads[world, balloon],
+                step_seconds,
             )
     swelling = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
     if lane == 0 and has_pressure(air, balloon):

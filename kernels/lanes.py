@@ -223,6 +223,7 @@ def move_particle_in_air_lanes(
     bodies: BodyTable,
     springs: SpringTable,
     strings: StringTable,
+    obstacles: ObstacleTable,
     faces: FaceTable,
     air: AirTable,
     state: WorldState,
@@ -261,7 +262,9 @@ def move_particle_in_air_lanes(
             lanes.velocities[group, particle] = velocity
             if has_pressure(air, balloon):
                 lanes.aims[group, particle] = area_vector
-                add_particle_to_swelling(numbers, share, bodies.up, point, area_vector, velocity)
+                add_particle_to_swelling(
+                    bodies, obstacles, state, numbers, group, balloon, share, point, area_vector, velocity, step_seconds
+                )
         if has_pressure(air, balloon):
             add_volume_to_swelling(faces, points, numbers, balloon)
             find_load_lanes(air, bodies, state, numbers, group, balloon, time_in_frame, step_seconds)
@@ -348,7 +351,7 @@ def advance_groups(
             set_water_force_lanes(water, faces, bodies, state, lanes, points, group, step_seconds)
         if traits.in_air:
             move_particle_in_air_lanes(
-                traits, bodies, springs, strings, faces, air, state, lanes, group,
+                traits, bodies, springs, strings, obstacles, faces, air, state, lanes, group,
                 time_in_frame, step_seconds, points, new_points,
             )  # fmt: skip
         else:

@@ -7,6 +7,7 @@ from balloon_warp.kernels.air import (
     gas_mass,
     load_of_balloon,
     move_gas,
+    swelling_beside_obstacles,
     volume_origin,
 )
 from balloon_warp.kernels.gas import (
@@ -18,7 +19,6 @@ from balloon_warp.kernels.gas import (
     Swelling,
     cone_volume,
     inflation_of_kind,
-    swelling_of_particle,
 )
 from balloon_warp.kernels.inflation import face_area_vector, face_center
 from balloon_warp.kernels.lanes_state import (
@@ -33,7 +33,7 @@ from balloon_warp.kernels.lanes_state import (
     world_of,
 )
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column
-from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, WorldState
+from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, ObstacleTable, WorldState
 
 
 @wp.func
@@ -68,16 +68,33 @@ def drag_lanes(air: AirTable, state: WorldState, group: wp.int32, balloon: wp.in
 
 @wp.func
 def add_particle_to_swelling(
-    numbers: wp.array[Lanes], share: float, up: wp.vec3, point: Lanes3, area_vector: Lanes3, velocity: Lanes3
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    state: WorldState,
+    numbers: wp.array[Lanes],
+    group: wp.int32,
+    balloon: wp.int32,
+    share: float,
+    point: Lanes3,
+    area_vector: Lanes3,
+    velocity: Lanes3,
+    step_seconds: float,
 ):
     """A particle's part of its balloon's swelling in each world, into `numbers`."""
     for lane in range(LANE_COUNT):
-        part = swelling_of_particle(
-            column(area_vector, lane),
+        world = world_of(state, group, lane)
+        part = swelling_beside_obstacles(
+            bodies,
+            obstacles,
+            state.sphere_positions[world],
+            world,
+            column(point, lane),
             column(velocity, lane),
             share * numbers[INERTIA][lane],
             share,
-            wp.dot(column(point, lane), up),
+            column(area_vector, lane),
+            state.inflation_loads[world, balloon],
+            step_seconds,
         )
         numbers[SWELLING + RESPONSE][lane] += part[RESPONSE]
         numbers[SWELLING + RATE][lane] += part[RATE]

@@ -5,10 +5,16 @@
 
 import warp as wp
 
-from balloon_warp.kernels.air import drag_in_air, has_pressure, load_of_balloon, volume_origin
-from balloon_warp.kernels.gas import Swelling, area_vector_in_face, face_volume, swelling_of_particle
+from balloon_warp.kernels.air import (
+    drag_in_air,
+    has_pressure,
+    load_of_balloon,
+    swelling_beside_obstacles,
+    volume_origin,
+)
+from balloon_warp.kernels.gas import Swelling, area_vector_in_face, face_volume
 from balloon_warp.kernels.motion import response
-from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, particle_mass
+from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, ObstacleTable, particle_mass
 
 
 @wp.kernel(enable_backward=False)
@@ -44,11 +50,14 @@ def add_drag_and_swelling(
     # model
     bodies: BodyTable,
     air: AirTable,
+    obstacles: ObstacleTable,
     step_seconds: float,
     # state in
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
+    sphere_positions: wp.array2d[wp.vec3],
     area_vectors: wp.array2d[wp.vec3],
+    inflation_loads: wp.array2d[wp.vec2],
     # state out
     forces: wp.array2d[wp.vec3],
     swellings: wp.array2d[Swelling],
@@ -61,12 +70,18 @@ def add_drag_and_swelling(
     force = forces[world, particle] + drag_in_air(air, world, balloon, area_vector, velocity)
     forces[world, particle] = force
     mass = particle_mass(bodies, world, particle)
-    part = swelling_of_particle(
-        area_vector,
+    part = swelling_beside_obstacles(
+        bodies,
+        obstacles,
+        sphere_positions[world],
+        world,
+        points[world, particle],
         velocity + response(mass, step_seconds) * force,
         mass,
         bodies.mass_share[particle],
-        wp.dot(points[world, particle], bodies.up),
+        area_vector,
+        inflation_loads[world, balloon],
+        step_seconds,
     )
     wp.atomic_add(swellings, world, balloon, part)
 

@@ -72,9 +72,10 @@ class GatherAir:
             weigh_gases,
             dim=(m.world_count, m.balloon_count),
             inputs=[
-                *(self._bodies_with_gas, self._faces, self._air),
+                *(self._bodies_with_gas, self._faces, self._obstacles, self._air),
                 *(time_in_frame, m.step_seconds),
                 *(points, new_velocities, state.inflation_aims, state.inflation_ramp, state.gas_amounts),
+                state.sphere_positions,
                 *(state.inflation_loads, state.pressures),
             ],
             block_dim=GPU_SUM_THREADS if m.device.is_cuda else 1,

@@ -55,13 +55,13 @@ class ScatterSchedule:
         self._launch(count_frame, 1, state.frame)
 
     def _advance_substep(self, state: State, time_in_frame: float) -> None:
+        self._move_spheres(state)
         if self._air:
             self._air.move_gas(state, time_in_frame)
         self.sum_forces(state, time_in_frame)
         if self._air:
             self._air.add_forces(state, time_in_frame, self.forces)
         self._integrate(state)
-        self._move_spheres(state)
         self._resolve_contacts(state, time_in_frame)
 
     def refresh_inflation(self, state: State) -> None:

@@ -14,7 +14,7 @@ from balloon_warp.kernels.scatter_air import (
 )
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
-from balloon_warp.schedules.tables import air_table, body_table, face_table
+from balloon_warp.schedules.tables import air_table, body_table, face_table, obstacle_table
 
 
 class ScatterAir:
@@ -26,7 +26,7 @@ class ScatterAir:
         self.masses = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
         """of the balloons with their gas [kg], shape (world_count, balloon_count)"""
         self._bodies, self._bodies_with_gas = body_table(model), body_table(model, self.masses)
-        self._air, self._faces = air_table(model), face_table(model)
+        self._air, self._faces, self._obstacles = air_table(model), face_table(model), obstacle_table(model)
         self._area_vectors = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
         self._swellings = wp.zeros((worlds, model.balloon_count), dtype=Swelling, device=device)
 
@@ -59,8 +59,9 @@ class ScatterAir:
         self._launch(
             add_drag_and_swelling,
             particles,
-            *(self._bodies_with_gas, self._air, m.step_seconds),
-            *(state.points, state.velocities, self._area_vectors, forces, self._swellings),
+            *(self._bodies_with_gas, self._air, self._obstacles, m.step_seconds),
+            *(state.points, state.velocities, state.sphere_positions, self._area_vectors, state.inflation_loads),
+            *(forces, self._swellings),
         )
         self._launch(
             find_loads,

@@ -3,9 +3,11 @@
 import numpy as np
 from pxr import Sdf, Usd
 
+from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.lines import define_lines, write_lines
 from balloon_warp.outputs.usd.material import FORCE_COLOR, paint
+from balloon_warp.scene import Inflation
 from balloon_warp.simulator import Frame
 
 
@@ -20,7 +22,7 @@ class NetForcesPrim:
         self.number = number
         balloon, mesh = model.scene.balloon[number], model.shapes[number].mesh
         size = float(np.ptp(mesh.points, axis=0).max())
-        inflation = max(100.0 * abs(value) for _, value in balloon.inflation.keyframes)
+        inflation = _largest_inflation(balloon.inflation, total_area(mesh))
         weight = balloon.mass * abs(model.scene.gravity)
         self.meters_per_newton = 0.05 * size * mesh.vertex_count / max(inflation, weight, 1e-12)
         self.prim = define_lines(stage, path, [2] * mesh.vertex_count, width=0.003 * size)
@@ -33,3 +35,11 @@ class NetForcesPrim:
         begin = frame.points[self.number]
         end = begin + self.meters_per_newton * frame.net_forces[self.number]
         write_lines(self.prim, np.stack([begin, end], axis=1).reshape(-1, 3).astype(np.float32), frame.number)
+
+
+def _largest_inflation(inflation: Inflation, area: float) -> float:
+    """Forces of the inflation added up, whatever their direction, at the start or a keyframe [N]."""
+    if inflation.kind == "gas":
+        return abs(inflation.start_pressure) * area
+    per_value = area if inflation.kind == "pressure" else 100.0
+    return max(per_value * abs(value) for _, value in inflation.keyframes)
