@@ -50,5 +50,6 @@ def mass_properties(model: Model, points: wp.array) -> MassProperties:
     topology = [wp.array(offsets, dtype=wp.int32, device=model.device), model.face_offsets, model.face_particles]
     wp.launch(sum_solids, sums.shape, inputs=[*topology, points], outputs=[sums], device=model.device)
     wp.launch(measure_solids, shape, inputs=[*topology, points, sums], outputs=measures, device=model.device)
-    volume, center, inertia = (np.array(array.numpy()) for array in measures)  # on the CPU numpy() alone is a view
+    # copies: on the CPU numpy() alone is a view
+    volume, center, inertia = (np.array(array.numpy(), dtype=np.float64) for array in measures)
     return MassProperties(np.array([balloon.closed for balloon in model.shapes]), volume, center, inertia)

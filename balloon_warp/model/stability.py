@@ -139,7 +139,9 @@ def _peak_sums(constants: NDArray[np.float64], unit_sums: NDArray[np.float64]) -
 def _areas_around_particles(mesh: PolygonMesh) -> NDArray[np.float64]:
     """Each particle's share of the areas of its faces [m^2], shape (particle_count,)."""
     shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
-    return np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count)
+    areas = np.zeros(mesh.vertex_count)
+    np.add.at(areas, mesh.face_vertex_indices, shares)
+    return areas
 
 
 def _beside(*parts: NDArray[np.float64]) -> NDArray[np.float64]:
