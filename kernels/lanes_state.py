@@ -60,6 +60,8 @@ class LaneState:
     ground_heights: wp.array[Lanes]
     water_forces: wp.array2d[Lanes3]
     """empty where there is no water"""
+    water_loads: wp.array2d[wp.vec4]
+    """of one world at a time; empty where there is no water"""
 
 
 @wp.func

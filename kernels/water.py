@@ -61,43 +61,100 @@ def wet_shares(depths: wp.vec3):
     return moments, areas
 
 
+@wp.struct
+class TriangleLoad:
+    """What the corners of a triangle take of its wetted part."""
+
+    area_vector: wp.vec3
+    """of the whole triangle [m^2]"""
+    moments: wp.vec3
+    """by corner, times the area vector: the integral of depth [m]"""
+    areas: wp.vec3
+    """by corner: the wetted area [m^2]"""
+
+
 @wp.func
-def water_load(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int32, level: float, up: wp.vec3):
-    """A particle's share of depth times area vector over the wetted faces [m^3], and of their wetted area [m^2].
+def triangle_load(a: wp.vec3, b: wp.vec3, c: wp.vec3, level: float, up: wp.vec3):
+    """What water up to a level puts on a triangle."""
+    load = TriangleLoad()
+    moments, shares = wet_shares(wp.vec3(level - wp.dot(a, up), level - wp.dot(b, up), level - wp.dot(c, up)))
+    load.area_vector = 0.5 * wp.cross(a - c, b - c)
+    load.moments = moments
+    load.areas = wp.length(load.area_vector) * shares
+    return load
+
+
+@wp.func
+def corner_load(load: TriangleLoad, moment: float, area: float):
+    """A corner's depth times area vector, and wetted area, as one vector."""
+    return wp.vec4(moment * load.area_vector[0], moment * load.area_vector[1], moment * load.area_vector[2], area)
+
+
+@wp.func
+def is_dry(faces: FaceTable, points: Any, first: wp.int32, begin: wp.int32, end: wp.int32, level: float, up: wp.vec3):
+    """Whether all corners of a face are above the water: then the face is."""
+    lowest = wp.dot(points[first + faces.particles[begin]], up)
+    for corner in range(begin + 1, end):
+        lowest = wp.min(lowest, wp.dot(points[first + faces.particles[corner]], up))
+    return lowest >= level
+
+
+@wp.func
+def particle_load(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int32, level: float, up: wp.vec3):
+    """A particle's depth times area vector over the wetted faces around it [m^3], and their wetted area [m^2].
 
     Particle p stands at `points[first + p]`.
     """
-    load = wp.vec3()
-    wet_area = float(0.0)
+    total = wp.vec4()
     for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
         face = faces.around_particles[incidence]
         begin = faces.offsets[face]
         end = faces.offsets[face + 1]
-        center = face_center(points, first, faces.particles, begin, end)
-        center_load = wp.vec3()
-        center_area = float(0.0)
-        visits = float(0.0)
+        if not is_dry(faces, points, first, begin, end, level, up):
+            center = face_center(points, first, faces.particles, begin, end)
+            center_total = wp.vec4()
+            visits = float(0.0)
+            p = faces.particles[end - 1]
+            for corner in range(begin, end):
+                q = faces.particles[corner]
+                load = triangle_load(points[first + p], points[first + q], center, level, up)
+                if p == particle:
+                    total += corner_load(load, load.moments[0], load.areas[0])
+                if q == particle:
+                    total += corner_load(load, load.moments[1], load.areas[1])
+                    visits += 1.0
+                center_total += corner_load(load, load.moments[2], load.areas[2])
+                p = q
+            total += (visits / float(end - begin)) * center_total
+    return total
+
+
+@wp.func
+def add_face_load(
+    faces: FaceTable, points: wp.array[wp.vec3], face: wp.int32, level: float, up: wp.vec3, loads: wp.array[wp.vec4]
+):
+    """To each corner of a face, what `particle_load` would find there of it."""
+    begin = faces.offsets[face]
+    end = faces.offsets[face + 1]
+    if not is_dry(faces, points, 0, begin, end, level, up):
+        center = face_center(points, 0, faces.particles, begin, end)
+        center_total = wp.vec4()
         p = faces.particles[end - 1]
         for corner in range(begin, end):
             q = faces.particles[corner]
-            a = points[first + p]
-            b = points[first + q]
-            depths = wp.vec3(level - wp.dot(a, up), level - wp.dot(b, up), level - wp.dot(center, up))
-            if wp.max(depths) > 0.0:
-                moments, areas = wet_shares(depths)
-                area_vector = 0.5 * wp.cross(a - center, b - center)
-                area = wp.length(area_vector)
-                at_p = wp.where(p == particle, 1.0, 0.0)
-                at_q = wp.where(q == particle, 1.0, 0.0)
-                load += (at_p * moments[0] + at_q * moments[1]) * area_vector
-                wet_area += (at_p * areas[0] + at_q * areas[1]) * area
-                center_load += moments[2] * area_vector
-                center_area += areas[2] * area
-            visits += wp.where(q == particle, 1.0, 0.0)
+            load = triangle_load(points[p], points[q], center, level, up)
+            wp.atomic_add(loads, p, corner_load(load, load.moments[0], load.areas[0]))
+            wp.atomic_add(loads, q, corner_load(load, load.moments[1], load.areas[1]))
+            center_total += corner_load(load, load.moments[2], load.areas[2])
             p = q
-        load += (visits / float(end - begin)) * center_load
-        wet_area += (visits / float(end - begin)) * center_area
-    return load, wet_area
+        for corner in range(begin, end):
+            wp.atomic_add(loads, faces.particles[corner], center_total / float(end - begin))
+
+
+@wp.func
+def water_level(water: WaterTable, world: wp.int32):
+    """[m]"""
+    return water.level[row_of_world(world, water.level.shape[0])]
 
 
 @wp.func
@@ -106,6 +163,25 @@ def water_drag(density: float, drag: float, wet_area: float, velocity: wp.vec3, 
     acts, 1/v growing evenly: a light particle in a dense liquid stops, and does not turn back."""
     resistance = 0.5 * density * drag * wet_area * wp.length(velocity)
     return -resistance / (1.0 + resistance * response(mass, step_seconds)) * velocity
+
+
+@wp.func
+def force_of_load(
+    water: WaterTable,
+    bodies: BodyTable,
+    world: wp.int32,
+    particle: wp.int32,
+    load: wp.vec4,
+    velocity: wp.vec3,
+    step_seconds: float,
+):
+    """Hydrostatic pressure and drag on a particle [N], from its load."""
+    gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
+    density = water.density[row_of_world(world, water.density.shape[0])]
+    drag = water.drag[row_of_world(world, water.drag.shape[0])]
+    mass = particle_mass(bodies, world, particle)
+    pressure = -density * gravity * wp.vec3(load[0], load[1], load[2])
+    return pressure + water_drag(density, drag, load[3], velocity, mass, step_seconds)
 
 
 @wp.func
@@ -121,31 +197,40 @@ def water_force(
     step_seconds: float,
 ):
     """Hydrostatic pressure and drag on a particle [N]; particle p stands at `points[first + p]`."""
-    gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
-    density = water.density[row_of_world(world, water.density.shape[0])]
-    drag = water.drag[row_of_world(world, water.drag.shape[0])]
-    level = water.level[row_of_world(world, water.level.shape[0])]
-    load, wet_area = water_load(faces, points, first, particle, level, bodies.up)
-    mass = particle_mass(bodies, world, particle)
-    return -density * gravity * load + water_drag(density, drag, wet_area, velocity, mass, step_seconds)
+    load = particle_load(faces, points, first, particle, water_level(water, world), bodies.up)
+    return force_of_load(water, bodies, world, particle, load, velocity, step_seconds)
+
+
+@wp.kernel(enable_backward=False)
+def add_water_loads(
+    # model
+    water: WaterTable,
+    faces: FaceTable,
+    bodies: BodyTable,
+    # state in
+    points: wp.array2d[wp.vec3],
+    # state out
+    loads: wp.array2d[wp.vec4],
+):
+    """A thread a (world, face): its load to its corners."""
+    world, face = wp.tid()
+    add_face_load(faces, points[world], face, water_level(water, world), bodies.up, loads[world])
 
 
 @wp.kernel(enable_backward=False)
 def add_water_forces(
     # model
     water: WaterTable,
-    faces: FaceTable,
     bodies: BodyTable,
     step_seconds: float,
     # state in
-    points: wp.array2d[wp.vec3],
+    loads: wp.array2d[wp.vec4],
     velocities: wp.array2d[wp.vec3],
     # state out
     forces: wp.array2d[wp.vec3],
 ):
     """A thread a (world, particle): what the liquid does to it."""
     world, particle = wp.tid()
-    velocity = velocities[world, particle]
-    forces[world, particle] += water_force(
-        water, faces, bodies, points[world], 0, world, particle, velocity, step_seconds
+    forces[world, particle] += force_of_load(
+        water, bodies, world, particle, loads[world, particle], velocities[world, particle], step_seconds
     )

@@ -71,7 +71,8 @@ class LanesSchedule:
         vectors = of_particles * model.particle_count + 2 * model.face_count + model.sphere_count
         numbers = (BALLOON_NUMBERS + 1) * model.balloon_count + model.sphere_count + 1
         filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
-        return filled_up * (VECTOR_BYTES * vectors + 4 * numbers) // model.world_count
+        loads = 16 * traits.in_water * model.particle_count // LANE_COUNT
+        return filled_up * (VECTOR_BYTES * vectors + 4 * numbers + loads) // model.world_count
 
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""
@@ -126,5 +127,6 @@ def _lane_state(model: Model, group_count: int) -> Any:
     lanes.sphere_centers = rows(model.sphere_count, Lanes3)
     lanes.sphere_squared_radii = rows(model.sphere_count, Lanes)
     lanes.water_forces = rows(model.particle_count if model.has_water else 0, Lanes3)
+    lanes.water_loads = rows(model.particle_count if model.has_water else 0, wp.vec4)
     lanes.ground_heights = wp.zeros(group_count, dtype=Lanes, device=model.device)
     return lanes

@@ -12,7 +12,7 @@ from balloon_warp.kernels.contact import move_spheres, resolve_contacts
 from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.kernels.motion import euler_kernel, set_body_forces
 from balloon_warp.kernels.springs import add_rubber_forces, add_spring_forces, add_string_forces
-from balloon_warp.kernels.water import add_water_forces
+from balloon_warp.kernels.water import add_water_forces, add_water_loads
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.scatter_air import ScatterAir
@@ -35,14 +35,19 @@ class ScatterSchedule:
         self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._face_area_vectors = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
         self._balloon_areas = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
-        self._water_tables = [table(model) for table in (water_table, face_table, body_table)]
+        self._water, self._faces, self._bodies = water_table(model), face_table(model), body_table(model)
+        self._water_loads = wp.zeros(
+            (worlds, model.particle_count if model.has_water else 0), dtype=wp.vec4, device=device
+        )
         self._air = ScatterAir(model) if model.in_air else None
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         in_air = ScatterAir.world_bytes(model) if model.in_air else 0
-        return VECTOR_BYTES * (model.particle_count + 2 * model.face_count) + 4 * model.balloon_count + in_air
+        in_water = 16 * model.particle_count if model.has_water else 0
+        vectors = model.particle_count + 2 * model.face_count
+        return VECTOR_BYTES * vectors + 4 * model.balloon_count + in_air + in_water
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
@@ -144,11 +149,19 @@ class ScatterSchedule:
     def _add_water_forces(self, state: State) -> None:
         m = self.model
         if m.has_water:
+            self._water_loads.zero_()
+            self._launch(
+                add_water_loads,
+                (m.world_count, m.face_count),
+                *(self._water, self._faces, self._bodies),
+                state.points,
+                self._water_loads,
+            )
             self._launch(
                 add_water_forces,
                 (m.world_count, m.particle_count),
-                *(*self._water_tables, m.step_seconds),
-                *(state.points, state.velocities),
+                *(self._water, self._bodies, m.step_seconds),
+                *(self._water_loads, state.velocities),
                 self.forces,
             )
 
