@@ -7,6 +7,7 @@ thread a world adds up the lanes, and the balloons.
 import warp as wp
 
 from balloon_warp.kernels.gas import cone_volume
+from balloon_warp.kernels.inflation import NORMAL_FORCE, keyframed_value, push
 
 
 @wp.struct
@@ -85,8 +86,14 @@ def measure_worlds(
     face_offsets: wp.array[wp.int32],
     face_particles: wp.array[wp.int32],
     mass: wp.array2d[float],
+    inflation_kind: wp.array[wp.int32],
+    keyframe_times: wp.array2d[float],
+    keyframe_values: wp.array3d[float],
+    frame_seconds: float,
     up: wp.vec3,
     # state in
+    frame: wp.array[wp.int32],
+    pressures: wp.array2d[float],
     points: wp.array2d[wp.vec3],
     sphere_positions: wp.array2d[wp.vec3],
     sums: wp.array3d[BalloonSums],
@@ -96,14 +103,17 @@ def measure_worlds(
     measures: wp.array2d[float],
     healthy: wp.array[wp.int32],
 ):
-    """A thread a world: volume, area, height of the center, largest stretch, kinetic energy, heights of the spheres.
+    """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
+    spheres.
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
-    its balloons' by mass. Of a world that left the finite numbers the last good measures stay.
+    its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
+    left the finite numbers the last good measures stay.
     """
     world = wp.tid()
     volume = float(0.0)
     area = float(0.0)
+    pushed = float(0.0)
     height = float(0.0)
     total_mass = float(0.0)
     stretch = float(0.0)
@@ -125,21 +135,28 @@ def measure_worlds(
         balloon_mass = mass[world % mass.shape[0], balloon]
         volume += total.volume - cone_volume(center, total.area_vector)
         area += total.area
+        if inflation_kind[balloon] == NORMAL_FORCE:
+            time = float(frame[0]) * frame_seconds
+            pushed += push(keyframed_value(keyframe_times, keyframe_values, world, balloon, time))
+        else:
+            pushed += pressures[world, balloon] * total.area
         kinetic_energy += total.kinetic_energy
         height += balloon_mass * (wp.dot(points[world, face_particles[first]], up) + wp.dot(center, up))
         total_mass += balloon_mass
     height /= total_mass
+    pressure = pushed / wp.max(area, 1.0e-20)
     for sphere in range(sphere_positions.shape[1]):
         finite = finite and wp.isfinite(sphere_positions[world, sphere])
     finite = finite and wp.isfinite(volume) and wp.isfinite(area) and wp.isfinite(height)
-    finite = finite and wp.isfinite(stretch) and wp.isfinite(kinetic_energy)
+    finite = finite and wp.isfinite(pressure) and wp.isfinite(stretch) and wp.isfinite(kinetic_energy)
     if first_bad_particle[world] != no_particle or not finite:
         healthy[world] = 0
     if healthy[world] == 1:
         measures[world, 0] = volume
         measures[world, 1] = area
-        measures[world, 2] = height
-        measures[world, 3] = stretch
-        measures[world, 4] = kinetic_energy
+        measures[world, 2] = pressure
+        measures[world, 3] = height
+        measures[world, 4] = stretch
+        measures[world, 5] = kinetic_energy
         for sphere in range(sphere_positions.shape[1]):
-            measures[world, 5 + sphere] = wp.dot(sphere_positions[world, sphere], up)
+            measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)

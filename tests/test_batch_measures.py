@@ -40,6 +40,7 @@ def test_a_moving_box_is_measured_exactly(device):
     expected = {
         "volume": 2.0,
         "area": 10.0,
+        "pressure": 0.0,
         "center_height": 1.0,
         "largest_stretch": 2.0,
         "kinetic_energy": 0.5 * 0.5 * 9.0,
@@ -156,3 +157,18 @@ def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
     after = recorder.read()
     assert after.healthy.tolist() == [1, 0]
     assert np.isfinite(after.measures).all()
+
+
+def test_pressure_is_the_mean_by_area(device):
+    """A cube of 6 m^2 under 10 Pa, one of 24 m^2 whose gas starts at 40 Pa, and 100 k_normal over the 6 m^2 of a third;
+    at the start, and when all that is keyframed has changed."""
+    balloons = [
+        Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=[(0.0, 10.0), (0.02, 30.0)])),
+        Balloon(mesh=cube(), scale=2.0, inflation=Inflation(kind="gas", start_pressure=40.0)),
+        Balloon(mesh=cube(), inflation=Inflation(k_normal=[(0.0, 0.6), (0.02, 1.2)])),
+    ]
+    still = [balloon.model_copy(update={"fixed": list(range(8))}) for balloon in balloons]
+    simulator = Simulator(Scene(balloon=still, frames_per_second=50, substeps=1000), device)
+    np.testing.assert_allclose(measured(simulator)["pressure"], (6 * 10.0 + 24 * 40.0 + 60.0) / 36, rtol=1e-3)
+    simulator.step()
+    np.testing.assert_allclose(measured(simulator)["pressure"], (6 * 30.0 + 24 * 40.0 + 120.0) / 36, rtol=1e-3)

@@ -95,7 +95,16 @@ def stage(written: Path) -> Usd.Stage:
 
 
 def test_the_table_has_a_row_for_each_world_and_frame(table: dict[str, np.ndarray], meshes: list[Path]):
-    measures = ["volume", "area", "center_height", "largest_stretch", "kinetic_energy", "sphere_0_height", "health"]
+    measures = [
+        "volume",
+        "area",
+        "pressure",
+        "center_height",
+        "largest_stretch",
+        "kinetic_energy",
+        "sphere_0_height",
+        "health",
+    ]
     assert list(table) == ["world", "frame", "time", "balloon.0.mesh", "sphere.0.radius", "string.1.length", *measures]
     np.testing.assert_array_equal(table["world"], list(range(WORLDS)) * (FRAMES + 1))
     np.testing.assert_array_equal(table["frame"], np.repeat(np.arange(FRAMES + 1), WORLDS))
@@ -360,8 +369,8 @@ def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
     varied = {"balloon.0.mesh": meshes * 20}
     one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
     two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))
-    sums = 40 * (2 * 32 * 40 + 4 * 6)  # 32 lanes of each balloon, six measures
-    row = 40 * 4 * 7  # of the table: six measures and the health
+    sums = 40 * (2 * 32 * 40 + 4 * 7)  # 32 lanes of each balloon, seven measures
+    row = 40 * 4 * 8  # of the table: seven measures and the health
     table = (FRAMES + 1) * row
     exported = 40 * 5 * (2 * 12 * (56 + 8) + 12)  # on the device, and four frames under way
 

@@ -46,7 +46,7 @@ def is_in_air(scene: Scene, parameters: Parameters, turns: Sequence[Turn]) -> bo
 def settle_gas(
     scene: Scene, shapes: Sequence[BalloonShape], shifts: NDArray[np.float64], parameters: Parameters
 ) -> Parameters:
-    """The parameters with the amounts of gas at the start, and the pressures and loads that follow from them.
+    """The parameters with the amounts of gas at the start, and the pressures and loads then, given ones among them.
 
     At the air's pressure p_a a gas is as warm as the air, so that a mole takes v = R T / p_a. In a balloon of volume V,
     n moles then have p = p_a ((n v / V)^gamma - 1) above the air's.
@@ -60,8 +60,10 @@ def settle_gas(
     volume = np.array([max(signed_volume(shape.mesh), 1.0e-30) for shape in shapes])
     holds_gas = np.array([balloon.inflation.kind == "gas" for balloon in scene.balloon])
     compression = np.maximum(1.0 + parameters["initial_pressures"] / p_a, 0.0) ** (1.0 / gamma)
+    pressed = np.array([balloon.inflation.kind == "pressure" for balloon in scene.balloon])
     amounts = np.where(np.isnan(given), compression * volume / molar_volume, given) * holds_gas
     pressures = p_a * ((amounts * molar_volume / volume) ** gamma - 1.0) * holds_gas
+    pressures = pressures + parameters["keyframe_values"][:, :, 0] * pressed
 
     dry = DRY_AIR_MOLAR_MASS / molar_volume
     air_density = np.where(parameters["air_density"][:, None] < 0.0, dry, parameters["air_density"][:, None])

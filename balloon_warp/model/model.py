@@ -87,9 +87,9 @@ class Model:
     initial_gas_amounts: wp.array
     """[mol], shape (W, balloon_count), float64"""
     initial_loads: wp.array
-    """pressure of a gas at height 0 [Pa], and its rise with height [Pa/m], shape (W, balloon_count), vec2"""
+    """pressure at height 0 [Pa], and its rise with height [Pa/m], shape (W, balloon_count), vec2"""
     initial_pressures: wp.array
-    """of a gas, above the air's [Pa], shape (W, balloon_count), float32"""
+    """given, or of a gas, above the air's [Pa], shape (W, balloon_count), float32"""
     gamma: wp.array
     """p V^gamma of a gas stays as it is, shape (W, balloon_count), float32"""
     molar_mass: wp.array

@@ -159,10 +159,6 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
     for table, fields in SURROUNDINGS.items():
         for field in fields if getattr(scene, table) else ():
             yield f"{table}.{field}", (f"{table}_{field}", ())
-    for field in ("pressure", "temperature", "density"):
-        yield f"atmosphere.{field}", (f"air_{field}", ())
-    for axis in range(3):
-        yield f"atmosphere.wind.{axis}", ("wind", (axis,))
     for number, balloon in enumerate(scene.balloon):
         for field in ("mass", "helium", "damping", "drag_coefficient"):
             yield f"balloon.{number}.{field}", (field, (number,))
@@ -196,6 +192,10 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
             yield f"string.{number}.anchor.{axis}", ("string_anchor", (number, axis))
     for number in range(len(scene.tube)):
         yield f"tube.{number}.conductance", ("tube_conductance", (number,))
+    for field in ("pressure", "temperature", "density"):
+        yield f"atmosphere.{field}", (f"air_{field}", ())
+    for axis in range(3):
+        yield f"atmosphere.wind.{axis}", ("wind", (axis,))
 
 
 def _summary(places: Mapping[str, list[Place]]) -> list[str]:

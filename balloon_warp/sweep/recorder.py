@@ -15,8 +15,8 @@ from balloon_warp.simulator import HEALTHY, Simulator
 
 LANES = 32
 """threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
-MEASURES = ("volume", "area", "center_height", "largest_stretch", "kinetic_energy")
-"""[m^3], [m^2], [m], length over rest length, [J]"""
+MEASURES = ("volume", "area", "pressure", "center_height", "largest_stretch", "kinetic_energy")
+"""[m^3], [m^2], [Pa], [m], length over rest length, [J]"""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Record:
 
     number: int
     measures: NDArray[np.float32]
-    """`MEASURES`, then the height of each sphere [m], shape (world_count, 5 + sphere_count)"""
+    """`MEASURES`, then the height of each sphere [m], shape (world_count, 6 + sphere_count)"""
     healthy: NDArray[np.int32]
     """1, or 0 from the frame on in which the world blew up, shape (world_count,)"""
     points: NDArray[np.float32]
@@ -102,8 +102,9 @@ class Recorder:
             measure_worlds,
             model.world_count,
             inputs=[
-                *(self._balloon_faces, model.face_offsets, model.face_particles, model.mass, model.up),
-                *(state.points, state.sphere_positions, self._sums),
+                *(self._balloon_faces, model.face_offsets, model.face_particles, model.mass),
+                *(model.inflation_kind, model.keyframe_times, model.keyframe_values, model.frame_seconds, model.up),
+                *(state.frame, state.pressures, state.points, state.sphere_positions, self._sums),
                 *(self.simulator.first_bad_particle, HEALTHY),
             ],
             outputs=[self._measures, self._healthy],

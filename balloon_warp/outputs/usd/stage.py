@@ -15,6 +15,7 @@ from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.planes import define_planes
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
+from balloon_warp.outputs.usd.tube import TubePrim
 from balloon_warp.simulator import Frame
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
@@ -59,7 +60,7 @@ class StageWriter:
         if kind is None:
             self.stage.GetRootLayer().Save()
 
-    def _define_prims(self) -> list[BalloonPrim | SpherePrim | StringPrim | NetForcesPrim]:
+    def _define_prims(self) -> list[BalloonPrim | SpherePrim | StringPrim | TubePrim | NetForcesPrim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
         balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
@@ -70,15 +71,16 @@ class StageWriter:
         strings = [
             StringPrim(stage, Sdf.Path(f"/World/Strings/String_{n}"), model, n) for n in range(model.string_count)
         ]
+        tubes = [TubePrim(stage, Sdf.Path(f"/World/Tubes/Tube_{n}"), model, n) for n in range(len(model.scene.tube))]
         forces = []
         if model.scene.net_forces:
             forces = [
                 NetForcesPrim(stage, Sdf.Path(f"/World/NetForces/{path.name}"), model, n)
                 for n, path in enumerate(paths)
             ]
-        for group in {prim.prim.GetPath().GetParentPath() for prim in [*spheres, *strings, *forces]}:
+        for group in {prim.prim.GetPath().GetParentPath() for prim in [*spheres, *strings, *tubes, *forces]}:
             UsdGeom.Scope.Define(stage, group)
-        return [*balloons, *spheres, *strings, *forces]
+        return [*balloons, *spheres, *strings, *tubes, *forces]
 
     def _balloon_paths(self) -> list[Sdf.Path]:
         """A path for each balloon, after its name, all different."""
