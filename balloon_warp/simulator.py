@@ -50,6 +50,10 @@ class Frame:
     """[m/s], shape (sphere_count, 3)"""
     string_anchors: NDArray[np.float32]
     """[m], shape (string_count, 3)"""
+    ground_height: float
+    """[m], minus infinity where there is no ground"""
+    water_level: float
+    """[m], minus infinity where there is no water"""
 
 
 class Simulator:
@@ -154,6 +158,8 @@ class Simulator:
             sphere_positions=_copy(self.state.sphere_positions, world),
             sphere_velocities=_copy(self.state.sphere_velocities, world),
             string_anchors=_copy(self.model.string_anchor, world % self.model.string_anchor.shape[0]),
+            ground_height=_number(self.model.ground_height, world),
+            water_level=_number(self.model.water_level, world),
         )
 
     def mass_properties(self) -> MassProperties:
@@ -257,3 +263,8 @@ def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
     """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
     row = array[world].numpy() if array.shape[1] else np.zeros((0, 3))  # Warp does not slice an empty array
     return np.array(row, dtype=np.float32)
+
+
+def _number(parameter: wp.array, world: int) -> float:
+    """One world's value of a parameter of shape (W,)."""
+    return float(parameter.numpy()[world % parameter.shape[0]])

@@ -9,8 +9,9 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdShade, UsdValidation
 
 from balloon_warp import InputError, Scene, Simulator, animate
 from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd.string_curve import string_curve
-from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String, Water
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Sphere, String, Water
 
 FRAMES = 6
 
@@ -207,6 +208,24 @@ def test_ground_and_water_are_level_and_face_up(tmp_path: Path, up_axis: str, up
         before, here, after = corners[corner - 1], corners[corner], corners[(corner + 1) % 4]
         normal = np.cross(here - before, after - here)
         np.testing.assert_allclose(normal / np.linalg.norm(normal), np.eye(3)[up], atol=1e-6)
+
+
+def test_a_plane_moves_where_its_height_changes(tmp_path: Path):
+    """The water at once, in the third frame, as the renderer sees it, too; the ground has no time samples."""
+    path = tmp_path / "tide.usda"
+    tide = [Change(time=2 / 30, set={"water.level": 0.75})]
+    animate(everything(water=Water(level=0.25, density=1.0), change=tide), path, device="cpu")
+    stage = Usd.Stage.Open(str(path))
+    water, ground = (UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}")) for name in ("Water", "Ground"))
+    levels = [water.GetPointsAttr().Get(frame)[0][1] for frame in range(FRAMES + 1)]
+    assert levels == [0.25, 0.25, 0.25, 0.75, 0.75, 0.75, 0.75]
+    assert ground.GetPointsAttr().GetNumTimeSamples() == 0
+    for frame in range(FRAMES + 1):
+        computed = UsdGeom.Boundable.ComputeExtentFromPlugins(water, Usd.TimeCode(frame))
+        np.testing.assert_array_equal(water.GetExtentAttr().Get(frame), np.array(computed))
+    reader = RenderStage(path)
+    reader.read_prims(0)
+    assert [reader.heights(frame) for frame in (2, 3)] == [(-0.5, 0.25), (-0.5, 0.75)]
 
 
 def test_materials_are_bound_and_colored(stage: Usd.Stage):

@@ -66,6 +66,8 @@ class RayCaster:
             self._place_meshes(self._stage.points(frame))
         if self._stage.rounds:
             self._place_capsules(self._stage.capsules(frame), least_radius)
+        heights = (np.array(self._stage.heights(frame)) - self._center[1]) / self._size
+        self._shapes.ground_height, self._shapes.water_height = heights.tolist()
 
     def picture(self, camera: Camera) -> NDArray[np.uint8]:
         """sRGB bytes of what the camera sees, shape (height, width, 3)."""
@@ -121,12 +123,10 @@ class RayCaster:
         self._shapes.has_ground = int(ground is not None)
         self._shapes.ground_color = wp.vec3(0.5)
         if ground is not None:
-            self._shapes.ground_height = (ground.height - self._center[1]) / self._size
             self._shapes.ground_color = wp.vec3(*ground.color.tolist())
         water = self._stage.water
         self._shapes.has_water = int(water is not None)
         if water is not None:
-            self._shapes.water_height = (water.height - self._center[1]) / self._size
             self._shapes.water_color = wp.vec3(*water.color.tolist())
 
     def _allocate(self) -> None:

@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +13,16 @@ from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.prims import Capsules, CurvesPrim, MeshPrim, SpherePrim
 
 
-class Plane(NamedTuple):
-    """A level plane without an end."""
+class Plane:
+    """A level plane without an end, made of a level mesh."""
 
-    height: float
-    color: NDArray[np.float32]
-    """linear RGB, shape (3,)"""
+    def __init__(self, mesh: MeshPrim):
+        self._mesh = mesh
+        self.color = mesh.colors[0]
+        """linear RGB, shape (3,)"""
+
+    def height(self, moment: Moment) -> float:
+        return float(self._mesh.points(moment)[0, 1])
 
 
 class RenderStage:
@@ -83,6 +86,12 @@ class RenderStage:
         moment = Moment(self._stage, frame)
         return [mesh.points(moment) for mesh in self.meshes]
 
+    def heights(self, frame: int) -> tuple[float, float]:
+        """Of the ground and the water; minus infinity without one."""
+        moment = Moment(self._stage, frame)
+        ground, water = (plane.height(moment) if plane else -math.inf for plane in (self.ground, self.water))
+        return ground, water
+
     def capsules(self, frame: int) -> Capsules:
         """The spheres and all curves' segments."""
         moment = Moment(self._stage, frame)
@@ -127,7 +136,7 @@ class RenderStage:
                 width, height, _ = np.ptp(points, axis=0)
                 name = prim.GetName().lower()
                 if name in ("ground", "water") and height <= 1e-6 * width:
-                    setattr(self, name, Plane(float(points[0, 1]), mesh.colors[0]))
+                    setattr(self, name, Plane(mesh))
                 else:
                     self.meshes.append(mesh)
             elif UsdGeom.Sphere(prim):

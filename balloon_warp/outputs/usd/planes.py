@@ -9,6 +9,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import GROUND_COLOR, WATER_COLOR, Color, paint
 from balloon_warp.scene import Scene
+from balloon_warp.simulator import Frame
 
 SIZES = 20.0
 """half the square's side, as a multiple of the scene's size"""
@@ -22,7 +23,7 @@ class Plane(NamedTuple):
     piece: str
     """of the prims of worlds that each have their own, at their own height"""
     height: str
-    """the parameter of the model that says its height"""
+    """what says its height, in the model and in a frame"""
     color: Color
     roughness: float
     opacity: float
@@ -40,16 +41,6 @@ def planes_of(scene: Scene) -> list[Plane]:
     return [plane for table, plane in PLANES.items() if getattr(scene, table)]
 
 
-def define_planes(stage: Usd.Stage, model: Model) -> None:
-    """A square for each plane of the scene, around the balloons as they are at the start."""
-    points = np.concatenate([shape.mesh.points for shape in model.shapes])
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    half = SIZES * float(np.ptp(points, axis=0).max())
-    for plane in planes_of(model.scene):
-        height = float(getattr(model, plane.height).numpy()[0])
-        define_square(stage, Sdf.Path(f"/World/{plane.name}"), plane, middle, half, height, model.scene.up_axis)
-
-
 def define_square(
     stage: Usd.Stage,
     path: Sdf.Path,
@@ -58,18 +49,50 @@ def define_square(
     half: float,
     height: float,
     up_axis: str,
-) -> None:
+) -> UsdGeom.Mesh:
     """A level square: `half` is half its side [m], `middle` a point above its center."""
-    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-    if up_axis == "Y":
-        square = np.stack([middle[0] + corners[:, 0], np.full(4, height), middle[2] - corners[:, 1]], axis=1)
-    else:
-        square = np.stack([middle[0] + corners[:, 0], middle[1] + corners[:, 1], np.full(4, height)], axis=1)
-    square = Vt.Vec3fArray.FromNumpy(square.astype(np.float32))
     prim = UsdGeom.Mesh.Define(stage, path)
+    square = _corners(middle, half, height, up_axis)
     prim.CreatePointsAttr(square)
     prim.CreateFaceVertexCountsAttr([4])
     prim.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(square))
     paint(prim, plane.color, roughness=plane.roughness, opacity=plane.opacity)
+    return prim
+
+
+class PlanePrim:
+    """A plane of the scene: a square around the balloons as they are at the start."""
+
+    def __init__(self, stage: Usd.Stage, plane: Plane, model: Model):
+        points = np.concatenate([shape.mesh.points for shape in model.shapes])
+        self.plane, self.up_axis = plane, model.scene.up_axis
+        self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        self.half = SIZES * float(np.ptp(points, axis=0).max())
+        self.height = float(getattr(model, plane.height).numpy()[0])
+        path = Sdf.Path(f"/World/{plane.name}")
+        self.prim = define_square(stage, path, plane, self.middle, self.half, self.height, self.up_axis)
+
+    def write(self, frame: Frame) -> None:
+        """Author where it goes, if it does: what stays has no time samples."""
+        height = getattr(frame, self.plane.height)
+        if height != self.height:
+            if frame.number > 0:
+                self._place(self.height, frame.number - 1)  # or it would glide there all the time before
+            self._place(height, frame.number)
+            self.height = height
+
+    def _place(self, height: float, time: float) -> None:
+        square = _corners(self.middle, self.half, height, self.up_axis)
+        self.prim.GetPointsAttr().Set(square, time)
+        self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(square), time)
+
+
+def _corners(middle: NDArray[np.float64], half: float, height: float, up_axis: str) -> Vt.Vec3fArray:
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    if up_axis == "Y":
+        square = np.stack([middle[0] + corners[:, 0], np.full(4, height), middle[2] - corners[:, 1]], axis=1)
+    else:
+        square = np.stack([middle[0] + corners[:, 0], middle[1] + corners[:, 1], np.full(4, height)], axis=1)
+    return Vt.Vec3fArray.FromNumpy(square.astype(np.float32))

@@ -12,7 +12,7 @@ from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
-from balloon_warp.outputs.usd.planes import define_planes
+from balloon_warp.outputs.usd.planes import PlanePrim, planes_of
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.outputs.usd.tube import TubePrim
@@ -60,11 +60,12 @@ class StageWriter:
         if kind is None:
             self.stage.GetRootLayer().Save()
 
-    def _define_prims(self) -> list[BalloonPrim | SpherePrim | StringPrim | TubePrim | NetForcesPrim]:
+    def _define_prims(self) -> list[BalloonPrim | PlanePrim | SpherePrim | StringPrim | TubePrim | NetForcesPrim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
         balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
-        define_planes(stage, model)  # after the balloons: who reads a stage's first mesh wants a balloon
+        # After the balloons: who reads a stage's first mesh wants a balloon.
+        planes = [PlanePrim(stage, plane, model) for plane in planes_of(model.scene)]
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]
@@ -80,7 +81,7 @@ class StageWriter:
             ]
         for group in {prim.prim.GetPath().GetParentPath() for prim in [*spheres, *strings, *tubes, *forces]}:
             UsdGeom.Scope.Define(stage, group)
-        return [*balloons, *spheres, *strings, *tubes, *forces]
+        return [*balloons, *planes, *spheres, *strings, *tubes, *forces]
 
     def _balloon_paths(self) -> list[Sdf.Path]:
         """A path for each balloon, after its name, all different."""

@@ -27,11 +27,10 @@ class StringPrim:
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
         self.length = float(model.string_length.numpy()[0, number])
-        self.ground_height = float(model.ground_height.numpy()[0])
         self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
 
     def write(self, frame: Frame) -> None:
         anchor, end = frame.string_anchors[self.number], frame.points[self.string.balloon][self.particle]
-        curve = string_curve(anchor, end, self.length, self.model.scene.up, self.ground_height)
+        curve = string_curve(anchor, end, self.length, self.model.scene.up, frame.ground_height)
         write_lines(self.prim, curve, frame.number)
         show_while_there(self.prim, self.model.scene, self.string, frame.number)
