@@ -32,14 +32,16 @@ from balloon_warp.kernels.block_air import (
 )
 from balloon_warp.kernels.contact import move_sphere
 from balloon_warp.kernels.contiguous import vector_of_tile
+from balloon_warp.kernels.correction import correction_limit, excess, moves_of_ends
 from balloon_warp.kernels.fixed_point import total_newtons
-from balloon_warp.kernels.gas import VOLUME, Swelling
+from balloon_warp.kernels.gas import VOLUME, Swelling, inflation_of_kind
 from balloon_warp.kernels.inflation import NORMAL_FORCE, inflation_force
 from balloon_warp.kernels.motion import body_force, euler_step, response
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
     AirTable,
     BodyTable,
+    CorrectionTable,
     FaceTable,
     ObstacleTable,
     SpringTable,
@@ -57,6 +59,33 @@ from balloon_warp.kernels.water import water_force
 
 MAX_REGISTERS = 64
 """for blocks of 1,024 threads"""
+
+
+@wp.func
+def meet_obstacles(
+    obstacles: ObstacleTable,
+    sphere_forces: SphereForces,
+    sphere_count: wp.int32,
+    centers: Any,
+    motions: Any,
+    height: float,
+    world: wp.int32,
+    substep: wp.int32,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    up: wp.vec3,
+    inflation: wp.vec3,
+    active: bool,
+):
+    """A particle out of every sphere, which gets its penalty, and above the ground."""
+    for sphere in range(sphere_count):
+        point, velocity = meet_sphere(
+            obstacles, sphere_forces, world, sphere, substep, point, velocity,
+            row_of(centers, sphere), row_of(motions, sphere),
+            sphere_radius(obstacles, world, sphere), up, inflation, active,
+        )  # fmt: skip
+    point, velocity = meet_ground(obstacles, world, point, velocity, up, height)
+    return point, velocity
 
 
 @cache
@@ -82,6 +111,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         springs: SpringTable,
         water: WaterTable,
         air: AirTable,
+        correction: CorrectionTable,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
@@ -98,6 +128,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
         height = ground_height(obstacles, world)
         rounds = (count + threads - 1) // threads
+        colors = correction.color_offsets.shape[0] - 1
         points = wp.tile_zeros(shape=buffers, dtype=wp.vec3, storage="shared")
         if lane == 0:
             begin_sphere_forces(state, sphere_forces, world)
@@ -190,14 +221,11 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                             point += step_seconds * velocities[particle]
                         else:
                             point += step_seconds * velocity
-                        if mass > 0.0:
-                            for sphere in range(state.sphere_positions.shape[1]):
-                                point, velocity = meet_sphere(
-                                    obstacles, sphere_forces, world, sphere, substep, point, velocity,
-                                    row_of(centers, sphere), row_of(motions, sphere),
-                                    sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
-                                )  # fmt: skip
-                            point, velocity = meet_ground(obstacles, world, point, velocity, bodies.up, height)
+                        if wp.static(not traits.corrected) and mass > 0.0:
+                            point, velocity = meet_obstacles(
+                                obstacles, sphere_forces, state.sphere_positions.shape[1], centers, motions, height,
+                                world, substep, point, velocity, bodies.up, inflation, active,
+                            )  # fmt: skip
                         if active:
                             new_velocities[particle] = velocity
                         wp.tile_scatter_masked(points, capacity - first + particle, point, active)
@@ -229,18 +257,53 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                             water, faces, bodies, points, first, world, particle, velocity, step_seconds
                         )
                     point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
-                    if mass > 0.0:
-                        for sphere in range(state.sphere_positions.shape[1]):
-                            point, velocity = meet_sphere(
-                                obstacles, sphere_forces, world, sphere, substep, point, velocity,
-                                row_of(centers, sphere), row_of(motions, sphere),
-                                sphere_radius(obstacles, world, sphere), bodies.up, inflation, active,
-                            )  # fmt: skip
-                        point, velocity = meet_ground(obstacles, world, point, velocity, bodies.up, height)
+                    if wp.static(not traits.corrected) and mass > 0.0:
+                        point, velocity = meet_obstacles(
+                            obstacles, sphere_forces, state.sphere_positions.shape[1], centers, motions, height,
+                            world, substep, point, velocity, bodies.up, inflation, active,
+                        )  # fmt: skip
                     if active:
                         new_velocities[particle] = velocity
                     wp.tile_scatter_masked(points, capacity - first + particle, point, active)
             first = capacity - first
+            if wp.static(traits.corrected):
+                for color_of_sweep in range(correction.sweeps * colors):
+                    color = color_of_sweep % colors
+                    end = correction.color_offsets[color + 1]
+                    for begin in range(correction.color_offsets[color], end, threads):
+                        active = begin + lane < end
+                        spring = wp.min(begin + lane, end - 1)
+                        ends = correction.particles[spring]
+                        p = ends[0]
+                        q = ends[1]
+                        d = points[first + q] - points[first + p]
+                        too_long = excess(d, correction.rest_lengths[spring], correction_limit(correction, world))
+                        move_p, move_q = moves_of_ends(bodies, ends, too_long)
+                        if active:
+                            new_velocities[p] = new_velocities[p] + move_p / step_seconds
+                            new_velocities[q] = new_velocities[q] + move_q / step_seconds
+                        wp.tile_scatter_masked(points, first + p, points[first + p] + move_p, active)
+                        wp.tile_scatter_masked(points, first + q, points[first + q] + move_q, active)
+                for turn in range(rounds):
+                    active = turn * threads + lane < count
+                    particle = wp.min(turn * threads + lane, count - 1)
+                    point = points[first + particle]
+                    if active and bodies.mass_share[particle] > 0.0:
+                        balloon = bodies.balloon[particle]
+                        ramp = state.inflation_ramp[world, balloon]
+                        inflation = inflation_of_kind(
+                            air.kind[balloon],
+                            ramp[0] + ramp[1] * time_in_frame,
+                            state.inflation_loads[world, balloon],
+                            wp.dot(point, bodies.up),
+                            state.inflation_aims[world, particle],
+                        )
+                        point, velocity = meet_obstacles(
+                            obstacles, sphere_forces, state.sphere_positions.shape[1], centers, motions, height,
+                            world, substep, point, new_velocities[particle], bodies.up, inflation, active,
+                        )  # fmt: skip
+                        new_velocities[particle] = velocity
+                    wp.tile_scatter_masked(points, first + particle, point, active)
         for particle in range(lane, count, threads):
             state.points[world, particle] = points[first + particle]
             if wp.static(traits.keeps_velocities):

@@ -9,6 +9,7 @@ from balloon_warp.kernels.air import area_vector_of_particle, drag_in_air, has_p
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.contiguous import vector_at
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
+from balloon_warp.kernels.gas import inflation_of_kind
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import body_force, euler_step
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
@@ -125,6 +126,45 @@ def force_kernel(traits: Traits) -> Any:
     return sum_forces
 
 
+@wp.kernel(enable_backward=False, module_options={"fast_math": True}, module="unique")
+def meet_obstacles(
+    # model
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    air: AirTable,
+    time_in_frame: float,
+    # state in
+    inflation_aims: wp.array2d[wp.vec3],
+    inflation_ramp: wp.array2d[wp.vec2],
+    inflation_loads: wp.array2d[wp.vec2],
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    # state in and out
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    sphere_forces: wp.array3d[wp.int64],
+):
+    """A thread a (world, particle): out of obstacles, after a correction."""
+    world, particle = wp.tid()
+    if bodies.mass_share[particle] > 0.0:
+        balloon = bodies.balloon[particle]
+        point = points[world, particle]
+        ramp = inflation_ramp[world, balloon]
+        inflation = inflation_of_kind(
+            air.kind[balloon],
+            ramp[0] + ramp[1] * time_in_frame,
+            inflation_loads[world, balloon],
+            wp.dot(point, bodies.up),
+            inflation_aims[world, particle],
+        )
+        point, velocity = leave_obstacles(
+            bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world,
+            point, velocities[world, particle], inflation,
+        )  # fmt: skip
+        points[world, particle] = point
+        velocities[world, particle] = velocity
+
+
 @cache
 def particle_kernel(traits: Traits) -> Any:
     """The kernel that advances the particles."""
@@ -155,7 +195,8 @@ def particle_kernel(traits: Traits) -> Any:
         sphere_forces: wp.array3d[wp.int64],
     ):
         """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`, and
-        `new_velocities` is not `velocities` where a particle looks at its neighbors'."""
+        `new_velocities` is not `velocities` where a particle looks at its neighbors'. Where points are corrected, they
+        are so before they meet obstacles, which `meet_obstacles` lets them do then."""
         world, particle = wp.tid()
         mass = particle_mass(bodies, world, particle)
         velocity = velocities[world, particle]
@@ -169,7 +210,7 @@ def particle_kernel(traits: Traits) -> Any:
             pull += water_force(water, faces, bodies, points[world], 0, world, particle, velocity, step_seconds)
         force = net_force(bodies, strings, world, particle, point, velocity, mass, inflation, pull)
         point, velocity = advance(point, velocity, force, mass, step_seconds)
-        if mass > 0.0:
+        if wp.static(not traits.corrected) and mass > 0.0:
             point, velocity = leave_obstacles(
                 bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world, point, velocity, inflation
             )

@@ -106,6 +106,7 @@ def finish_particles(
     obstacles: ObstacleTable,
     air: AirTable,
     forward_euler: bool,
+    corrected: bool,
     step_seconds: float,
     time_in_frame: float,
     # state in
@@ -137,7 +138,7 @@ def finish_particles(
     mass = particle_mass(bodies, world, particle)
     velocity = new_velocities[world, particle] + response(mass, step_seconds) * inflation
     point += step_seconds * wp.where(forward_euler, velocities[world, particle], velocity)
-    if mass > 0.0:
+    if mass > 0.0 and not corrected:
         point, velocity = leave_obstacles(
             bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world, point, velocity, inflation
         )

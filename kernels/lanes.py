@@ -13,6 +13,7 @@ from balloon_warp.kernels.lanes_air import (
     move_gas_lanes,
 )
 from balloon_warp.kernels.lanes_contact import leave_obstacle_lanes, move_sphere_lanes
+from balloon_warp.kernels.lanes_correction import correct_lanes
 from balloon_warp.kernels.lanes_inflation import aim_all_lanes
 from balloon_warp.kernels.lanes_state import (
     DAMPING,
@@ -48,6 +49,7 @@ from balloon_warp.kernels.tables import (
     SLICE,
     AirTable,
     BodyTable,
+    CorrectionTable,
     FaceTable,
     ObstacleTable,
     SpringTable,
@@ -323,6 +325,7 @@ def advance_groups(
     faces: FaceTable,
     water: WaterTable,
     air: AirTable,
+    correction: CorrectionTable,
     traits: LaneTraits,
     substeps: wp.int32,
     step_seconds: float,
@@ -357,5 +360,6 @@ def advance_groups(
         else:
             move_particle_lanes(traits, bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
             add_string_lanes(traits, bodies, strings, state, lanes, group, step_seconds, points, new_points)
+        correct_lanes(bodies, correction, lanes, new_points, group, step_seconds)
         leave_obstacle_lanes(bodies, air, obstacles, state, lanes, new_points, group, time_in_frame)
     write_lanes(state, lanes, new_points, group)

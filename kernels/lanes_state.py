@@ -28,7 +28,8 @@ INERTIA = wp.constant(11)  # the mass, and that of the gas
 LOAD = wp.constant(12)
 LOAD_RISE = wp.constant(13)
 SWELLING = wp.constant(14)  # five numbers, as in `gas`
-BALLOON_NUMBERS = 19
+CORRECTION_LIMIT = wp.constant(19)
+BALLOON_NUMBERS = 20
 
 
 @wp.struct
@@ -96,6 +97,9 @@ def read_lanes(
             gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
             lanes.balloons[group, balloon, VISCOSITY][lane] = spring_viscosity(springs, world, balloon)
             lanes.balloons[group, balloon, YIELD_STRETCH][lane] = spring_yield(springs, world, balloon)
+            lanes.balloons[group, balloon, CORRECTION_LIMIT][lane] = springs.limits[
+                row_of_world(world, springs.limits.shape[0])
+            ]
             lanes.balloons[group, balloon, MASS][lane] = mass
             lanes.balloons[group, balloon, HELIUM][lane] = helium
             lanes.balloons[group, balloon, DAMPING][lane] = damping

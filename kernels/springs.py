@@ -59,6 +59,18 @@ def rubber_coefficient(
     return coefficient + viscosity * stiffness * opening / squared_length
 
 
+AT_LIMIT = wp.constant(0.999)
+"""of its longest, from which on a spring counts as at its limit: correction leaves it there but for rounding"""
+
+
+@wp.func
+def stretch_without_pull(yield_stretch: float, limit: float, yields_at_limit: bool):
+    """Length over rest length from which on a spring does not pull, which may be where its length is corrected to."""
+    if yields_at_limit:
+        return wp.min(yield_stretch, AT_LIMIT * (1.0 + limit))
+    return yield_stretch
+
+
 @wp.func
 def string_coefficient(squared_length: float, stiffness: float, length: float):
     """Force per unit displacement of a string [N/m]: a spring while taut, nothing while slack."""
@@ -101,6 +113,8 @@ def add_rubber_forces(
     stiffness: wp.array3d[float],
     viscosity: wp.array2d[float],
     yield_stretch: wp.array2d[float],
+    correction_limit: wp.array[float],
+    yields_at_limit: bool,
     # state in
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
@@ -120,7 +134,11 @@ def add_rubber_forces(
         k,
         k * spring_rest_length[spring],
         viscosity[world % viscosity.shape[0], balloon],
-        yield_stretch[world % yield_stretch.shape[0], balloon],
+        stretch_without_pull(
+            yield_stretch[world % yield_stretch.shape[0], balloon],
+            correction_limit[world % correction_limit.shape[0]],
+            yields_at_limit,
+        ),
     )
     wp.atomic_add(forces, world, p, coefficient * d)
     wp.atomic_sub(forces, world, q, coefficient * d)

@@ -5,6 +5,8 @@ The schedules fill these; see `balloon_warp.model.Model` for the shapes of what 
 
 import warp as wp
 
+from balloon_warp.kernels.springs import stretch_without_pull
+
 SLICE = wp.constant(32)
 """particles of a slice of the spring table: the threads of a warp"""
 CHUNK = wp.constant(4)
@@ -32,6 +34,24 @@ class SpringTable:
     stiffness: wp.array3d[float]
     viscosity: wp.array2d[float]
     yield_stretch: wp.array2d[float]
+    limits: wp.array[float]
+    """strains at which springs are corrected"""
+    yields_at_limit: bool
+    """whether they do not pull there either (Tarantino)"""
+
+
+@wp.struct
+class CorrectionTable:
+    """The springs as the position correction takes them: color by color, no two of one color at one particle."""
+
+    color_offsets: wp.array[wp.int32]
+    """where the springs of each color begin, and after the last, where they end"""
+    particles: wp.array[wp.vec2i]
+    rest_lengths: wp.array[float]
+    """[m]"""
+    limits: wp.array[float]
+    """strains beyond which springs are too long, one a world or one for all"""
+    sweeps: wp.int32
 
 
 @wp.struct
@@ -195,7 +215,11 @@ def spring_viscosity(springs: SpringTable, world: wp.int32, balloon: wp.int32):
 @wp.func
 def spring_yield(springs: SpringTable, world: wp.int32, balloon: wp.int32):
     """Length over rest length from which on springs do not pull."""
-    return springs.yield_stretch[row_of_world(world, springs.yield_stretch.shape[0]), balloon]
+    return stretch_without_pull(
+        springs.yield_stretch[row_of_world(world, springs.yield_stretch.shape[0]), balloon],
+        springs.limits[row_of_world(world, springs.limits.shape[0])],
+        springs.yields_at_limit,
+    )
 
 
 @wp.func

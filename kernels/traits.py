@@ -10,6 +10,8 @@ class Traits(NamedTuple):
     """springs of one kind differ"""
     rubber: bool = False
     """springs are viscous, or pull no more once they are overextended"""
+    corrected: bool = False
+    """springs that are too long after a step are shortened"""
     in_water: bool = False
     in_air: bool = False
     """there is pressure, gas or drag in air"""

@@ -64,6 +64,9 @@ class Model:
     spring_stiffness_scale: wp.array
     """a spring's constant over that of its kind, shape (spring_count,), float32"""
 
+    correction_limit: wp.array
+    """strain beyond which a spring is shortened after a step, shape (W,), float32"""
+
     # balloons
     stiffness: wp.array
     """spring constants by kind [N/m], shape (W, balloon_count, 3), float32"""

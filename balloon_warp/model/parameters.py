@@ -36,6 +36,7 @@ def scene_parameters(scene: Scene) -> Parameters:
     longest = max(len(keys) for keys in keyframes)
     return {
         "stiffness": np.array([[[getattr(balloon.stiffness, kind) for kind in KINDS] for balloon in balloons]]),
+        "correction_limit": np.array([scene.correction_limit]),
         "viscosity": np.array([[balloon.stiffness.viscosity for balloon in balloons]]),
         "yield_stretch": np.array([[balloon.stiffness.yield_stretch or NEVER_YIELDS for balloon in balloons]]),
         "mass": np.array([[balloon.mass for balloon in balloons]]),
@@ -156,6 +157,7 @@ def _places(scene: Scene) -> dict[str, list[Place]]:
 
 def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
     yield "gravity", ("gravity", ())
+    yield "correction_limit", ("correction_limit", ())
     for table, fields in SURROUNDINGS.items():
         for field in fields if getattr(scene, table) else ():
             yield f"{table}.{field}", (f"{table}_{field}", ())

@@ -276,6 +276,13 @@ class Scene(Table):
     """integration steps in a frame; "auto" takes as many as stability asks"""
     solver: Literal["symplectic_euler", "forward_euler"] = "symplectic_euler"
     """how a step goes on: v += h a, then x += h v (the paper's listing); or x += h v, then v += h a"""
+    correction: Literal["none", "provot", "tarantino"] = "none"
+    """after a step, "provot" shortens springs that are longer than (1 + correction_limit) times their rest length to
+    that (Provot 1995); with "tarantino" they do not pull there either, as in the paper"""
+    correction_limit: Annotated[float, Field(ge=0.001, lt=1e12)] = 0.1
+    """strain that is left to springs"""
+    correction_sweeps: Annotated[int, Field(ge=1, le=1000)] = 4
+    """how often a correction goes through all springs"""
     normals: Literal["cached", "fresh"] = "cached"
     """normals and areas of the inflation: refreshed once a frame (the paper), or every substep"""
     net_forces: bool = False

@@ -18,6 +18,7 @@ from balloon_warp.schedules.tables import (
     SpringEnds,
     air_table,
     body_table,
+    correction_table,
     face_table,
     obstacle_table,
     spring_ends,
@@ -89,7 +90,9 @@ class BlockSchedule:
             self._threads = min(most, MOST_THREADS) if model.device.is_cuda else 1
             capacity = _round_up(model.particle_count, STREAMING_STEP)
             traits = model_traits(model)
-            self._own_tables = [spring_table(model, ends), water_table(model), air_table(model)]
+            self._own_tables = [
+                *(spring_table(model, ends), water_table(model), air_table(model), correction_table(model)),
+            ]
             self._kernel = streaming_kernel(capacity, _power_of_two(model.sphere_count), traits, fresh)
             other_velocities = wp.zeros(
                 (model.world_count, model.particle_count if traits.keeps_velocities else 0),

@@ -9,6 +9,7 @@ import warp as wp
 
 from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.gather import (
+    meet_obstacles,
     move_gathered_spheres,
     particle_kernel,
     read_sphere_forces,
@@ -16,9 +17,11 @@ from balloon_warp.kernels.gather import (
 )
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.correct import Corrector
 from balloon_warp.schedules.gather_air import GatherAir
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import (
+    air_table,
     body_table,
     face_table,
     obstacle_table,
@@ -42,10 +45,12 @@ class GatherSchedule:
         ends = spring_ends(model)
         self._traits = model_traits(model)
         self._kernel = particle_kernel(self._traits)
+        self._corrector = Corrector(model)
         self._springs = spring_table(model, ends)
         self._strings = string_table(model)
         self._obstacles = obstacle_table(model)
         self._water = water_table(model)
+        self._air_table = air_table(model)
         self._faces = face_table(model)
         self._aims = AimRefresher(model)
         self._air = GatherAir(model, self._springs) if model.in_air else None
@@ -81,6 +86,16 @@ class GatherSchedule:
             )
             old, new = (points, velocities), (new_points, new_velocities)
             self._advance_particles(state, substep * model.step_seconds, old, new)
+            if self._traits.corrected:
+                self._corrector.correct(*new)
+                self._launch(
+                    meet_obstacles,
+                    (model.world_count, model.particle_count),
+                    *(self._bodies, self._obstacles, self._air_table, substep * model.step_seconds),
+                    *(state.inflation_aims, state.inflation_ramp, state.inflation_loads),
+                    *(state.sphere_positions, state.sphere_velocities),
+                    *(*new, self._sphere_quanta),
+                )
             points, new_points = new_points, points
             velocities, new_velocities = new_velocities, velocities
         if points is not state.points:

@@ -85,7 +85,7 @@ class GatherAir:
             finish_particles,
             particles,
             *(self._bodies_with_gas, self._obstacles, self._air),
-            *(self._traits.forward_euler, m.step_seconds, time_in_frame),
+            *(self._traits.forward_euler, self._traits.corrected, m.step_seconds, time_in_frame),
             *(state.inflation_aims, state.inflation_ramp, state.inflation_loads),
             *(state.sphere_positions, state.sphere_velocities, points, velocities),
             *(new_velocities, new_points, sphere_quanta),

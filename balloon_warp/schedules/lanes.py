@@ -18,6 +18,7 @@ from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.tables import (
     air_table,
     body_table,
+    correction_table,
     face_table,
     obstacle_table,
     spring_ends,
@@ -58,6 +59,7 @@ class LanesSchedule:
             face_table(model),
             water_table(model),
             air_table(model),
+            correction_table(model),
         ]
         self._traits = _lane_traits(model)
         self._lanes = _lane_state(model, group_count)

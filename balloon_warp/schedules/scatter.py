@@ -15,6 +15,7 @@ from balloon_warp.kernels.springs import add_rubber_forces, add_spring_forces, a
 from balloon_warp.kernels.water import add_water_forces, add_water_loads
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.correct import Corrector
 from balloon_warp.schedules.scatter_air import ScatterAir
 from balloon_warp.schedules.tables import body_table, face_table, water_table
 from balloon_warp.schedules.traits import model_traits
@@ -30,6 +31,7 @@ class ScatterSchedule:
         worlds, device = model.world_count, model.device
         self.model = model
         self._traits = model_traits(model)
+        self._corrector = Corrector(model)
         self.forces = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
         """net force on each particle [N], shape (world_count, particle_count)"""
         self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
@@ -67,6 +69,7 @@ class ScatterSchedule:
         if self._air:
             self._air.add_forces(state, time_in_frame, self.forces)
         self._integrate(state)
+        self._corrector.correct(state.points, state.velocities)
         self._resolve_contacts(state, time_in_frame)
 
     def refresh_inflation(self, state: State) -> None:
@@ -129,7 +132,7 @@ class ScatterSchedule:
         constants = m.particle_balloon, m.stiffness
         dim = m.world_count, m.spring_count
         if self._traits.rubber:
-            rubber = m.viscosity, m.yield_stretch
+            rubber = m.viscosity, m.yield_stretch, m.correction_limit, m.scene.correction == "tarantino"
             moving = state.points, state.velocities
             self._launch(add_rubber_forces, dim, *springs, *constants, *rubber, *moving, self.forces)
         else:

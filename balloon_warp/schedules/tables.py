@@ -12,6 +12,7 @@ from balloon_warp.kernels.tables import (
     SLICE,
     AirTable,
     BodyTable,
+    CorrectionTable,
     FaceTable,
     ObstacleTable,
     SpringTable,
@@ -20,6 +21,7 @@ from balloon_warp.kernels.tables import (
     WorldState,
 )
 from balloon_warp.model import Model, State
+from balloon_warp.springs.coloring import color_springs
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,23 @@ def spring_table(model: Model, ends: SpringEnds) -> Any:
     table.stiffness = model.stiffness
     table.viscosity = model.viscosity
     table.yield_stretch = model.yield_stretch
+    table.limits = model.correction_limit
+    table.yields_at_limit = model.scene.correction == "tarantino"
+    return table
+
+
+def correction_table(model: Model) -> Any:
+    """Springs color by color; none where lengths are not corrected."""
+    corrected = model.scene.correction != "none"
+    pairs = model.spring_particles.numpy().reshape(-1, 2)[: None if corrected else 0]
+    colors = color_springs(pairs)
+    order = np.lexsort([pairs[:, 1], pairs[:, 0], colors])
+    table = CorrectionTable()
+    table.color_offsets = wp.array(np.append(0, np.cumsum(np.bincount(colors))), dtype=wp.int32, device=model.device)
+    table.particles = wp.array(pairs[order], dtype=wp.vec2i, device=model.device)
+    table.rest_lengths = wp.array(model.spring_rest_length.numpy()[order], dtype=float, device=model.device)
+    table.limits = model.correction_limit
+    table.sweeps = model.scene.correction_sweeps
     return table
 
 

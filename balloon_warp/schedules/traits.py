@@ -18,7 +18,10 @@ def model_traits(model: Model) -> Traits:
 
     return Traits(
         springs_vary=bool((model.spring_stiffness_scale.numpy() != 1.0).any()),
-        rubber=ever("viscosity", lambda t: t > 0.0) or ever("yield_stretch", lambda stretch: stretch < NEVER_YIELDS),
+        rubber=model.scene.correction == "tarantino"
+        or ever("viscosity", lambda t: t > 0.0)
+        or ever("yield_stretch", lambda stretch: stretch < NEVER_YIELDS),
+        corrected=model.scene.correction != "none",
         in_water=model.has_water,
         in_air=model.in_air,
         forward_euler=model.scene.solver == "forward_euler",
@@ -33,6 +36,8 @@ def beyond_basics(model: Model) -> str | None:
         return "water"
     if traits.in_air:
         return "pressure, gas or drag in air"
+    if traits.corrected:
+        return "position correction"
     if traits.rubber:
         return "springs that are viscous or yield"
     if traits.forward_euler:
