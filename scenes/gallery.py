@@ -6,14 +6,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from balloon_warp import animate, bundled_scenes, load_scene, render_stage, run_batch
+from balloon_warp import animate, bundled_scenes, compare, load_scene, render_stage, run_batch
 
 SIZE = (640, 360)
 SAMPLES = 16
 
 
 def main(folder: Path) -> None:
-    """Simulate each bundled scene, and a batch, and write their pictures into the folder."""
+    """Simulate each bundled scene, a correction and none side by side, and a batch; write their pictures."""
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as stages:
         for name in bundled_scenes():
@@ -21,6 +21,7 @@ def main(folder: Path) -> None:
             animate(load_scene(name), stage)
             render_stage(stage, folder / f"{name}.png", size=SIZE, samples=SAMPLES)
             print(f"wrote {folder / name}.png", flush=True)
+        compare(load_scene("turtle_provot"), {"correction": ["none", "provot"]}, folder / "correction.png")
         inflation = np.linspace(0.5, 8.0, 9)
         batch = load_scene("squirrel_inflate", [("frames", 90)])
         run_batch(batch, stages, len(inflation), {"balloon.inflation.k_normal": inflation}, export=range(9))

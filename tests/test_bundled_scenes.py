@@ -75,6 +75,78 @@ def test_turtle_inflate_fills_neck_and_belly():
     assert girth[1] > 1.1 * girth[0]
 
 
+def stretches(model: Model, frame: Frame) -> np.ndarray:
+    """Length over rest length of the springs."""
+    springs = model.shapes[0].springs
+    first, second = frame.points[0].astype(np.float64)[springs.pairs].swapaxes(0, 1)
+    return np.linalg.norm(second - first, axis=1) / springs.rest_lengths
+
+
+def test_turtle_provot_keeps_every_spring_within_a_hundredth_of_its_limit():
+    """Figure 12, in every frame. Without correction some are longer than that by a half."""
+    model, frames = played("turtle_provot")
+    longest = 1.0 + model.scene.correction_limit
+    assert max(stretches(model, frame).max() for frame in frames) < 1.01 * longest
+    assert stretches(*ends_of("turtle_inflate")).max() > 1.4 * longest
+    assert np.mean(stretches(model, frames[-1]) > 0.999 * longest) > 0.2  # many would go on
+
+
+def ends_of(name: str) -> tuple[Model, Frame]:
+    model, frames = played(name)
+    return model, frames[-1]
+
+
+def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
+    """Figure 12 beside 11, under the same inflation: the belly bulges by less than three quarters as much, and the neck
+    thickens by less than half."""
+    growth = {}
+    for name in ("turtle_inflate", "turtle_provot"):
+        model, end = ends_of(name)
+        rest, inflated = model.shapes[0].mesh.points, end.points[0].astype(np.float64)
+        x, _, z = rest.T
+        belly, neck = np.hypot(x, z) < 0.2, (z > 0.26) & (z < 0.34) & (abs(x) < 0.15)
+        heights = [np.ptp(points[belly, 1]) for points in (rest, inflated)]
+        girths = [np.sqrt(points[neck, :2].var(axis=0).sum()) for points in (rest, inflated)]
+        growth[name] = heights[1] / heights[0] - 1.0, girths[1] / girths[0] - 1.0
+    assert 0.0 < growth["turtle_provot"][0] < 0.75 * growth["turtle_inflate"][0]
+    assert 0.0 < growth["turtle_provot"][1] < 0.5 * growth["turtle_inflate"][1]
+
+
+def test_with_correction_the_shape_is_a_scaled_copy():
+    """What the paper found and did not want: inflated against its limit until it has the volume of the squirrel without
+    correction, all of it is larger by about the limit's factor, where else some parts stretch twice as differently."""
+    strong = (
+        *(("correction", "provot"), ("correction_limit", 0.25), ("frames", 110)),
+        ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, 28.0))),
+    )
+    (model, plain), (_, corrected) = played("squirrel_inflate"), played("squirrel_inflate", strong)
+    volumes = [signed_volume(shape_at(model, frames[-1])) for frames in (plain, corrected)]
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.1)
+    spread = [np.ptp(np.percentile(stretches(model, frames[-1]), [10, 90])) for frames in (plain, corrected)]
+    assert spread[1] < 0.5 * spread[0]
+    assert volumes[1] == pytest.approx(1.25**3 * signed_volume(shape_at(model, plain[0])), rel=0.1)
+
+
+def apart(first: np.ndarray, second: np.ndarray) -> float:
+    """Root-mean-square distance of two shapes laid on each other (Kabsch 1976) [m]."""
+    first, second = (points.astype(np.float64) - points.mean(axis=0) for points in (first, second))
+    left, _, right = np.linalg.svd(first.T @ second)
+    return float(np.sqrt(((first @ left @ right - second) ** 2).sum(axis=1).mean()))
+
+
+def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
+    """The paper on its squirrel: springs twice as stiff leave less than half the distance to the corrected shape."""
+    stiff = tuple(
+        (f"balloon.stiffness.{kind}", k) for kind, k in (("structural", 200), ("shear", 100), ("flexion", 10))
+    )
+    correction = (("correction", "provot"), ("correction_limit", 0.1))
+    plain, stiffer, corrected = (
+        played("squirrel_inflate", (*overrides, ("frames", 120)))[1][-1].points[0]
+        for overrides in ((), stiff, correction)
+    )
+    assert apart(stiffer, corrected) < 0.5 * apart(plain, corrected)
+
+
 def test_squirrel_squish_dents_the_squirrel():
     """Figures 13 to 15: one patch of the surface wraps more than a third of the radius; no particle is inside."""
     model, frames = played("squirrel_squish")
@@ -262,7 +334,7 @@ def test_cached_normals_give_the_shape_of_fresh_ones():
 
 
 @pytest.mark.parametrize(
-    "name", ["squirrel_inflate", "turtle_inflate", "bowl_to_sphere", "squirrel_tether", "net_forces"]
+    "name", ["squirrel_inflate", "turtle_inflate", "turtle_provot", "bowl_to_sphere", "squirrel_tether", "net_forces"]
 )
 def test_scenes_do_not_flutter(name: str):
     """When the action is over, hardly any particle changes its velocity from frame to frame by more than a third of a
