@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -34,8 +35,13 @@ def prepared(schedule: Any, state: State) -> Callable[[], None]:
     device = schedule.model.device
     with wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
         schedule.advance_frame(state)
-    graph: Any = capture.graph
-    return lambda: wp.capture_launch(graph)
+    return partial(_replay, capture.graph, (schedule, state))
+
+
+def _replay(graph: Any, recorded: tuple[Any, State]) -> None:
+    """Launch a graph; it reads and writes arrays of what was recorded, which must live as long as it does."""
+    del recorded
+    wp.capture_launch(graph)
 
 
 def _seconds(advance: Callable[[], None], device: wp.Device) -> float:
