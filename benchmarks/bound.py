@@ -15,10 +15,10 @@ DRAM_RATE = 4.8e12
 """bytes a second of an H200"""
 L2_BYTES = 50e6
 
-BLOCK_INSTRUCTIONS = 196
-BLOCK_OBSTACLE_INSTRUCTIONS = 80
+BLOCK_INSTRUCTIONS = 191
+BLOCK_OBSTACLE_INSTRUCTIONS = 100
 
-GATHER_INSTRUCTIONS = 1020
+GATHER_INSTRUCTIONS = 764
 GATHER_OBSTACLE_INSTRUCTIONS = 105
 GATHER_TABLE_BYTES = 12 * 8 + 16
 GATHER_STATE_BYTES = 12 * 5
@@ -45,10 +45,11 @@ def bound(model: Model, schedule: str) -> float | None:
 def block_bound(multiprocessors: int, obstacles: bool) -> float:
     """By instructions: all that moves is in shared memory and registers.
 
-    Counted in its machine code for sm_90, for 12 springs a particle: 16 a spring (3 loads, 3 differences, 3 for the
-    squared length, 1 root, 1 for the coefficient, 3 for the force, 2 of address and padding) and some more for
-    inflation, damping, the step, the store and the barrier; with obstacles, each thread also moves the sphere and
-    looks for contact. Shared memory allows about as much: 39 wavefronts a warp without bank conflicts, at one a cycle.
+    Counted in its machine code for sm_90, for 12 springs a particle: 14 a spring (3 loads, 3 differences, 3 for the
+    squared length, 1 root, 1 for the coefficient, 3 for the force) and 23 for inflation, damping, the step, the store
+    and the barrier. With obstacles the profiler counts 100 more on average: 33 to add the penalties and move the
+    sphere, 26 to look for contact, the rest in warps with a particle that touches. Shared memory allows about as much:
+    39 wavefronts a warp without bank conflicts, at one a cycle.
     """
     instructions = BLOCK_INSTRUCTIONS + (BLOCK_OBSTACLE_INSTRUCTIONS if obstacles else 0)
     return multiprocessors * ISSUE_RATE / instructions
@@ -57,9 +58,9 @@ def block_bound(multiprocessors: int, obstacles: bool) -> float:
 def gather_bound(particles: int, multiprocessors: int, launch_seconds: float, obstacles: bool) -> float:
     """A substep takes its launch, and then the slowest of issue, L2 cache and memory.
 
-    Instructions, counted in its machine code for sm_90, for 12 springs a particle in three chunks of four: 194 a chunk,
-    of which 24 are its loads and 48 the law's, and the others 64-bit addresses and what Warp does about negative
-    indices; 440 more for a particle's own numbers, the step and the ground's test; a sphere's test is some 105.
+    Instructions, counted in its machine code for sm_90, for 12 springs a particle in three chunks of four: 108 a chunk,
+    of which 20 are its loads and 48 the law's; 440 more for a particle's own numbers, whose addresses allow for
+    strides and negative indices, the step and the ground's test; a sphere's test is some 105.
 
     Bytes from the L2 cache: 8 a spring (the other end and the rest length), 16 of valence, balloon and mass, and the
     vectors that are read (point, velocity, aim) and written (point, velocity). A neighbor's point is in the L1 cache
