@@ -34,7 +34,8 @@ def bound(model: Model, schedule: str) -> float | None:
     if not model.device.is_cuda:
         return None
     if schedule == "block":
-        return block_bound(model.device.sm_count, obstacles=model.sphere_count > 0)
+        multiprocessors = min(model.device.sm_count, model.world_count)  # a world runs on one
+        return block_bound(multiprocessors, obstacles=model.sphere_count > 0)
     if schedule == "gather":
         particles = model.world_count * model.particle_count
         launches = launch_seconds(model.device, particles) * (2 if model.sphere_count else 1)
