@@ -22,6 +22,8 @@ class Case:
     """they fall on the balloon; one alone lies on it"""
     ground: bool = False
     normals: Literal["cached", "fresh"] = "cached"
+    gas: bool = False
+    """a sealed amount of gas inflates them, and the air around drags"""
     peer: Literal["newton", "base"] | None = None
     """in turns with Newton, which has no obstacles then; or with the base case of the device"""
     quick: bool = False
@@ -41,7 +43,8 @@ class Case:
             mass=weight,
             damping=weight,
             stiffness=Stiffness(structural=10.0, shear=5.0, flexion=1.0),
-            inflation=Inflation(k_normal=0.5),
+            inflation=Inflation(kind="gas", start_pressure=20.0) if self.gas else Inflation(k_normal=0.5),
+            drag_coefficient=0.47 if self.gas else 0.0,
         )
         return Scene(
             balloon=[balloon],
@@ -139,6 +142,7 @@ GPU_CASES: list[AnyCase] = [
     GPU_BASE,
     Case("4,096 balloons, sphere and ground", "block", 4096, spheres=1, ground=True, quick=True),
     Case("4,096 balloons, fresh normals", "block", 4096, normals="fresh", peer="newton"),
+    *[Case("4,096 balloons, sealed gas", name, 4096, gas=True, peer="base") for name in ("block", "gather", "scatter")],
     Case(balloons(65536), "block", 65536),
     Case(balloons(64), "block", 64),
     Case(balloons(1), "block", 1, peer="newton", quick=True),
@@ -159,6 +163,7 @@ CPU_CASES: list[AnyCase] = [
     CPU_BASE,
     Case("64 balloons, sphere and ground", "lanes", 64, spheres=1, ground=True),
     Case("64 balloons, fresh normals", "lanes", 64, normals="fresh", peer="newton"),
+    Case("64 balloons, sealed gas", "lanes", 64, gas=True, peer="base"),
     Case(balloons(4096), "lanes", 4096),
     Case(balloons(64), "octets", 64),
     *[Case(balloons(worlds), "gather", worlds) for worlds in (1, 64)],
