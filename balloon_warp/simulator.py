@@ -143,15 +143,20 @@ class Simulator:
             self._advance_frame()
         self.frame_number += 1
 
-    def read_frame(self, world: int = 0) -> Frame:
-        """Copy one world to the host."""
+    def read_frame(self, world: int = 0, net_forces: bool | None = None) -> Frame:
+        """Copy one world to the host.
+
+        Args:
+            net_forces: whether they are wanted; as the scene says, when missing.
+        """
         self._force_reader.refresh_inflation(self.state)
+        wanted = self.model.scene.net_forces if net_forces is None else net_forces
         inflation_forces = self._of_balloons(self._force_reader.inflation_forces(self.state), world)
         return Frame(
             number=self.frame_number,
             points=self._of_balloons(self.state.points, world),
             velocities=self._of_balloons(self.state.velocities, world),
-            net_forces=self._net_forces(world) if self.model.scene.net_forces else [],
+            net_forces=self._net_forces(world) if wanted else [],
             inflation_forces=inflation_forces,
             pressures=self.state.pressures.numpy()[world].copy(),
             gas_amounts=self.state.gas_amounts.numpy()[world].copy(),

@@ -15,6 +15,7 @@ from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
 from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
+from balloon_warp.cli.view import view
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
 
 
@@ -30,7 +31,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, batch, compare, scenes, inspect, remesh, render, bench):
+for command in (run, view, batch, compare, scenes, inspect, remesh, render, bench):
     app.command()(command)
 
 

@@ -18,6 +18,7 @@ from balloon_warp.viewer.journal import Journal
 
 MOST_THROWN = 8
 """spheres that are about at one time; the next one takes the place of the oldest"""
+SPHERE_DRAG = 0.47
 REBUILT = ("viscosity", "yield_stretch", "drag_coefficient")
 """fields that decide which kernels run"""
 
@@ -61,7 +62,7 @@ class Playground:
         self.live = self.start
         """the scene as it is now, but for what it has planned; once anything is touched, exactly as it is"""
         self.journal = Journal(self.start.model_copy(update={"substeps": self.simulator.model.substeps}))
-        self._numbers = list(range(len(self.live.sphere))), list(range(len(self.live.string)))
+        self.numbers = list(range(len(self.live.sphere))), list(range(len(self.live.string)))
         """of the spheres and strings that are there, in the journal"""
         self._untouched = True
         self.hands: dict[object, int] = {}
@@ -109,6 +110,20 @@ class Playground:
             self._go_at(plan.substeps)
         self.journal.change(self.frame, path, value)
 
+    def inflate(self, value: float) -> None:
+        """Change what is keyframed of all balloons that are inflated as the first one is."""
+        kind = self.live.balloon[0].inflation.kind
+        for number, balloon in enumerate(self.live.balloon):
+            if balloon.inflation.kind == kind:
+                self.set(f"balloon.{number}.inflation.{balloon.inflation.keyframed}", value)
+
+    def blow(self, wind: list[float]) -> None:
+        """A wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""
+        for number, balloon in enumerate(self.live.balloon):
+            if balloon.drag_coefficient == 0.0:
+                self.set(f"balloon.{number}.drag_coefficient", SPHERE_DRAG)
+        self.set("atmosphere.wind", wind)
+
     def throw(self, position: NDArray, velocity: NDArray, radius: float, mass: float) -> None:
         """A sphere appears, and flies.
 
@@ -118,7 +133,7 @@ class Playground:
         sphere = Sphere(position=_tuple(position), velocity=_tuple(velocity), radius=radius, mass=mass)
         self._take_over()
         spheres, kept = [*self.live.sphere, sphere], list(range(len(self.live.sphere)))
-        numbers = self._numbers[0]
+        numbers = self.numbers[0]
         thrown = [number for number in kept if numbers[number] >= len(self.start.sphere)]
         if len(thrown) >= MOST_THROWN:
             oldest = thrown[0]
@@ -143,14 +158,14 @@ class Playground:
             stiffness=stiffness or 60.0 * weight / self.size,
         )
         self._take_over()
-        self._numbers[1].append(self.journal.add_string(self.frame, string))
+        self.numbers[1].append(self.journal.add_string(self.frame, string))
         self._rebuild(self.live.model_copy(update={"string": [*self.live.string, string]}))
         return len(self.live.string) - 1
 
     def cut(self, string: int) -> None:
         """Cut a string of the live scene."""
         self._take_over()
-        self.journal.end(self.journal.strings, self._numbers[1].pop(string), self.frame)
+        self.journal.end(self.journal.strings, self.numbers[1].pop(string), self.frame)
         strings = [*self.live.string[:string], *self.live.string[string + 1 :]]
         self.hands = {who: held - (held > string) for who, held in self.hands.items() if held != string}
         self._rebuild(self.live.model_copy(update={"string": strings}))
@@ -173,7 +188,7 @@ class Playground:
             self.live = override_scene(self.live, [(f"string.{self.hands[who]}.anchor", anchor)])
             anchors = [string.anchor for string in self.live.string]
             self.simulator.set_parameters({"string_anchor": np.array(anchors)})
-            self.journal.change(self.frame, f"string.{self._numbers[1][self.hands[who]]}.anchor", anchor)
+            self.journal.change(self.frame, f"string.{self.numbers[1][self.hands[who]]}.anchor", anchor)
 
     def release(self, who: object) -> None:
         """Let go."""
@@ -191,7 +206,7 @@ class Playground:
             frame=self.frame,
             scene=self.live,
             journal=self.journal.copy(),
-            numbers=(list(self._numbers[0]), list(self._numbers[1])),
+            numbers=(list(self.numbers[0]), list(self.numbers[1])),
             substeps=self.simulator.model.substeps,
             hands=dict(self.hands),
             state={name: np.array(array.numpy()) for name, array in vars(self.simulator.state).items()},
@@ -200,7 +215,7 @@ class Playground:
     def return_to(self, moment: Moment) -> None:
         """Go on from a moment; what was done since is undone. Nobody holds anything any more."""
         self.journal = moment.journal.copy()
-        self._numbers = list(moment.numbers[0]), list(moment.numbers[1])
+        self.numbers = list(moment.numbers[0]), list(moment.numbers[1])
         self._untouched, self.hands = False, dict(moment.hands)
         self.simulator.drop_turns()
         self._rebuild(moment.scene, [None] * len(moment.scene.sphere), moment.substeps)
@@ -224,7 +239,7 @@ class Playground:
         self.journal.forget_what_was_planned(self.frame)
         lasting = (scene.sphere, scene.string)
         there = [[n for n, body in enumerate(bodies) if is_there(scene, body, before)] for bodies in lasting]
-        self._numbers = there[0], there[1]
+        self.numbers = there[0], there[1]
         lengths = self.simulator.model.string_length.numpy()[0].tolist()
         forever = {"start": 0.0, "end": None}
         spheres = [scene.sphere[n].model_copy(update=forever) for n in there[0]]

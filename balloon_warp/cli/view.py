@@ -1,0 +1,61 @@
+"""`balloon-warp view`"""
+
+import threading
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.errors import InputError, MissingExtraError
+from balloon_warp.scene.load import load_scene, scene_name
+from balloon_warp.scene.overrides import parse_override
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+def view(
+    scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="8080 or the next free one if not given.")] = None,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    folder: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where recordings go; the current folder.")
+    ] = Path("."),
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
+    ] = None,
+    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    host: Annotated[str, typer.Option(help="Address to listen on; this machine alone if not given.")] = "127.0.0.1",
+) -> None:
+    """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it."""
+    loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
+    if not folder.is_dir():
+        raise InputError(f"{folder}: the folder does not exist")
+    quiet_warp()
+    try:
+        from balloon_warp.viewer.page import Page
+    except ModuleNotFoundError as missing:
+        if missing.name != "viser":
+            raise
+        raise MissingExtraError("view needs viser: pip install 'balloon-warp[view]'") from None
+    from balloon_warp.viewer.session import Session
+
+    page = Page(Session(scene_name(scene), loaded, device, folder.resolve()), host, port)
+    page.start()
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"{escape(scene_name(scene))} is at {page.address} (Ctrl+C ends it)")
+    if host not in LOOPBACK:
+        console.print(
+            f"[yellow]warning:[/] whoever reaches port {page.server.get_port()} of this machine can see it, play with "
+            f"it and save recordings into {escape(str(folder.resolve()))}; nothing is encrypted, nobody is asked a name"
+        )
+    if open_page:
+        webbrowser.open(page.address)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        page.stop()

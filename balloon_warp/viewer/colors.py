@@ -1,0 +1,47 @@
+"""Colors of the page, in sRGB from 0 to 255."""
+
+import numpy as np
+
+from balloon_warp.outputs.usd.material import BALLOON_COLORS, SPHERE_COLORS
+from balloon_warp.scene import Scene
+
+Color = tuple[int, int, int]
+
+SPRINGS: dict[str, Color] = {"structural": (20, 20, 20), "shear": (30, 80, 220), "flexion": (20, 150, 60)}
+"""the paper's black, blue and green (figure 3)"""
+WIRE: Color = (60, 30, 30)
+NORMALS: Color = (230, 140, 20)
+FORCES: Color = (0, 130, 70)
+STRING: Color = (95, 75, 60)
+HAND: Color = (250, 200, 40)
+GROUND: Color = (222, 220, 214)
+GRID: Color = (196, 192, 184)
+BRAND: Color = (200, 40, 36)
+STRAIN_BOUNDS = (0.85, 0.97, 1.03, 1.15, 1.4, 1.8)
+"""length over rest length between the bands of color"""
+STRAIN: tuple[Color, ...] = (
+    (49, 54, 149),
+    (116, 173, 209),
+    (224, 236, 240),
+    (254, 224, 144),
+    (253, 174, 97),
+    (240, 90, 60),
+    (165, 0, 38),
+)
+
+
+def balloon_color(scene: Scene, number: int) -> Color:
+    """As in the stage: the scene's, or the palette's."""
+    return _encoded(scene.balloon[number].color or BALLOON_COLORS[number % len(BALLOON_COLORS)])
+
+
+def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:
+    """As in the stage: its own, or the palette's."""
+    return _encoded(own or SPHERE_COLORS[number % len(SPHERE_COLORS)])
+
+
+def _encoded(linear: tuple[float, float, float]) -> Color:
+    values = np.asarray(linear)
+    encoded = np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1 / 2.4) - 0.055)
+    r, g, b = (int(value) for value in np.clip(np.round(255 * encoded), 0, 255))
+    return r, g, b

@@ -1,0 +1,269 @@
+"""The panel: everything that can be set, in folders."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Scene, bundled_scenes, load_scene
+from balloon_warp.viewer.layers import LAYERS, Layers
+from balloon_warp.viewer.session import Picture, Session
+
+SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
+NUDGE = 0.04
+"""part of the inflation slider that a key moves it by"""
+INFLATIONS = {"k_normal": "inflation (k_normal)", "pressure": "pressure [Pa]", "pump": "pump [mol/s]"}
+
+
+@dataclass
+class Value:
+    """A slider for a value of the scene."""
+
+    path: str
+    label: str
+    read: Callable[[Scene], float]
+    least_reach: float
+    hint: str = ""
+    """of its range, where the scene's own value is 0 or small"""
+    signed: bool = False
+
+
+VALUES = [
+    Value("gravity", "gravity [m/s²]", lambda scene: scene.gravity, 20.0, signed=True),
+    Value("balloon.helium", "helium [N/kg]", lambda scene: scene.balloon[0].helium, 30.0, "lift of each kilogram"),
+    Value("balloon.damping", "damping [N s/m]", lambda scene: scene.balloon[0].damping, 1.0),
+    Value("balloon.stiffness.structural", "structural springs", lambda scene: scene.balloon[0].stiffness.structural, 1),
+    Value("balloon.stiffness.shear", "shear springs", lambda scene: scene.balloon[0].stiffness.shear, 1.0),
+    Value("balloon.stiffness.flexion", "flexion springs", lambda scene: scene.balloon[0].stiffness.flexion, 1.0),
+]
+CHOICES = {
+    "solver": {"symplectic Euler": "symplectic_euler", "forward Euler": "forward_euler"},
+    "normals": {"once a frame": "cached", "every substep": "fresh"},
+}
+
+
+class Controls:
+    """Adds the panel to a page.
+
+    Args:
+        server: of the page.
+        session: what is played.
+        layers: what is drawn.
+        look: turns a window's camera to the balloon.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        session: Session,
+        layers: Layers,
+        look: Callable[[viser.ClientHandle], None],
+    ):
+        self.server, self.session, self.layers = server, session, layers
+        self._bound: tuple[int, int] = (0, 0)
+        self._values: list[tuple[Value, Any]] = []
+        self._ways: dict[str, Any] = {}
+        gui = server.gui
+        self.status = gui.add_markdown("")
+        self._add_trouble()
+        self._add_time(look)
+        self._add_inflation()
+        with gui.add_folder("Click"):
+            self._add_click()
+        with gui.add_folder("Balloon", expand_by_default=False):
+            self._add_balloon()
+        with gui.add_folder("Show", expand_by_default=False):
+            self._add_layers()
+        with gui.add_folder("Record", expand_by_default=False):
+            self._add_recording()
+        with gui.add_folder("Plots", expand_by_default=False) as self.plots_folder:
+            pass
+
+    def follow(self, picture: Picture) -> None:
+        """Bring the panel up to date with a picture."""
+        if self._bound != (picture.load, picture.revision):
+            self._bind(picture)
+        elif picture.running and abs(self.inflation.value - picture.inflation) > 1e-3 * self.inflation.max:
+            _put(self.inflation, picture.inflation)  # a scene that inflates by itself
+        self.run.label = "Pause" if picture.running else "Run"
+        self.trouble.visible = self.back.visible = bool(picture.trouble)
+        if picture.trouble:
+            self.trouble.content = f"**It blew up.** {picture.trouble[0].upper()}{picture.trouble[1:]}."
+        self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
+        self.status.content = _status(picture)
+
+    def _add_trouble(self) -> None:
+        self.trouble = self.server.gui.add_markdown("", visible=False)
+        self.back = self.server.gui.add_button("Back to the last good state", color="red", visible=False)
+        self.back.on_click(lambda _: self.session.go_back())
+
+    def _add_time(self, look: Callable[[viser.ClientHandle], None]) -> None:
+        gui, session = self.server.gui, self.session
+        self.scenes = gui.add_dropdown("scene", tuple(dict.fromkeys([session.name, *bundled_scenes()])))
+        self._given = {session.name: session.scene}
+        self.run = gui.add_button("Pause", hint="space")
+        self.step = gui.add_button("Step one frame", color="gray", hint="key N")
+        self.reset = gui.add_button("Reset", color="gray", hint="key R")
+        self.speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        self.look = gui.add_button("Look at the balloon", color="gray", hint="key F")
+        self.run.on_click(lambda _: self._toggle_run())
+        self.step.on_click(lambda _: session.step_once())
+        self.reset.on_click(lambda _: session.reset())
+        self.look.on_click(lambda event: event.client and look(event.client))
+        _on_change(self.speed, lambda value: session.set_speed(float(value)))
+        _on_change(self.scenes, self._load)
+        self._key("Pause or run", "space", self._toggle_run)
+        self._key("Step one frame", "N", session.step_once)
+        self._key("Reset", "R", session.reset)
+        command = gui.add_command("Look at the balloon", hotkey="F")
+        command.on_trigger(lambda event: event.client and look(event.client))
+
+    def _add_inflation(self) -> None:
+        self.inflation = self.server.gui.add_slider("inflation", 0.0, 1.0, 0.001, 0.0, hint="keys ↑ and ↓")
+        _on_change(self.inflation, self._inflate)
+        self._key("Inflate", "arrowup", lambda: self._nudge(NUDGE))
+        self._key("Deflate", "arrowdown", lambda: self._nudge(-NUDGE))
+
+    def _add_click(self) -> None:
+        gui = self.server.gui
+        gui.add_markdown("Drag the balloon to pull it, drag beside it to look around. A click does this:")
+        self.tool = gui.add_dropdown("a click", ("throws a sphere", "ties a string", "does nothing"))
+        self.radius = gui.add_slider("radius [size]", 0.02, 0.5, 0.01, 0.12, hint="of the balloon's size")
+        self.mass = gui.add_slider("mass [kg]", 0.1, 50.0, 0.1, 2.0)
+        self.throw_speed = gui.add_slider("speed [sizes/s]", 0.5, 30.0, 0.5, 5.0)
+        self.cut = gui.add_button("Cut all strings", color="gray", hint="key C")
+        self.cut.on_click(lambda _: self._cut())
+        self._key("Cut all strings", "C", self._cut)
+
+    def _add_balloon(self) -> None:
+        gui = self.server.gui
+        for value in VALUES:
+            slider = gui.add_slider(value.label, 0.0, 1.0, 0.001, 0.0, hint=value.hint or None)
+            _on_change(slider, lambda number, path=value.path: self.session.set(path, number))
+            self._values.append((value, slider))
+        self.wind = gui.add_vector3(
+            "wind [m/s]", (0.0, 0.0, 0.0), step=0.1, hint="pushes balloons that have drag in air"
+        )
+        _on_change(self.wind, self._blow)
+        for field, choices in CHOICES.items():
+            way = gui.add_dropdown(field, tuple(choices))
+            _on_change(way, lambda name, field=field: self.session.set(field, CHOICES[field][name]))
+            self._ways[field] = way
+        self.stable = gui.add_checkbox("as many substeps as stability asks", True)
+        _on_change(self.stable, self._keep_stable)
+
+    def _add_layers(self) -> None:
+        self.shown = {}
+        for name, label in LAYERS.items():
+            box = self.server.gui.add_checkbox(label, self.layers.shown[name])
+            _on_change(box, lambda shown, name=name: self._show(name, bool(shown)))
+            self.shown[name] = box
+
+    def _add_recording(self) -> None:
+        gui = self.server.gui
+        gui.add_markdown("Saves an animated stage (USD), and a scene that replays it from its start.")
+        self.record = gui.add_button("Record")
+        self.record.on_click(lambda _: self.session.record(self.session.recording is None))
+
+    def _key(self, label: str, key: Any, act: Callable[[], None]) -> None:
+        self.server.gui.add_command(label, hotkey=key).on_trigger(lambda event: act())
+
+    def _toggle_run(self) -> None:
+        self.session.run(not self.session.running)
+
+    def _show(self, name: str, shown: bool) -> None:
+        self.layers.show(name, shown)
+        self.session.wants_forces = self.layers.shown["forces"]
+
+    def _inflate(self, value: float) -> None:
+        self.session.ask(lambda playground: playground.inflate(float(value)), key="inflate")
+
+    def _nudge(self, part: float) -> None:
+        slider = self.inflation
+        value = min(max(slider.value + part * (slider.max - slider.min), slider.min), slider.max)
+        _put(slider, value)
+        self._inflate(value)
+
+    def _cut(self) -> None:
+        self.session.ask(lambda playground: playground.cut_all(), key="cut")
+
+    def _blow(self, wind: Any) -> None:
+        self.session.ask(lambda playground: playground.blow([float(part) for part in wind]), key="wind")
+
+    def _keep_stable(self, keep: Any) -> None:
+        def change(playground: Any) -> None:
+            playground.keep_stable = bool(keep)
+
+        self.session.ask(change, key="stable")
+
+    def _load(self, name: str) -> None:
+        def find() -> Scene:
+            if name not in self._given and name not in bundled_scenes():
+                raise InputError(f"{str(name)[:60]}: no such scene")
+            return self._given.get(name) or load_scene(name)
+
+        self.session.load(str(name), find)
+
+    def _bind(self, picture: Picture) -> None:
+        """Values and ranges as the scene has them now."""
+        fresh = self._bound[0] != picture.load
+        self._bound = (picture.load, picture.revision)
+        scene = picture.scene
+        if fresh:
+            inflation = scene.balloon[0].inflation
+            self.inflation.label = INFLATIONS[inflation.keyframed]
+            most = max(max(abs(value) for _, value in inflation.keyframes) * 2.0, 1e-3)
+            _range(self.inflation, -most if inflation.keyframed == "pump" else 0.0, most)
+            for value, slider in self._values:
+                most = max(5.0 * abs(value.read(scene)), value.least_reach)
+                _range(slider, -most if value.signed else 0.0, most)
+        _put(self.inflation, picture.inflation)
+        for value, slider in self._values:
+            _put(slider, value.read(scene))
+        _put(self.wind, scene.atmosphere.wind)
+        for field, choices in CHOICES.items():
+            names = {choice: name for name, choice in choices.items()}
+            _put(self._ways[field], names[getattr(scene, field)])
+        if self.scenes.value != picture.name:
+            _put(self.scenes, picture.name)
+
+
+def _on_change(handle: Any, act: Callable[[Any], None]) -> None:
+    """Act on what somebody sets in a page, not on what we put there."""
+
+    @handle.on_update
+    def _(event: Any) -> None:
+        if event.client is not None:
+            act(handle.value)
+
+
+def _put(handle: Any, value: Any) -> None:
+    if hasattr(handle, "max") and not isinstance(value, tuple):
+        value = min(max(float(value), handle.min), handle.max)
+    handle.value = value
+
+
+def _range(slider: Any, low: float, high: float) -> None:
+    slider.min, slider.max = low, high
+    slider.step = (high - low) / 1000.0
+
+
+def _status(picture: Picture) -> str:
+    """A line on time."""
+    if not picture.running:
+        pace = "stands still"
+    elif picture.rate == 0.0:
+        pace = "…"
+    elif picture.rate < 0.95 * picture.speed:
+        taken = 1000.0 * picture.step_seconds
+        pace = f"{picture.rate:.2f} of real time, slower than asked: a frame takes {taken:.0f} ms"
+    else:
+        pace = f"{picture.rate:.2f} of real time"
+    recorded = f" · ● {picture.recorded_seconds:.1f} s" if picture.recorded_seconds is not None else ""
+    return (
+        f"**{picture.seconds:.2f} s** · {pace}{recorded}  \n"
+        f"{picture.model.particle_count:,} particles, {picture.model.spring_count:,} springs, "
+        f"{picture.model.substeps} substeps, {picture.schedule} on {picture.model.device}"
+    )

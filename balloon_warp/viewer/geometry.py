@@ -1,0 +1,91 @@
+"""What is drawn of a model, made from its points."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.geometry import signed_volume, total_area, triangulate, vertex_normals
+from balloon_warp.model import Model
+from balloon_warp.outputs.usd.string_curve import string_curve
+from balloon_warp.viewer.colors import SPRINGS, STRAIN_BOUNDS
+from balloon_warp.viewer.session import Picture
+
+Lines = NDArray[np.float32]
+"""segments [m], shape (count, 2, 3)"""
+
+
+class Drawing:
+    """The parts of a model that do not change, and what follows from a picture's points."""
+
+    def __init__(self, model: Model):
+        self.model = model
+        self.triangles, self.triangle_faces = zip(*(triangulate(shape.mesh) for shape in model.shapes), strict=True)
+        """of each balloon, and the face that each is of"""
+        self.all_triangles = np.concatenate(
+            [part + offset for part, offset in zip(self.triangles, model.particle_offsets, strict=False)]
+        )
+        """of all balloons together"""
+
+    def springs(self, picture: Picture, kind: str) -> Lines:
+        """All springs of one kind."""
+        number = list(SPRINGS).index(kind)
+        parts = []
+        for shape, points in zip(self.model.shapes, picture.frame.points, strict=True):
+            parts.append(points[shape.springs.pairs[shape.springs.kind == number]])
+        return np.concatenate(parts)
+
+    def normals(self, picture: Picture, length: float) -> Lines:
+        """Of every particle."""
+        parts = []
+        for shape, points in zip(self.model.shapes, picture.frame.points, strict=True):
+            normals = vertex_normals(replace(shape.mesh, points=points.astype(np.float64)))
+            parts.append(np.stack([points, points + length * normals], axis=1))
+        return np.concatenate(parts).astype(np.float32)
+
+    def net_forces(self, picture: Picture, length: float) -> Lines:
+        """On every particle; all but the largest are at most `length` long."""
+        points, forces = np.concatenate(picture.frame.points), np.concatenate(picture.frame.net_forces)
+        large = float(np.percentile(np.linalg.norm(forces, axis=1), 95.0))
+        return np.stack([points, points + forces * (length / max(large, 1e-12))], axis=1).astype(np.float32)
+
+    def strain_bands(self, picture: Picture, number: int) -> list[NDArray[np.int32]]:
+        """The triangles of one balloon, in as many groups as there are bands of strain."""
+        shape, points = self.model.shapes[number], picture.frame.points[number]
+        structural = shape.springs.kind == 0
+        pairs, rest = shape.springs.pairs[structural], shape.springs.rest_lengths[structural]
+        stretch = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1) / np.maximum(rest, 1e-12)
+        ends, twice = pairs.T.ravel(), np.tile(stretch, 2)
+        count = np.maximum(np.bincount(ends, minlength=len(points)), 1)
+        of_particles = np.bincount(ends, twice, len(points)) / count
+        band = np.digitize(of_particles[self.triangles[number]].mean(axis=1), STRAIN_BOUNDS)
+        return [self.triangles[number][band == which] for which in range(len(STRAIN_BOUNDS) + 1)]
+
+    def strings(self, picture: Picture) -> tuple[Lines, NDArray[np.bool_]]:
+        """The strings that are there, and which of their segments are hands."""
+        model, points = self.model, np.concatenate(picture.frame.points)
+        ground = picture.scene.ground.height if picture.scene.ground else -np.inf
+        strong = picture.model.string_stiffness.numpy()[0] > 0.0
+        held, lengths = picture.model.string_particle.numpy(), picture.model.string_length.numpy()[0]
+        curves, hands = [np.zeros((0, 2, 3), np.float32)], [np.zeros(0, bool)]
+        for string in np.flatnonzero(strong).tolist():
+            anchor = picture.frame.string_anchors[string]
+            curve = string_curve(anchor, points[held[string]], lengths[string], model.scene.up, ground)
+            curves.append(np.stack([curve[:-1], curve[1:]], axis=1))
+            hands.append(np.full(len(curve) - 1, string in picture.hands))
+        return np.concatenate(curves), np.concatenate(hands)
+
+    def measures(self, picture: Picture) -> dict[str, float]:
+        """Volume [m^3] and pressure [Pa] of all balloons, and the largest length of a spring over its rest length."""
+        volume = area = force = stretch = 0.0
+        frame = picture.frame
+        for shape, points, forces in zip(self.model.shapes, frame.points, frame.inflation_forces, strict=True):
+            mesh = replace(shape.mesh, points=points.astype(np.float64))
+            volume += signed_volume(mesh)
+            area += total_area(mesh)
+            force += float(np.linalg.norm(forces, axis=1).sum())
+            d = points[shape.springs.pairs[:, 1]] - points[shape.springs.pairs[:, 0]]
+            long = np.linalg.norm(d, axis=1) / np.maximum(shape.springs.rest_lengths, 1e-12)
+            stretch = max(stretch, float(long[shape.springs.rest_lengths > 0.0].max(initial=0.0)))
+        pressure = force / area if area > 0.0 else 0.0
+        return {"volume": volume, "pressure": pressure, "stretch": stretch}

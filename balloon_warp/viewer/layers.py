@@ -1,0 +1,206 @@
+"""What is drawn in the page: a layer for each thing, which can be shown and hidden."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+
+from balloon_warp.viewer import colors
+from balloon_warp.viewer.geometry import Drawing, Lines
+from balloon_warp.viewer.session import Picture
+
+LAYERS = {
+    "balloon": "smooth balloon",
+    "strain": "strain as color",
+    "wire": "wireframe of the faces",
+    "structural": "structural springs",
+    "shear": "shear springs",
+    "flexion": "flexion springs",
+    "normals": "normals",
+    "forces": "net forces",
+    "shadow": "shadow",
+}
+"""and how they are called"""
+AT_START = ("balloon", "shadow")
+LINES = {
+    "wire": colors.WIRE,
+    **colors.SPRINGS,
+    "normals": colors.NORMALS,
+    "forces": colors.FORCES,
+}
+SLOWER = 3
+"""pictures from one drawing of what is large to the next"""
+
+
+class Layers:
+    """Draws pictures into a page.
+
+    Args:
+        server: of the page.
+        on_drag: called with each movement of a pointer that began on a balloon.
+    """
+
+    def __init__(self, server: viser.ViserServer, on_drag: Callable[[Any], Any]):
+        self.server, self._on_drag = server, on_drag
+        self.shown = {name: name in AT_START for name in LAYERS}
+        self._load = 0
+        self._count = 0
+
+    def show(self, name: str, shown: bool) -> None:
+        """Show or hide a layer."""
+        self.shown[name] = shown
+        if name == "shadow":
+            self.server.scene.configure_default_lights(cast_shadow=shown)
+
+    def draw(self, picture: Picture) -> None:
+        """Bring everything that is shown up to date."""
+        with self.server.atomic():
+            if picture.load != self._load:
+                self._build(picture)
+            self._draw_balloons(picture)
+            self._draw_lines(picture)
+            self._draw_spheres(picture)
+            self._draw_strings(picture)
+        self._count += 1
+        self.server.flush()
+
+    @property
+    def drawing(self) -> Drawing:
+        """Of the model that is shown."""
+        return self._drawing
+
+    def _build(self, picture: Picture) -> None:
+        """Everything anew, for another model."""
+        scene, self._load = self.server.scene, picture.load
+        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", "/ground"):
+            scene.remove_by_name(name)
+        self._drawing = Drawing(picture.model)
+        start = np.concatenate([shape.mesh.points for shape in picture.model.shapes])
+        low, high = start.min(axis=0), start.max(axis=0)
+        self.size = float((high - low).max())
+        up = np.array(picture.scene.up)
+        scene.set_up_direction("+y" if picture.scene.up_axis == "Y" else "+z")
+        side = np.array([0.55, 0.0, 1.0]) if picture.scene.up_axis == "Y" else np.array([0.55, -1.0, 0.0])
+        center = (low + high) / 2
+        self.home = center + 2.0 * self.size * (side / np.linalg.norm(side)) + 0.5 * self.size * up, center
+        for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
+            camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)
+        self._balloons, self._bands = [], []
+        scene.add_frame("/balloons", show_axes=False)
+        scene.add_frame("/strain", show_axes=False)
+        scene.add_frame("/lines", show_axes=False)
+        scene.add_frame("/spheres", show_axes=False)
+        for number, points in enumerate(picture.frame.points):
+            triangles = self._drawing.triangles[number]
+            color = colors.balloon_color(picture.scene, number)
+            balloon = scene.add_mesh_simple(f"/balloons/{number}", points, triangles, color=color, side="double")
+            self._balloons.append(balloon)
+            bands = [
+                scene.add_mesh_simple(f"/strain/{number}_{band}", points, triangles[:1], color=color, side="double")
+                for band, color in enumerate(colors.STRAIN)
+            ]
+            self._bands.append(bands)
+            for mesh in (balloon, *bands):
+                mesh.on_drag("left")(self._on_drag)
+        nothing = np.zeros((1, 2, 3), np.float32)
+        self._lines = {
+            name: scene.add_line_segments(
+                f"/lines/{name}", nothing, color, thickness=1.5, thickness_units="screen", visible=False
+            )
+            for name, color in LINES.items()
+        }
+        self._strings = scene.add_line_segments(
+            "/strings", nothing, np.zeros((1, 2, 3), np.uint8), thickness=0.008 * self.size
+        )
+        self._spheres: dict[int, viser.IcosphereHandle] = {}
+        if picture.scene.ground:
+            self._add_ground(picture.scene.ground.height, center, up)
+
+    def _add_ground(self, height: float, center: np.ndarray, up: np.ndarray) -> None:
+        """A plane to throw shadows on, with a grid a balloon's size wide."""
+        wide = 20.0 * self.size
+        middle = center + (height - center @ up) * up
+        self.server.scene.add_grid(
+            "/ground",
+            width=2 * wide,
+            height=2 * wide,
+            plane="xz" if up[1] else "xy",
+            cell_size=self.size / 2,
+            section_size=self.size / 2,
+            cell_color=colors.GRID,
+            section_color=colors.GRID,
+            plane_color=colors.GROUND,
+            plane_opacity=1.0,
+            shadow_opacity=0.3,
+            position=tuple(middle.tolist()),
+            fade_distance=wide,
+        )
+
+    def _draw_balloons(self, picture: Picture) -> None:
+        strained = self.shown["strain"]
+        for number, (balloon, bands) in enumerate(zip(self._balloons, self._bands, strict=True)):
+            points = picture.frame.points[number]
+            _see(balloon, self.shown["balloon"] and not strained)
+            if balloon.visible:
+                balloon.vertices = points
+            if strained and self._count % SLOWER == 0:
+                for band, triangles in zip(bands, self._drawing.strain_bands(picture, number), strict=True):
+                    _see(band, len(triangles) > 0)
+                    if len(triangles):
+                        used, faces = np.unique(triangles, return_inverse=True)
+                        band.faces = np.zeros((0, 3), np.uint32)  # none that the new points lack
+                        band.vertices, band.faces = points[used], faces.reshape(-1, 3).astype(np.uint32)
+            elif not strained:
+                for band in bands:
+                    _see(band, False)
+
+    def _draw_lines(self, picture: Picture) -> None:
+        wanted: dict[str, Callable[[], Lines]] = {
+            "wire": lambda: self._drawing.springs(picture, "structural"),
+            "normals": lambda: self._drawing.normals(picture, 0.03 * self.size),
+        }
+        for kind in colors.SPRINGS:
+            wanted[kind] = lambda kind=kind: self._drawing.springs(picture, kind)
+        if picture.frame.net_forces:
+            wanted["forces"] = lambda: self._drawing.net_forces(picture, 0.15 * self.size)
+        for name, lines in self._lines.items():
+            _see(lines, self.shown[name] and name in wanted)
+            if lines.visible and self._count % SLOWER == 0:
+                lines.points = wanted[name]()
+
+    def _draw_spheres(self, picture: Picture) -> None:
+        radii = picture.model.sphere_radius.numpy()[0]
+        there = {
+            number: place for place, number in enumerate(picture.sphere_numbers) if place < len(radii) and radii[place]
+        }
+        for number in self._spheres.keys() - there.keys():
+            self._spheres.pop(number).remove()
+        for number, place in there.items():
+            position = tuple(picture.frame.sphere_positions[place].tolist())
+            if number not in self._spheres:
+                color = colors.sphere_color(number, picture.scene.sphere[place].color)
+                self._spheres[number] = self.server.scene.add_icosphere(
+                    f"/spheres/{number}", radius=1.0, color=color, subdivisions=4, position=position
+                )
+            self._spheres[number].scale = float(radii[place])
+            self._spheres[number].position = position
+
+    def _draw_strings(self, picture: Picture) -> None:
+        segments, hands = self._drawing.strings(picture)
+        _see(self._strings, len(segments) > 0)
+        if len(segments):
+            colored = np.where(hands[:, None, None], np.uint8(colors.HAND), np.uint8(colors.STRING))
+            colored = np.repeat(colored, 2, axis=1)
+            if colored.shape == self._strings.colors.shape:
+                self._strings.points = segments
+            else:
+                self._strings = self.server.scene.add_line_segments(
+                    "/strings", segments, colored, thickness=0.008 * self.size
+                )
+
+
+def _see(handle: Any, visible: bool) -> None:
+    """Say only what changes."""
+    if handle.visible != visible:
+        handle.visible = visible

@@ -1,0 +1,192 @@
+"""The page: a server, what it draws and what is clicked in it. Several windows see, and do, the same."""
+
+import contextlib
+import io
+import socket
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import viser
+
+from balloon_warp.errors import InputError
+from balloon_warp.viewer import colors
+from balloon_warp.viewer.controls import Controls
+from balloon_warp.viewer.layers import Layers
+from balloon_warp.viewer.playground import Playground
+from balloon_warp.viewer.plots import Plots
+from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
+from balloon_warp.viewer.session import SHOWN_SECONDS, Session, nearest_particle
+
+DEFAULT_PORT = 8080
+PANEL_SECONDS = 0.2
+"""between two updates of the panel and the plots"""
+
+
+class Page:
+    """Shows a session, and lets it be played with.
+
+    Args:
+        session: it is started and stopped with the page.
+        host: address to listen on.
+        port: to listen on; the first free one from `DEFAULT_PORT` on, when missing.
+
+    Raises:
+        InputError: the page cannot be served there.
+    """
+
+    def __init__(self, session: Session, host: str = "127.0.0.1", port: int | None = None):
+        self.session = session
+        port = _free_port(host, port)
+        with contextlib.redirect_stdout(io.StringIO()):  # viser says where it is in its own way
+            self.server = viser.ViserServer(host=host, port=port, label="Balloon Warp", verbose=False)
+        self.server.request_share_url = _refuse_to_share  # a page's message would open this machine to the internet
+        self.server.gui.configure_theme(brand_color=colors.BRAND, show_logo=False, show_share_button=False)
+        self.server.gui.set_panel_label("Balloon Warp")
+        self.layers = Layers(self.server, self._drag)
+        self.controls = Controls(self.server, session, self.layers, self._look)
+        with self.controls.plots_folder:
+            self.plots = Plots(self.server)
+        self.server.scene.on_click()(self._click)
+        self.server.on_client_connect(self._welcome)
+        self.server.on_client_disconnect(self._farewell)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._show, name="page", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """where to look"""
+        host = self.server.get_host()
+        return f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else host}:{self.server.get_port()}"
+
+    def start(self) -> None:
+        """Draw the start, and begin."""
+        self.layers.draw(self.session.picture)
+        self.controls.follow(self.session.picture)
+        self.session.start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the simulation and the server."""
+        self._stop.set()
+        self._thread.join()
+        self.session.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    def _show(self) -> None:
+        """The thread that draws: the newest picture, whenever there is one and somebody looks."""
+        drawn, panel_at = None, 0.0
+        while not self._stop.wait(SHOWN_SECONDS / 2):
+            self.session.watched = bool(self.server.get_clients())
+            picture = self.session.picture
+            if picture is drawn or not self.session.watched:
+                continue
+            self.layers.draw(picture)
+            drawn = picture
+            now = time.perf_counter()
+            if now - panel_at >= PANEL_SECONDS:
+                panel_at = now
+                self.controls.follow(picture)
+                self.plots.add(picture, self.layers.drawing.measures(picture))
+            while self.session.notices:
+                self._tell(self.session.notices.popleft())
+
+    def _tell(self, sentence: str) -> None:
+        for client in self.server.get_clients().values():
+            client.add_notification("Balloon Warp", sentence, auto_close_seconds=8.0)
+
+    async def _welcome(self, client: viser.ClientHandle) -> None:
+        client.camera.position, client.camera.look_at = (tuple(place.tolist()) for place in self.layers.home)
+
+    def _look(self, client: viser.ClientHandle) -> None:
+        """Turn a window to the balloons where they are now, and stay as far away."""
+        center = np.concatenate(self.session.picture.frame.points).mean(axis=0)
+        away = np.asarray(client.camera.position) - np.asarray(client.camera.look_at)
+        home, middle = self.layers.home
+        away *= np.linalg.norm(home - middle) / max(float(np.linalg.norm(away)), 1e-9)
+        with client.atomic():
+            client.camera.look_at = tuple(center.tolist())
+            client.camera.position = tuple((center + away).tolist())
+
+    async def _farewell(self, client: viser.ClientHandle) -> None:
+        """Whoever leaves lets go."""
+        self.session.ask(lambda playground: playground.release(client.client_id))
+
+    async def _click(self, event: Any) -> None:
+        """Throw or tie, where a click points."""
+        origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
+        tool = self.controls.tool.value
+
+        def act(playground: Playground) -> None:
+            if tool == "throws a sphere":
+                self._throw(playground, origin, direction)
+            elif tool == "ties a string":
+                self._tie(playground, origin, direction)
+
+        self.session.ask(act)
+
+    def _throw(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
+        """A sphere that flies from before the camera to what the click points at."""
+        size, points, scene = playground.size, playground.points, playground.live
+        radius = float(self.controls.radius.value) * size
+        hit = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
+        if hit is None and scene.ground:
+            hit = ground_distance(origin, direction, scene.up, scene.ground.height)
+        if hit is None:
+            hit = float((points.mean(axis=0) - origin) @ direction)
+        target = origin + hit * direction
+        start = origin + max(hit - 1.2 * size - radius, 0.1 * hit) * direction
+        if scene.ground:  # not from below it
+            up = np.array(scene.up)
+            start = start + max(scene.ground.height + 1.01 * radius - start @ up, 0.0) * up
+        speed = float(self.controls.throw_speed.value) * size
+        velocity = throw_at(target, start, speed, scene.gravity, scene.up)
+        playground.throw(start, velocity, radius, float(self.controls.mass.value))
+
+    def _tie(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
+        """A string from the ground, or from below, to the particle that the click points at."""
+        scene, points = playground.live, playground.points
+        hit = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
+        if hit is None:
+            raise InputError("click on a balloon to tie a string to it")
+        particle = nearest_particle(points, origin + hit * direction)
+        up, place = np.array(scene.up), points[particle].astype(float)
+        drop = place @ up - scene.ground.height if scene.ground else playground.size
+        playground.tie(particle, place - max(drop, 0.1 * playground.size) * up)
+
+    async def _drag(self, event: Any) -> None:
+        """Pull at the particle where a drag began."""
+        who, phase = event.client_id, event.phase
+        start, place = np.array(event.start_position, float), np.array(event.end_position, float)
+        if phase == "start":
+            self.session.ask(lambda playground: playground.grab(who, nearest_particle(playground.points, start), place))
+        elif phase == "update":
+            self.session.ask(lambda playground: playground.pull(who, place), key=("pull", who))
+        else:
+            self.session.ask(lambda playground: playground.release(who))
+
+
+def _refuse_to_share(*_: object, **__: object) -> None:
+    return None
+
+
+def _free_port(host: str, port: int | None) -> int:
+    """A port that can be listened on.
+
+    Raises:
+        InputError: there is no such address, or the port is taken.
+    """
+    reason = ""
+    for candidate in [port] if port is not None else range(DEFAULT_PORT, DEFAULT_PORT + 100):
+        try:
+            family = socket.getaddrinfo(host, candidate)[0][0]
+            with socket.socket(family) as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind((host, candidate))
+                return probe.getsockname()[1]
+        except OSError as error:
+            reason = error.strerror or str(error)
+    named = f"--port {port}" if port is not None else f"--host {host}"
+    raise InputError(f"{named}: cannot listen on {host}: {reason}")

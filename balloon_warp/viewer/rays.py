@@ -1,0 +1,41 @@
+"""What a click points at, and how a sphere gets there."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def hit_distance(
+    origin: ArrayLike, direction: ArrayLike, points: NDArray[np.floating], triangles: NDArray[np.integer]
+) -> float | None:
+    """How far along a ray the nearest triangle is (Moeller and Trumbore 1997), or nothing if it meets none.
+
+    Args:
+        direction: a unit vector.
+        points: shape (point_count, 3).
+        triangles: corners, shape (triangle_count, 3).
+    """
+    origin, direction = np.asarray(origin, float), np.asarray(direction, float)
+    a, b, c = (points[triangles[:, corner]].astype(np.float64) for corner in range(3))
+    across = np.cross(direction, c - a)
+    determinant = np.einsum("ij,ij->i", b - a, across)
+    inverse = 1.0 / np.where(np.abs(determinant) < 1e-30, np.inf, determinant)
+    u = np.einsum("ij,ij->i", origin - a, across) * inverse
+    beside = np.cross(origin - a, b - a)
+    v = beside @ direction * inverse
+    distances = np.einsum("ij,ij->i", c - a, beside) * inverse
+    hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distances > 0.0) & (inverse != 0.0)
+    return float(distances[hit].min()) if hit.any() else None
+
+
+def ground_distance(origin: ArrayLike, direction: ArrayLike, up: ArrayLike, height: float) -> float | None:
+    """How far along a ray a level ground is, or nothing if the ray does not meet it from above."""
+    descent = -float(np.dot(direction, up))
+    above = float(np.dot(origin, up)) - height
+    return above / descent if descent > 1e-6 and above > 0.0 else None
+
+
+def throw_at(target: ArrayLike, start: ArrayLike, speed: float, gravity: float, up: ArrayLike) -> NDArray[np.float64]:
+    """The velocity [m/s] with which a body from `start` comes to `target` in the time that `speed` takes there."""
+    target, start, up = (np.asarray(each, float) for each in (target, start, up))
+    seconds = max(float(np.linalg.norm(target - start)), 1e-9) / speed
+    return (target - start) / seconds + 0.5 * gravity * seconds * up

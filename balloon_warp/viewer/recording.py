@@ -1,0 +1,93 @@
+"""What is recorded while it is played: a stage, and the scene that replays it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from balloon_warp.errors import InputError
+from balloon_warp.model import Model, build_model
+from balloon_warp.outputs.files import check_writable, whole_file
+from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.scene.write import scene_toml
+from balloon_warp.simulator import Frame
+from balloon_warp.viewer.journal import Journal
+
+MOST_BYTES = 1 << 29
+"""of frames that wait in memory to be written; a recording that gets there ends"""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording that ended."""
+
+    frames: list[Frame]
+    journal: Journal
+    bodies: list[tuple[list[int], list[int]]]
+    """of each frame, the spheres and strings that were there, by their numbers in the journal"""
+
+
+class Recording:
+    """Collects frames."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+        self.bodies: list[tuple[list[int], list[int]]] = []
+        self.bytes = 0
+
+    @property
+    def full(self) -> bool:
+        return self.bytes > MOST_BYTES
+
+    def add(self, frame: Frame, bodies: tuple[list[int], list[int]]) -> None:
+        """One more frame; one that was recorded already, and undone since, is replaced, and what came after it."""
+        while self.frames and self.frames[-1].number >= frame.number:
+            self.frames.pop()
+            self.bodies.pop()
+        self.frames.append(frame)
+        self.bodies.append((list(bodies[0]), list(bodies[1])))
+        self.bytes += 3 * sum(points.nbytes for points in frame.points)
+
+    def end(self, journal: Journal) -> Recorded:
+        """No more frames."""
+        return Recorded(self.frames, journal.copy(), self.bodies)
+
+
+def write_recording(recorded: Recorded, folder: Path, name: str) -> list[Path]:
+    """Write NAME.usdc, and NAME.toml, which replays it from its start; returns the files.
+
+    Raises:
+        InputError: nothing was recorded, a file cannot be written, or too much was done to be replayed.
+    """
+    if not recorded.frames:
+        raise InputError("nothing was recorded: no time has passed")
+    stage, script = folder / f"{name}.usdc", folder / f"{name}.toml"
+    for path in (stage, script):
+        check_writable(path, (path.suffix,))
+    scene = recorded.journal.scene(recorded.frames[-1].number)
+    model = build_model(scene, "cpu")
+    with StageWriter(stage, model) as writer:
+        writer.stage.SetStartTimeCode(recorded.frames[0].number)
+        for frame, bodies in zip(recorded.frames, recorded.bodies, strict=True):
+            writer.write(_with_all_bodies(frame, bodies, model))
+    with whole_file(script) as temporary:
+        temporary.write_text(scene_toml(scene, folder), encoding="utf-8")
+    return [stage, script]
+
+
+def _with_all_bodies(frame: Frame, bodies: tuple[list[int], list[int]], model: Model) -> Frame:
+    """The frame with all the spheres and strings of the journal; those that are not there rest where they start."""
+    positions = model.initial_sphere_positions.numpy()[0].reshape(-1, 3).copy()
+    velocities = np.zeros_like(positions)
+    anchors = model.string_anchor.numpy()[0].reshape(-1, 3).copy()
+    positions[bodies[0]] = frame.sphere_positions[: len(bodies[0])]
+    velocities[bodies[0]] = frame.sphere_velocities[: len(bodies[0])]
+    anchors[bodies[1]] = frame.string_anchors[: len(bodies[1])]
+    return Frame(
+        **{
+            **vars(frame),
+            "sphere_positions": positions,
+            "sphere_velocities": velocities,
+            "string_anchors": anchors,
+        }
+    )

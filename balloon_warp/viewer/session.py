@@ -1,0 +1,311 @@
+"""The thread that advances the simulation. It waits for nobody: what it is asked it does between two frames, and what
+is to be seen it leaves where whoever shows it can take it."""
+
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.model import Model
+from balloon_warp.scene import Scene
+from balloon_warp.simulator import Frame
+from balloon_warp.viewer.pace import Pace
+from balloon_warp.viewer.playground import Moment, Playground
+from balloon_warp.viewer.recording import Recording, write_recording
+
+SHOWN_SECONDS = 1.0 / 30.0
+"""between two pictures of the state"""
+MOMENT_SECONDS = 0.5
+"""of simulated time between two states that can be gone back to"""
+MOMENTS = 12
+MOST_ASKED = 1000
+"""wishes that wait at one time; more are not heard"""
+
+Wish = Callable[[Playground], None]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What is to be seen of a session at one time."""
+
+    load: int
+    """how many scenes were loaded until now: another number, another model"""
+    revision: int
+    """changes whenever values of the scene changed otherwise than by being set"""
+    name: str
+    model: Model
+    scene: Scene
+    frame: Frame
+    seconds: float
+    sphere_numbers: tuple[int, ...]
+    """of the spheres that are there, over the whole simulation"""
+    hands: frozenset[int]
+    """strings that are hands"""
+    inflation: float
+    running: bool
+    speed: float
+    rate: float
+    """simulated seconds over the wall's"""
+    step_seconds: float
+    """of the wall's clock, for a frame"""
+    schedule: str
+    trouble: str
+    """what happened, if it blew up"""
+    recorded_seconds: float | None
+    """of the recording that goes on"""
+
+
+@dataclass
+class Session:
+    """One simulation, played.
+
+    Args:
+        name: of the scene.
+        scene: where it starts.
+        device: a Warp device; the GPU where there is one, when missing.
+        folder: where recordings go.
+
+    Raises:
+        InputError: the scene cannot be simulated.
+    """
+
+    name: str
+    scene: Scene
+    device: str | None = None
+    folder: Path = Path()
+    notices: deque[str] = field(default_factory=lambda: deque(maxlen=20))
+    """sentences for whoever watches, oldest first"""
+    watched: bool = False
+    """whether anybody looks; time stands still while nobody does"""
+    wants_forces: bool = False
+    """whether net forces are to be seen"""
+
+    def __post_init__(self) -> None:
+        self.playground = Playground(self.scene, self.device)
+        self.pace = Pace()
+        self.running, self.trouble = True, ""
+        self.recording: Recording | None = None
+        self._load, self._revision, self._step_seconds = 1, 1, 0.0
+        self._moments: deque[Moment] = deque(maxlen=MOMENTS)
+        self._asked: dict[object, Wish] = {}
+        self._lock = threading.Lock()
+        self._wake, self._stop = threading.Event(), threading.Event()
+        self._shown_at = 0.0
+        self.picture = self._take_picture()
+        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+
+    def start(self) -> None:
+        """Begin to simulate."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, once the frame that is being simulated is done."""
+        self._stop.set()
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def ask(self, wish: Wish, key: object = None) -> None:
+        """Do something to the playground before the next frame. From any thread; returns at once.
+
+        Args:
+            key: of several wishes with the same key that wait, only the last is done.
+        """
+        with self._lock:
+            if len(self._asked) < MOST_ASKED:
+                key = key if key is not None else object()
+                self._asked.pop(key, None)
+                self._asked[key] = wish
+        self._wake.set()
+
+    def set(self, path: str, value: object) -> None:
+        """Ask for a value of the scene to change."""
+        self.ask(lambda playground: playground.set(path, value), key=path)
+
+    def run(self, running: bool) -> None:
+        """Ask for time to go on, or to stand still."""
+
+        def switch(_: Playground) -> None:
+            self.running = running and not self.trouble
+
+        self.ask(switch, key="run")
+
+    def step_once(self) -> None:
+        """Ask for time to stand still after one more frame."""
+
+        def step(_: Playground) -> None:
+            self.running = False
+            if not self.trouble:
+                self._advance()
+
+        self.ask(step)
+
+    def set_speed(self, speed: float) -> None:
+        """Ask for simulated seconds a second of the wall's clock."""
+
+        def change(_: Playground) -> None:
+            self.pace.speed = float(np.clip(float(speed), 0.01, 100.0))
+            self.pace.rest()
+
+        self.ask(change, key="speed")
+
+    def reset(self) -> None:
+        """Ask for the start of the scene."""
+
+        def reset(playground: Playground) -> None:
+            self._end_recording()
+            playground.reset()
+            self._begin_anew()
+
+        self.ask(reset, key="reset")
+
+    def load(self, name: str, find: Callable[[], Scene]) -> None:
+        """Ask for another scene. If it cannot be simulated, this one goes on."""
+
+        def load(_: Playground) -> None:
+            playground = Playground(find(), self.device)
+            self._end_recording()
+            self.name, self.playground = name, playground
+            self._load += 1
+            self._begin_anew()
+
+        self.ask(load, key="load")
+
+    def go_back(self) -> None:
+        """Ask for the last good state, and again for the one before; time then stands still there."""
+
+        def go_back(playground: Playground) -> None:
+            while len(self._moments) > 1 and playground.frame - self._moments[-1].frame < self._frames_apart / 2:
+                self._moments.pop()
+            if self._moments:
+                playground.return_to(self._moments.pop())
+                self.trouble, self.running = "", False
+                self._revision += 1
+
+        self.ask(go_back)
+
+    def record(self, on: bool) -> None:
+        """Ask for a recording to begin, or to end and be written."""
+
+        def begin(_: Playground) -> None:
+            self.recording = self.recording or Recording()
+
+        self.ask(begin if on else lambda _: self._end_recording(), key="record")
+
+    @property
+    def _frames_apart(self) -> float:
+        return MOMENT_SECONDS / self.playground.simulator.model.frame_seconds
+
+    def _begin_anew(self) -> None:
+        self.trouble, self.running = "", True
+        self._moments.clear()
+        self._revision += 1
+        self.pace.rest()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._fulfill()
+            if not self.running or not self.watched:
+                self.pace.rest()
+                self.picture = self._take_picture()
+                self._wake.wait(0.25)
+                self._wake.clear()
+                continue
+            frame_seconds = self.playground.simulator.model.frame_seconds
+            time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
+            self._advance()
+            now = time.perf_counter()
+            self.pace.passed(now, frame_seconds)
+            if now - self._shown_at >= SHOWN_SECONDS:
+                self._shown_at = now
+                self.picture = self._take_picture()
+
+    def _fulfill(self) -> None:
+        """Do what was asked for."""
+        with self._lock:
+            asked, self._asked = self._asked, {}
+        for wish in asked.values():
+            try:
+                wish(self.playground)
+            except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
+                self.notices.append(str(mistake).partition("\n")[0])
+            except Exception:  # a mistake of ours must not end what others watch
+                traceback.print_exc()
+                self.notices.append("this did not work; the terminal says why")
+
+    def _advance(self) -> None:
+        """One frame."""
+        playground, began = self.playground, time.perf_counter()
+        if not self._moments or playground.frame - self._moments[-1].frame >= self._frames_apart:
+            self._moments.append(playground.moment())
+        try:
+            playground.step()
+        except BlowUpError as failure:
+            self.trouble, self.running = str(failure), False
+            return
+        if self.recording:
+            self.recording.add(playground.simulator.read_frame(), playground.numbers)
+            if self.recording.full:
+                self._end_recording()
+        self._step_seconds += 0.1 * (time.perf_counter() - began - self._step_seconds)
+
+    def _end_recording(self) -> None:
+        """Write what was recorded, on a thread of its own: it may take longer than a frame."""
+        if not self.recording:
+            return
+        recorded, self.recording = self.recording.end(self.playground.journal), None
+        name = _free_name(self.folder, self.name)
+
+        def write() -> None:
+            try:
+                files = write_recording(recorded, self.folder, name)
+                self.notices.append(f"wrote {' and '.join(str(file) for file in files)}")
+            except InputError as mistake:
+                self.notices.append(str(mistake))
+
+        self.writer = threading.Thread(target=write, name="recording")
+        self.writer.start()
+
+    def _take_picture(self) -> Picture:
+        playground = self.playground
+        simulator = playground.simulator
+        began = self.recording.frames[0].number if self.recording and self.recording.frames else playground.frame
+        return Picture(
+            load=self._load,
+            revision=self._revision,
+            name=self.name,
+            model=simulator.model,
+            scene=playground.live,
+            frame=simulator.read_frame(net_forces=self.wants_forces),
+            seconds=playground.seconds,
+            sphere_numbers=tuple(playground.numbers[0]),
+            hands=frozenset(playground.hands.values()),
+            inflation=playground.inflation,
+            running=self.running,
+            speed=self.pace.speed,
+            rate=self.pace.rate,
+            step_seconds=self._step_seconds,
+            schedule=simulator.schedule.name,
+            trouble=self.trouble,
+            recorded_seconds=(playground.frame - began) * simulator.model.frame_seconds if self.recording else None,
+        )
+
+
+def _free_name(folder: Path, name: str) -> str:
+    """NAME_1, or the first number whose files are not there yet."""
+    number = 1
+    while any((folder / f"{name}_{number}{suffix}").exists() for suffix in (".usdc", ".toml")):
+        number += 1
+    return f"{name}_{number}"
+
+
+def nearest_particle(points: NDArray[np.floating], place: NDArray[np.floating]) -> int:
+    """The particle that is nearest to a place."""
+    return int(np.argmin(((points - place) ** 2).sum(axis=1)))

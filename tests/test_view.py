@@ -1,0 +1,296 @@
+"""The page, as somebody plays with it: in headless Chromium, where there is one."""
+
+import json
+import shutil
+import socket
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+from pxr import Usd, UsdGeom
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, String, load_scene
+from balloon_warp.simulator import Simulator
+from balloon_warp.viewer.pace import Pace
+from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
+
+viser = pytest.importorskip("viser")
+playwright = pytest.importorskip("playwright.sync_api")
+
+from balloon_warp.viewer.page import Page, _free_port  # noqa: E402
+from balloon_warp.viewer.session import Session  # noqa: E402
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+needs_browser = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium")
+LIMIT = 20.0
+"""seconds until what must come has not come: never waited for where all is well"""
+
+
+def tethered() -> Scene:
+    """Small, so that a machine that renders in software keeps up."""
+    return Scene(
+        balloon=[
+            Balloon(
+                mesh=quad_sphere(5, 0.5),
+                position=(0.0, 0.0, 0.0),
+                mass=1.0,
+                damping=4.0,
+                helium=9.81,
+                stiffness=Stiffness(structural=40.0, shear=20.0, flexion=10.0),
+                inflation=Inflation(k_normal=0.5),
+            )
+        ],
+        string=[String(anchor=(0.0, -1.0, 0.0), stiffness=40.0)],
+        ground=Ground(height=-1.0),
+    )
+
+
+def wait_until(happened: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + LIMIT
+    while not happened():
+        assert time.monotonic() < deadline, f"{what}: not within {LIMIT:g} s"
+        time.sleep(0.02)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS.split())
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    page = Page(Session("ball", tethered(), "cpu", tmp_path_factory.mktemp("recordings")), port=_free_port("127.0.0.1", 0))
+    page.start()
+    yield page
+    page.stop()
+
+
+@pytest.fixture(scope="module")
+def window(browser, served) -> Iterator:
+    window = open_window(browser, served)
+    yield window
+    window.close()
+
+
+def open_window(browser, served: Page):
+    before = len(served.server.get_clients())
+    window = browser.new_page(viewport={"width": 900, "height": 700})
+    window.goto(served.address)
+    wait_until(lambda: len(served.server.get_clients()) == before + 1, "the window joins")
+    window.get_by_text("Reset", exact=True).wait_for()
+    return window
+
+
+@pytest.fixture
+def fresh(window, served):
+    """The window, with the scene at its start, running."""
+    revision = served.session.picture.revision
+    served.session.reset()
+    wait_until(lambda: served.session.picture.revision > revision, "reset")
+    wait_until(lambda: served.session.picture.frame.number > 3, "time goes on")
+    return window
+
+
+def volume(served: Page) -> float:
+    return served.layers.drawing.measures(served.session.picture)["volume"]
+
+
+def asked(served: Page, frames: int = 2) -> None:
+    """Some frames pass, so that what was asked is done and seen."""
+    number = served.session.picture.frame.number
+    wait_until(lambda: served.session.picture.frame.number >= number + frames, "frames pass")
+
+
+def slide(window, label: str, value: float) -> None:
+    """Type a value beside a slider."""
+    field = window.locator(f"xpath=//label[text()='{label}']/following::input[1]")
+    field.fill(str(value))
+    field.press("Enter")
+
+
+def unfold(window, folder: str, inside: str) -> None:
+    if not window.get_by_text(inside, exact=True).is_visible():
+        window.get_by_text(folder, exact=True).click()
+        window.get_by_text(inside, exact=True).wait_for()
+
+
+def redness(window) -> int:
+    """How many pixels beside the panel are as red as the balloon."""
+    from io import BytesIO
+
+    from PIL import Image
+
+    pixels = np.asarray(Image.open(BytesIO(window.screenshot())).convert("RGB"), dtype=int)[:, :560]
+    return int(((pixels[..., 0] > 1.6 * pixels[..., 1]) & (pixels[..., 0] > 90)).sum())
+
+
+@needs_browser
+def test_the_slider_changes_the_volume(fresh, served):
+    before = volume(served)
+    slide(fresh, "inflation (k_normal)", 1.0)
+    wait_until(lambda: volume(served) > 1.1 * before, "it inflates")
+    slide(fresh, "inflation (k_normal)", 0.1)
+    wait_until(lambda: volume(served) < before, "it deflates")
+
+
+@needs_browser
+def test_keys_inflate_pause_and_step(fresh, served):
+    fresh.mouse.click(20, 400, button="right")  # the keys go to the page, not to a field
+    was = served.session.picture.inflation
+    for _ in range(3):
+        fresh.keyboard.press("ArrowUp")
+    wait_until(lambda: served.session.picture.inflation > was, "inflation by key")
+    fresh.keyboard.press("Space")
+    wait_until(lambda: not served.session.picture.running, "pause by key")
+    number = served.session.picture.frame.number
+    fresh.keyboard.press("n")
+    wait_until(lambda: served.session.picture.frame.number == number + 1, "one frame by key")
+    fresh.get_by_text("Run", exact=True).click()
+    wait_until(lambda: served.session.picture.frame.number > number + 5, "run by button")
+
+
+@needs_browser
+def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
+    asked(served, 20)
+    before = volume(served)
+    fresh.mouse.click(450, 350)  # the balloon is in the middle
+    wait_until(lambda: len(served.session.picture.scene.sphere) == 1, "a sphere appears")
+    radius = float(served.session.picture.scene.sphere[0].radius)
+    gaps, volumes = [], []
+
+    def touched() -> bool:
+        frame = served.session.picture.frame
+        gaps.append(np.linalg.norm(frame.points[0] - frame.sphere_positions[0], axis=1).min() / radius)
+        volumes.append(volume(served))
+        return min(gaps) < 1.02 and min(volumes) < 0.99 * before
+
+    wait_until(touched, "it dents the balloon")
+
+
+@needs_browser
+def test_dragging_pulls_the_balloon(fresh, served):
+    asked(served, 20)
+    fresh.mouse.move(450, 350)
+    fresh.mouse.down()
+    for step in range(12):
+        fresh.mouse.move(450 - 15 * step, 350)
+        time.sleep(0.05)
+    wait_until(lambda: len(served.session.picture.hands) == 1, "a hand holds it")
+    stretched = served.layers.drawing.measures(served.session.picture)["stretch"]
+    assert stretched > 1.1
+    fresh.mouse.up()
+    wait_until(lambda: not served.session.picture.hands, "the hand lets go")
+    assert len(served.session.picture.scene.string) == 1
+
+
+@needs_browser
+def test_strings_are_tied_and_cut(fresh, served):
+    fresh.get_by_text("Cut all strings", exact=True).click()
+    wait_until(lambda: not served.session.picture.scene.string, "the string is cut")
+
+
+@needs_browser
+def test_toggles_change_what_is_drawn(fresh, served):
+    wait_until(lambda: redness(fresh) > 2000, "the balloon is red")
+    unfold(fresh, "Show", "smooth balloon")
+    fresh.get_by_label("smooth balloon").click()
+    wait_until(lambda: redness(fresh) < 100, "the balloon is hidden")
+    for label, name in (("structural springs", "structural"), ("normals", "normals"), ("net forces", "forces")):
+        fresh.locator(f"xpath=//label[text()='{label}']/following::input[@type='checkbox'][1]").click()
+        wait_until(lambda name=name: served.layers._lines[name].visible, label)
+        wait_until(lambda name=name: len(served.layers._lines[name].points) > 100, label)
+    fresh.get_by_label("strain as color").click()
+    wait_until(lambda: any(band.visible for band in served.layers._bands[0]), "bands of strain")
+    for name in ("smooth balloon", "strain as color"):
+        fresh.get_by_label(name).click()
+    wait_until(lambda: redness(fresh) > 2000, "the balloon is back")
+
+
+@needs_browser
+def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
+    unfold(fresh, "Record", "Saves an animated stage (USD), and a scene that replays it from its start.")
+    fresh.get_by_role("button", name="Record").click()
+    wait_until(lambda: served.session.recording, "it records")
+    fresh.mouse.click(450, 350)
+    slide(fresh, "inflation (k_normal)", 0.8)
+    asked(served, 20)
+    fresh.get_by_role("button", name="Stop and save").click()
+    wait_until(lambda: not served.session.recording, "it stops")
+    served.session.writer.join()
+    folder = served.session.folder
+    stage = Usd.Stage.Open(str(folder / "ball_1.usdc"))
+    assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/mesh")).GetPointsAttr().GetNumTimeSamples() > 15
+    assert stage.GetPrimAtPath("/World/Spheres/Sphere_0")
+    assert stage.GetStartTimeCode() > 0
+
+
+@needs_browser
+def test_reset_goes_back_to_the_start(fresh, served):
+    slide(fresh, "inflation (k_normal)", 1.0)
+    fresh.mouse.click(450, 350)
+    wait_until(lambda: served.session.picture.scene.sphere and volume(served) > 0.6, "something happens")
+    fresh.get_by_text("Reset", exact=True).click()
+    wait_until(lambda: not served.session.picture.scene.sphere, "reset")
+    assert served.session.picture.inflation == pytest.approx(0.5)
+    wait_until(lambda: served.controls.inflation.value == pytest.approx(0.5, abs=1e-3), "the slider follows")
+
+
+@needs_browser
+def test_a_blow_up_is_caught_and_undone(fresh, served):
+    asked(served, 40)
+    unfold(fresh, "Balloon", "as many substeps as stability asks")
+    fresh.get_by_label("as many substeps as stability asks").click()
+    slide(fresh, "structural springs", 200.0)
+    served.session.set("balloon.stiffness.structural", 1e9)
+    fresh.get_by_text("It blew up.").wait_for()
+    assert not served.session.picture.running
+    fresh.get_by_text("Back to the last good state").click()
+    wait_until(lambda: not served.session.picture.trouble, "it is undone")
+    assert np.isfinite(served.session.picture.frame.points[0]).all()
+    assert served.session.picture.scene.balloon[0].stiffness.structural < 1e9
+    fresh.get_by_text("Run", exact=True).click()
+    asked(served, 10)
+    fresh.get_by_label("as many substeps as stability asks").click()
+
+
+@needs_browser
+def test_a_second_window_joins_and_leaves(browser, fresh, served):
+    second = open_window(browser, served)
+    second.get_by_text("Pause", exact=True).click()
+    fresh.get_by_text("Run", exact=True).wait_for()
+    fresh.get_by_text("Run", exact=True).click()
+    threads = threading.active_count()
+    second.close()
+    wait_until(lambda: len(served.server.get_clients()) == 1, "the window leaves")
+    asked(served, 5)
+    assert threading.active_count() <= threads
+
+
+@needs_browser
+def test_time_stands_still_while_nobody_watches(browser, tmp_path):
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
+    before = threading.active_count()
+    page.start()
+    window = open_window(browser, page)
+    asked(page, 10)
+    window.close()
+    wait_until(lambda: not page.session.watched, "nobody watches")
+    time.sleep(0.3)
+    number = page.session.picture.frame.number
+    time.sleep(0.5)
+    assert page.session.picture.frame.number == number
+    page.stop()
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(page.address, timeout=2)
+    wait_until(lambda: threading.active_count() <= before, "its threads end")
