@@ -1,25 +1,18 @@
 """The page, as somebody plays with it: in headless Chromium, where there is one."""
 
-import json
 import shutil
-import socket
 import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 from meshes import quad_sphere
 from pxr import Usd, UsdGeom
 
-from balloon_warp.errors import InputError
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, String, load_scene
-from balloon_warp.simulator import Simulator
-from balloon_warp.viewer.pace import Pace
-from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, String
 
 viser = pytest.importorskip("viser")
 playwright = pytest.importorskip("playwright.sync_api")
@@ -70,7 +63,8 @@ def browser() -> Iterator:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    page = Page(Session("ball", tethered(), "cpu", tmp_path_factory.mktemp("recordings")), port=_free_port("127.0.0.1", 0))
+    folder = tmp_path_factory.mktemp("recordings")
+    page = Page(Session("ball", tethered(), "cpu", folder), port=_free_port("127.0.0.1", 0))
     page.start()
     yield page
     page.stop()
@@ -85,7 +79,7 @@ def window(browser, served) -> Iterator:
 
 def open_window(browser, served: Page):
     before = len(served.server.get_clients())
-    window = browser.new_page(viewport={"width": 900, "height": 700})
+    window = browser.new_page(viewport={"width": 900, "height": 600})
     window.goto(served.address)
     wait_until(lambda: len(served.server.get_clients()) == before + 1, "the window joins")
     window.get_by_text("Reset", exact=True).wait_for()
@@ -114,7 +108,7 @@ def asked(served: Page, frames: int = 2) -> None:
 
 def slide(window, label: str, value: float) -> None:
     """Type a value beside a slider."""
-    field = window.locator(f"xpath=//label[text()='{label}']/following::input[1]")
+    field = window.locator(f"xpath=//label[normalize-space()='{label}']/following::input[not(@type='hidden')][1]")
     field.fill(str(value))
     field.press("Enter")
 
@@ -139,9 +133,9 @@ def redness(window) -> int:
 def test_the_slider_changes_the_volume(fresh, served):
     before = volume(served)
     slide(fresh, "inflation (k_normal)", 1.0)
-    wait_until(lambda: volume(served) > 1.1 * before, "it inflates")
+    wait_until(lambda: volume(served) > 1.03 * before, "it inflates")
     slide(fresh, "inflation (k_normal)", 0.1)
-    wait_until(lambda: volume(served) < before, "it deflates")
+    wait_until(lambda: volume(served) < 0.99 * before, "it deflates")
 
 
 @needs_browser
@@ -164,7 +158,7 @@ def test_keys_inflate_pause_and_step(fresh, served):
 def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
     asked(served, 20)
     before = volume(served)
-    fresh.mouse.click(450, 350)  # the balloon is in the middle
+    fresh.mouse.click(450, 300)  # the balloon is in the middle
     wait_until(lambda: len(served.session.picture.scene.sphere) == 1, "a sphere appears")
     radius = float(served.session.picture.scene.sphere[0].radius)
     gaps, volumes = [], []
@@ -181,14 +175,18 @@ def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
 @needs_browser
 def test_dragging_pulls_the_balloon(fresh, served):
     asked(served, 20)
-    fresh.mouse.move(450, 350)
+
+    def center() -> np.ndarray:
+        return served.session.picture.frame.points[0].mean(axis=0)
+
+    was = center()
+    fresh.mouse.move(450, 300)
     fresh.mouse.down()
     for step in range(12):
-        fresh.mouse.move(450 - 15 * step, 350)
+        fresh.mouse.move(450 - 15 * step, 300)
         time.sleep(0.05)
     wait_until(lambda: len(served.session.picture.hands) == 1, "a hand holds it")
-    stretched = served.layers.drawing.measures(served.session.picture)["stretch"]
-    assert stretched > 1.1
+    wait_until(lambda: np.linalg.norm(center() - was) > 0.15, "it follows")
     fresh.mouse.up()
     wait_until(lambda: not served.session.picture.hands, "the hand lets go")
     assert len(served.session.picture.scene.string) == 1
@@ -202,27 +200,31 @@ def test_strings_are_tied_and_cut(fresh, served):
 
 @needs_browser
 def test_toggles_change_what_is_drawn(fresh, served):
-    wait_until(lambda: redness(fresh) > 2000, "the balloon is red")
+    wait_until(lambda: redness(fresh) > 10_000, "the balloon is red")
     unfold(fresh, "Show", "smooth balloon")
     fresh.get_by_label("smooth balloon").click()
-    wait_until(lambda: redness(fresh) < 100, "the balloon is hidden")
-    for label, name in (("structural springs", "structural"), ("normals", "normals"), ("net forces", "forces")):
-        fresh.locator(f"xpath=//label[text()='{label}']/following::input[@type='checkbox'][1]").click()
+    wait_until(lambda: redness(fresh) < 2000, "the balloon is hidden")
+    for label, name in (
+        ("structural springs (black)", "structural"),
+        ("vertex normals", "normals"),
+        ("net forces", "forces"),
+    ):
+        fresh.get_by_label(label, exact=True).click()
         wait_until(lambda name=name: served.layers._lines[name].visible, label)
         wait_until(lambda name=name: len(served.layers._lines[name].points) > 100, label)
     fresh.get_by_label("strain as color").click()
     wait_until(lambda: any(band.visible for band in served.layers._bands[0]), "bands of strain")
     for name in ("smooth balloon", "strain as color"):
         fresh.get_by_label(name).click()
-    wait_until(lambda: redness(fresh) > 2000, "the balloon is back")
+    wait_until(lambda: redness(fresh) > 10_000, "the balloon is back")
 
 
 @needs_browser
 def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
-    unfold(fresh, "Record", "Saves an animated stage (USD), and a scene that replays it from its start.")
-    fresh.get_by_role("button", name="Record").click()
+    unfold(fresh, "Recording", "Saves an animated stage (USD), and a scene that replays it from its start.")
+    fresh.get_by_role("button", name="Record", exact=True).click()
     wait_until(lambda: served.session.recording, "it records")
-    fresh.mouse.click(450, 350)
+    fresh.mouse.click(450, 300)
     slide(fresh, "inflation (k_normal)", 0.8)
     asked(served, 20)
     fresh.get_by_role("button", name="Stop and save").click()
@@ -238,7 +240,7 @@ def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
 @needs_browser
 def test_reset_goes_back_to_the_start(fresh, served):
     slide(fresh, "inflation (k_normal)", 1.0)
-    fresh.mouse.click(450, 350)
+    fresh.mouse.click(450, 300)
     wait_until(lambda: served.session.picture.scene.sphere and volume(served) > 0.6, "something happens")
     fresh.get_by_text("Reset", exact=True).click()
     wait_until(lambda: not served.session.picture.scene.sphere, "reset")

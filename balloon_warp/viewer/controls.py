@@ -76,7 +76,7 @@ class Controls:
             self._add_balloon()
         with gui.add_folder("Show", expand_by_default=False):
             self._add_layers()
-        with gui.add_folder("Record", expand_by_default=False):
+        with gui.add_folder("Recording", expand_by_default=False):
             self._add_recording()
         with gui.add_folder("Plots", expand_by_default=False) as self.plots_folder:
             pass
@@ -106,8 +106,8 @@ class Controls:
         self.run = gui.add_button("Pause", hint="space")
         self.step = gui.add_button("Step one frame", color="gray", hint="key N")
         self.reset = gui.add_button("Reset", color="gray", hint="key R")
-        self.speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         self.look = gui.add_button("Look at the balloon", color="gray", hint="key F")
+        self.speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         self.run.on_click(lambda _: self._toggle_run())
         self.step.on_click(lambda _: session.step_once())
         self.reset.on_click(lambda _: session.reset())
