@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.gas import Swelling, gas_load
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Sphere, Stiffness, Tube
@@ -212,6 +213,34 @@ def test_the_step_is_the_springs_and_yet_the_gas_is_stable(device: str):
     assert np.std(advanced(simulator, 60).velocities[0]) < 2.0 * np.std(kick)
 
 
+@wp.kernel
+def _find_load(swelling: wp.array[Swelling], gamma: float, step_seconds: float, load: wp.array[wp.vec3]):
+    """Of a mole of helium in the air of a room."""
+    load[0] = gas_load(
+        swelling[0], AIR_PRESSURE, 1.2, 1.0, GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE, 0.004, gamma, 9.81, step_seconds
+    )
+
+
+@pytest.mark.parametrize("gamma", [1.0, 1.4])
+def test_the_pressure_is_that_of_the_volume_at_the_end_of_the_step(gamma: float, device: str):
+    """To first order in the volume, with what the rise of the pressure with height adds to it."""
+    volume, response, rate, height, response_height = swelling = (0.02, 30.0, 0.3, 2.0, 75.0)
+    step = 5e-4
+    load = wp.zeros(1, dtype=wp.vec3, device=device)
+    given = wp.array([swelling], dtype=Swelling, device=device)
+    wp.launch(_find_load, 1, inputs=[given, gamma, step, load], device=device)
+    pressure, at_zero, rise = load.numpy()[0].astype(np.float64)
+
+    def law(volume: float) -> float:
+        return AIR_PRESSURE * ((GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE / volume) ** gamma - 1.0)
+
+    slope = (law(volume * 1.0001) - law(volume * 0.9999)) / (0.0002 * volume)
+    pushed = response * pressure + rise * (response_height - height * response)
+    np.testing.assert_allclose(pressure, law(volume) + slope * step * (rate + step * pushed), atol=PRESSURE_ROUNDING)
+    np.testing.assert_allclose(rise, (1.2 - 0.004 / volume) * 9.81, rtol=1e-5)
+    np.testing.assert_allclose(at_zero, pressure - rise * height, rtol=1e-5)
+
+
 def test_breathing_converges_to_the_gas_law(device: str):
     """A round balloon under too much pressure: 1/2 sum m r'^2 grows by p dV, at first order in the step."""
     mesh, mass, start = octahedron(0.1), 0.01, 3000.0
@@ -335,6 +364,10 @@ def test_a_surface_with_one_side_is_refused():
     [
         ([("balloon.inflation.k_normal", 3.0)], 'inflation.k_normal: needs kind = "normal_force" .got kind = "gas"'),
         ([("balloon.inflation.pressure", 3.0)], 'inflation.pressure: needs kind = "pressure"'),
+        (
+            [("balloon.inflation.kind", "steam")],
+            "inflation.kind: must be 'normal_force', 'pressure' or 'gas' .got 'steam'",
+        ),
         ([("balloon.helium", 3.0)], "balloon.0.helium: must be 0, its gas lifts it .got 3"),
         ([("balloon.inflation.pump", [[0.0, 1.0], [0.0, 2.0]])], "pump: keyframe times must increase"),
         ([("tube.0.balloons", [0, 0])], "tube.0.balloons: must be two balloons below the number of balloons, 2"),

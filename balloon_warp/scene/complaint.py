@@ -1,6 +1,7 @@
 """A validation error in one sentence: which field, what was found, what was expected."""
 
 import difflib
+import re
 import typing
 
 from pydantic import BaseModel, ValidationError
@@ -68,7 +69,7 @@ def _expected(message: str) -> str:
     ):
         if message.startswith(opening):
             return replacement
-    return message.removeprefix("Input should be ").split(",", 1)[0]
+    return re.split(", (?:unable|got) ", message.removeprefix("Input should be "), maxsplit=1)[0]
 
 
 def _shown(value: object) -> str:
