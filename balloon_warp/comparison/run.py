@@ -44,15 +44,16 @@ class Run:
 def simulate(
     scene: Scene,
     values: dict[str, Any],
-    stage: Path,
-    frame: int | None,
-    device: str | None,
-    schedule: str,
-    on_frame: Callable[[int, int], None],
+    stage: Path | None = None,
+    frame: int | None = None,
+    device: str | None = None,
+    schedule: str = "auto",
+    on_frame: Callable[[int, int], None] = lambda done, count: None,
 ) -> Run:
-    """Run the scene with these values, and write the frame that is shown into the stage.
+    """Run the scene with these values as far as the frame that is shown.
 
     Args:
+        stage: the stage to write that frame into, if any.
         frame: the frame that is shown; when missing, the one that the scene names as its picture, else the last.
         on_frame: told how many frames are done, and of how many, after each.
     """
@@ -67,7 +68,7 @@ def simulate(
 
 def _measured(
     scene: Scene,
-    stage: Path,
+    stage: Path | None,
     frame: int | None,
     device: str | None,
     schedule: str,
@@ -88,8 +89,9 @@ def _measured(
         raise BlowUpError(
             f"the simulation blew up: by frame {last} a spring is more than {MOST_STRETCH:g} times as long as at rest"
         )
-    with StageWriter(stage, simulator.model) as writer:
-        writer.write(simulator.read_frame())
+    if stage:
+        with StageWriter(stage, simulator.model) as writer:
+            writer.write(simulator.read_frame())
     if all(is_closed(mesh_edges(shape.mesh)) for shape in simulator.model.shapes):
         figures["roundness"] = 36.0 * np.pi * figures["volume"] ** 2 / figures["area"] ** 3
     heights = map(float, record.measures[0, len(MEASURES) :])

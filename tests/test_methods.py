@@ -1,0 +1,30 @@
+"""The table of methods: every line of it runs, and the README has them all."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from balloon_warp.benchmarks.methods import METHODS, Method, as_markdown, measure_methods
+from balloon_warp.errors import InputError
+
+README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_method_is_measured():
+    rows = measure_methods(device="cpu", rounds=1, frames=2)
+    assert [row.method for row in rows] == METHODS
+    assert rows[0].ratio == 1.0
+    assert all(row.ratio is not None and row.ratio > 0.0 for row in rows)  # what explodes does so later
+    assert len(as_markdown(rows).splitlines()) == 2 + len(METHODS)
+
+
+def test_the_readme_has_a_line_for_every_method():
+    assert [method.name for method in METHODS if not re.search(rf"^\| {re.escape(method.name)} \|", README, re.M)] == []
+
+
+def test_a_method_that_blows_up_is_said_to_and_one_that_is_refused_is_a_mistake():
+    rows = measure_methods([Method("first"), Method("wild", ("balloon.inflation.k_normal=9e11",))], "cpu", 1, 3)
+    assert as_markdown(rows).splitlines()[-1].startswith("| wild | blows up |")
+    with pytest.raises(InputError, match="wrong: balloon.0.mass: must be greater than 0"):
+        measure_methods([Method("first"), Method("wrong", ("balloon.mass=-1",))], "cpu", 1, 1)
