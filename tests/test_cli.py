@@ -102,7 +102,15 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["run", "ball.txt"], "ball.txt: "),
         (["run", "broken.obj"], "broken.obj, line 1: "),
         (["run", "bad.toml"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
-        (["run", "ball.obj", "--set", "balloon.mass=-1"], "balloon.0.mass: must be greater than 0 (got -1)"),
+        (
+            ["run", "ball.obj", "--set", "balloon.mass=-1"],
+            "--set balloon.mass: balloon.0.mass: must be greater than 0",
+        ),
+        (
+            ["run", "squirrel_inflate", "--set", "frames=9", "--set", "substep=1"],
+            "error: --set substep: substep: unknown",
+        ),
+        (["run", "bad.toml", "--set", "substeps=0"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
         (["run", "ball.obj", "--set", "substeps=1"], "substeps: 1 are too few for these springs and masses"),
         (["run", "ball.obj", "--device", "cuda:77"], "--device cuda:77: no such device; this machine has cpu"),
         (["run", "ball.obj", "-o", "nowhere/out.usdc"], "nowhere/out.usdc: the folder nowhere does not exist"),

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal
@@ -34,6 +34,8 @@ class Run:
     """why it is not done; empty where it is"""
     figures: dict[str, float]
     """measured at the frame that is shown; empty where the run is not done"""
+    frame_seconds: list[float] = field(default_factory=list)
+    """what each frame took"""
 
     @property
     def label(self) -> list[str]:
@@ -58,12 +60,12 @@ def simulate(
         on_frame: told how many frames are done, and of how many, after each.
     """
     try:
-        figures = _measured(override_scene(scene, values.items()), stage, frame, device, schedule, on_frame)
+        figures, seconds = _measured(override_scene(scene, values.items()), stage, frame, device, schedule, on_frame)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
         return Run(values, "blew up", str(failure), {})
-    return Run(values, "done", "", figures)
+    return Run(values, "done", "", figures, seconds)
 
 
 def _measured(
@@ -73,7 +75,8 @@ def _measured(
     device: str | None,
     schedule: str,
     on_frame: Callable[[int, int], None],
-) -> dict[str, float]:
+) -> tuple[dict[str, float], list[float]]:
+    """The figures at the frame that is shown, and what each frame until then took [s]."""
     last = shown_frame(scene, frame)
     simulator = Simulator(scene, device, schedule=schedule)
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
@@ -95,7 +98,7 @@ def _measured(
     if all(is_closed(mesh_edges(shape.mesh)) for shape in simulator.model.shapes):
         figures["roundness"] = 36.0 * np.pi * figures["volume"] ** 2 / figures["area"] ** 3
     heights = map(float, record.measures[0, len(MEASURES) :])
-    return {
+    figures = {
         "frame": last,
         **figures,
         **{f"sphere_{number}_height": height for number, height in enumerate(heights)},
@@ -103,6 +106,7 @@ def _measured(
         "substeps": simulator.model.substeps,
         **({"seconds_a_frame": median(seconds)} if seconds else {}),
     }
+    return figures, seconds
 
 
 def shown_frame(scene: Scene, frame: int | None) -> int:

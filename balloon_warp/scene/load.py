@@ -1,7 +1,8 @@
 """From a bundled name, a TOML file or a mesh file to a checked scene."""
 
+import copy
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -53,11 +54,37 @@ def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
         table = _read_toml(path)
     else:
         bare: dict[str, Any] = {"balloon": [{"mesh": path.resolve()}]}
-        apply_overrides(bare, overrides)
-        placed = check_scene(bare, path)
+        placed = _overridden(bare, overrides, path)
         table = scene_table_around(path, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
+    return _overridden(table, overrides, path)
+
+
+def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path) -> Scene:
+    """The scene of a table with values put at some paths, in place.
+
+    Raises:
+        InputError: names the option whose value spoils a table that is right without it, else the file.
+    """
+    before = copy.deepcopy(table)
     apply_overrides(table, overrides)
-    return check_scene(table, path)
+    try:
+        return check_scene(table, path)
+    except InputError:
+        for place, value in overrides:
+            if _complaint(before):
+                break
+            apply_overrides(before, [(place, value)])
+            if mistake := _complaint(before):
+                raise InputError(f"--set {place}: {mistake}") from None
+        raise
+
+
+def _complaint(table: dict[str, Any]) -> str | None:
+    try:
+        Scene.model_validate(table)
+    except ValidationError as error:
+        return complaint(error, Scene)
+    return None
 
 
 def _mesh_beside(value: Any) -> Any:
