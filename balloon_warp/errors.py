@@ -15,3 +15,7 @@ class BlowUpError(RuntimeError):
 
 class WorkersLostError(RuntimeError):
     """The workers of a batch, or their scheduler, are gone: the message says what was lost. Exit status 1."""
+
+
+class StoppedError(RuntimeError):
+    """The user, or the machine, stopped a run: the message says how far it got. Exit status 130, or 143."""

@@ -2,8 +2,11 @@
 
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -144,6 +147,35 @@ def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
     assert done.returncode == 1
     assert "error: the simulation blew up in frame 2, world 0: particle 0 is no longer at a finite place" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["box.obj"]
+
+
+@pytest.mark.parametrize(
+    ("command", "number", "status"),
+    [("run", signal.SIGINT, 130), ("run", signal.SIGTERM, 143), ("batch", signal.SIGINT, 130)],
+)
+def test_a_stopped_run_says_how_far_it_got_and_leaves_no_file(ball: Path, command: str, number: int, status: int):
+    words = [command, "ball.obj", "-o", "out" if command == "batch" else "out.usdc", "--set", "frames=1000000"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "balloon_warp", *words, "--device", "cpu", "--schedule", "gather"],
+        cwd=ball,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    try:
+        for _ in range(600):  # until it writes
+            if list(ball.rglob(".*.partial*")):
+                break
+            time.sleep(0.1)
+        process.send_signal(number)
+        said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == status
+    assert re.fullmatch(r"error: ball was stopped after frame \d+ of 1000000; nothing was written\n", said[1])
+    assert said[0] == ""
+    assert [path.name for path in ball.rglob("*") if path.is_file()] == ["ball.obj"]
 
 
 def test_importing_the_package_loads_nothing_heavy(tmp_path: Path):

@@ -1,5 +1,6 @@
 """The commands, and what happens when one fails."""
 
+import signal
 import sys
 from importlib import metadata
 from typing import Annotated
@@ -16,7 +17,7 @@ from balloon_warp.cli.render import render
 from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
 from balloon_warp.cli.view import view
-from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
+from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
 
 
 def _print_version(wanted: bool) -> None:
@@ -46,13 +47,24 @@ def balloon_warp(
 
 def main() -> None:
     """Run a command. A user's mistake becomes one sentence on standard error and exit status 2; a blow-up
-    or the loss of all workers, 1."""
+    or the loss of all workers, 1; Ctrl-C, 130; SIGTERM, 143."""
+    terminations: list[int] = []
+
+    def terminate(number: int, _: object) -> None:
+        terminations.append(number)
+        raise KeyboardInterrupt  # so that half-written files are removed
+
+    signal.signal(signal.SIGTERM, terminate)
     try:
         app()
     except (InputError, MissingExtraError) as mistake:
         _fail(mistake, status=2)
     except (BlowUpError, WorkersLostError) as failure:
         _fail(failure, status=1)
+    except StoppedError as stop:
+        _fail(stop, status=128 + (terminations or [signal.SIGINT])[0])
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _fail(error: Exception, status: int) -> None:

@@ -1,8 +1,13 @@
 """How far a run is."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
+
+from balloon_warp.errors import StoppedError
 
 
 class _FrameRate(ProgressColumn):
@@ -12,10 +17,15 @@ class _FrameRate(ProgressColumn):
         return Text(f"{task.speed:.0f} frames/s" if task.speed else "")
 
 
-def frame_progress() -> Progress:
-    """A bar with frames a second and the time left, on a terminal; nothing in a pipe."""
+@contextmanager
+def frame_progress() -> Iterator[Progress]:
+    """A bar with frames a second and the time left, on a terminal; nothing in a pipe.
+
+    Raises:
+        StoppedError: what is in the `with` block was stopped, and how far it was.
+    """
     console = Console(stderr=True)
-    return Progress(
+    with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -24,4 +34,10 @@ def frame_progress() -> Progress:
         console=console,
         disable=not console.is_terminal,
         transient=True,
-    )
+    ) as progress:
+        try:
+            yield progress
+        except KeyboardInterrupt:
+            task = progress.tasks[-1]
+            far = f"after frame {task.completed:.0f} of {task.total:.0f}" if task.total else "before its first frame"
+            raise StoppedError(f"{task.description} was stopped {far}; nothing was written") from None

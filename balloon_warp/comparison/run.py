@@ -51,6 +51,7 @@ def simulate(
     device: str | None = None,
     schedule: str = "auto",
     on_frame: Callable[[int, int], None] = lambda done, count: None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Run:
     """Run the scene with these values as far as the frame that is shown.
 
@@ -58,9 +59,12 @@ def simulate(
         stage: the stage to write that frame into, if any.
         frame: the frame that is shown; when missing, the one that the scene names as its picture, else the last.
         on_frame: told how many frames are done, and of how many, after each.
+        clock: what frames are timed with.
     """
     try:
-        figures, seconds = _measured(override_scene(scene, values.items()), stage, frame, device, schedule, on_frame)
+        figures, seconds = _measured(
+            override_scene(scene, values.items()), stage, frame, device, schedule, on_frame, clock
+        )
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
@@ -75,6 +79,7 @@ def _measured(
     device: str | None,
     schedule: str,
     on_frame: Callable[[int, int], None],
+    clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
     """The figures at the frame that is shown, and what each frame until then took [s]."""
     last = shown_frame(scene, frame)
@@ -82,9 +87,9 @@ def _measured(
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
     seconds = []
     for number in range(1, last + 1):
-        began = time.perf_counter()
+        began = clock()
         simulator.step()  # waits for the device, to see whether the world is healthy
-        seconds.append(time.perf_counter() - began)
+        seconds.append(clock() - began)
         on_frame(number, last)
     record = recorder.read()
     figures = dict(zip(MEASURES, map(float, record.measures[0]), strict=False))
