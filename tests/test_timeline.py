@@ -106,11 +106,13 @@ def test_other_substeps_go_on_from_the_same_state(device, schedule):
     assert 1e-7 < np.abs(difference).max() < 2e-3
 
 
-@pytest.mark.parametrize("method", [{"solver": "forward_euler"}, {"normals": "fresh"}])
+@pytest.mark.parametrize(
+    "method", [{"solver": "forward_euler"}, {"normals": "fresh"}, {"correction": "provot", "correction_limit": 0.001}]
+)
 def test_another_method_takes_over(method, device, schedule):
     """From the frame on that the change names, as in `scatter`."""
-    if schedule in ("octets", "lanes", "block") and method.get("solver"):
-        schedule = "auto"  # which takes another that has forward Euler
+    if schedule in ("octets", "lanes", "block") and "normals" not in method:
+        schedule = "auto"  # which takes another where that one lacks the method
     changed = busy(change=[Change(time=2 / 60, set=method)])
     found, expected = after_frames(changed, 4, device, schedule), after_frames(changed, 4, device, "scatter")
     np.testing.assert_allclose(found.state.points.numpy(), expected.state.points.numpy(), rtol=0, atol=1e-5)

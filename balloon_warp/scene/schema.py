@@ -236,7 +236,7 @@ class Change(Table):
     """when [s]; it happens at the first frame that is not before"""
     set: Annotated[dict[str, Any], Field(min_length=1)]
     """the new values by their paths, as in overrides: { "balloon.helium" = 12.0 }. What may change is what may differ
-    between worlds, but for places and velocities at the start; and `substeps`, `solver` and `normals`."""
+    between worlds, but for places and velocities at the start; and `substeps`, `solver`, `normals` and `correction`."""
 
 
 class Atmosphere(Table):

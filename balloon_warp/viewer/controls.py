@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import viser
 
@@ -39,9 +39,10 @@ VALUES = [
     Value("balloon.stiffness.flexion", "flexion springs", lambda scene: scene.balloon[0].stiffness.flexion, 1.0),
 ]
 CHOICES = {
-    "solver": {"symplectic Euler": "symplectic_euler", "forward Euler": "forward_euler"},
-    "normals": {"once a frame": "cached", "every substep": "fresh"},
+    field: {name.replace("_", " "): name for name in get_args(Scene.model_fields[field].annotation)}
+    for field in ("solver", "normals", "correction")
 }
+"""of the scene, by what they are called in the panel"""
 
 
 class Controls:

@@ -70,7 +70,8 @@ class Page:
     def stop(self) -> None:
         """End the simulation and the server."""
         self._stop.set()
-        self._thread.join()
+        if self._thread.is_alive():
+            self._thread.join()
         self.session.stop()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()

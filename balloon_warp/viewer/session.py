@@ -236,6 +236,7 @@ class Session:
                 wish(self.playground)
             except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
                 self.notices.append(str(mistake).partition("\n")[0])
+                self._revision += 1  # whoever asked sees what holds
             except Exception:  # a mistake of ours must not end what others watch
                 traceback.print_exc()
                 self.notices.append("this did not work; the terminal says why")

@@ -1,0 +1,289 @@
+"""What the page is made of, without a browser."""
+
+import asyncio
+import socket
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import cube, quad_sphere
+from typer.testing import CliRunner
+
+from balloon_warp.cli.app import app
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String, load_scene
+from balloon_warp.simulator import Simulator
+from balloon_warp.viewer.geometry import Drawing
+from balloon_warp.viewer.pace import MOST_BEHIND, Pace
+from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
+from balloon_warp.viewer.session import MOST_ASKED, Session
+
+UP = (0.0, 1.0, 0.0)
+
+
+def ball(**fields) -> Scene:
+    balloon = Balloon(mesh=quad_sphere(3, 0.5), helium=9.81, inflation=Inflation(k_normal=0.3))
+    return Scene(balloon=[balloon], string=[String(anchor=(0, -1, 0))], **fields)
+
+
+def play(pace: Pace, cost: float, seconds: float, speed: float = 1.0) -> tuple[float, float]:
+    """Simulated frames of 1/60 s that each cost some time on a clock of our own; returns what was simulated, in what
+    time."""
+    pace.speed, now, simulated = speed, 100.0, 0.0
+    while now < 100.0 + seconds:
+        now += pace.wait(now, 1 / 60) + cost
+        simulated += 1 / 60
+        pace.passed(now, 1 / 60)
+    return simulated, now - 100.0
+
+
+@pytest.mark.parametrize("speed", [0.25, 1.0, 2.0])
+def test_pace_keeps_real_time_where_the_machine_can(speed):
+    pace = Pace()
+    simulated, seconds = play(pace, 0.005, 10.0, speed)
+    assert simulated == pytest.approx(speed * seconds, abs=2 / 60)
+    assert pace.rate == pytest.approx(speed, rel=0.02)
+
+
+def test_pace_slows_down_where_the_machine_cannot():
+    """A frame of 1/60 s that costs 1/30 s runs at half of real time, and says so."""
+    pace = Pace()
+    simulated, seconds = play(pace, 1 / 30, 10.0)
+    assert simulated == pytest.approx(0.5 * seconds, rel=0.02)
+    assert pace.rate == pytest.approx(0.5, rel=0.02)
+
+
+def test_pace_does_not_catch_up_on_a_long_stop():
+    """After a second in which nothing could be done, at most what is allowed is made up for."""
+    pace = Pace()
+    play(pace, 0.001, 1.0)
+    now, frames = 102.0, 0
+    while pace.wait(now, 1 / 60) == 0.0:
+        frames += 1
+    assert frames <= MOST_BEHIND * 60 + 1
+
+
+def test_a_ray_hits_the_nearest_side_of_a_cube():
+    mesh = cube()
+    triangles, _ = triangulate(mesh)
+    assert hit_distance((0.3, 0.4, -2.0), (0.0, 0.0, 1.0), mesh.points, triangles) == pytest.approx(2.0)
+    assert hit_distance((0.3, 0.4, 0.5), (0.0, 0.0, 1.0), mesh.points, triangles) == pytest.approx(0.5)
+    assert hit_distance((1.3, 0.4, -2.0), (0.0, 0.0, 1.0), mesh.points, triangles) is None
+    assert hit_distance((0.3, 0.4, -2.0), (0.0, 0.0, -1.0), mesh.points, triangles) is None
+
+
+def test_a_ray_meets_the_ground_from_above_only():
+    down = np.array([3.0, -4.0, 0.0]) / 5.0
+    assert ground_distance((0.0, 5.0, 0.0), down, UP, 1.0) == pytest.approx(5.0)
+    assert ground_distance((0.0, 5.0, 0.0), -down, UP, 1.0) is None
+    assert ground_distance((0.0, 0.0, 0.0), down, UP, 1.0) is None
+
+
+def test_a_thrown_body_arrives():
+    """In free flight x + v t - 1/2 g t^2 up is the target at t = distance / speed."""
+    start, target = np.array([1.0, 2.0, 3.0]), np.array([-2.0, 2.5, 7.0])
+    velocity = throw_at(target, start, 6.0, 9.81, UP)
+    seconds = np.linalg.norm(target - start) / 6.0
+    arrived = start + velocity * seconds - 0.5 * 9.81 * seconds**2 * np.array(UP)
+    np.testing.assert_allclose(arrived, target, atol=1e-12)
+
+
+@pytest.fixture
+def session(tmp_path):
+    session = Session("ball", ball(ground=Ground(height=-1.0)), "cpu", tmp_path)
+    session.watched = True
+    session.start()
+    yield session
+    session.stop()
+
+
+def until(happened, what: str) -> None:
+    deadline = time.monotonic() + 20.0
+    while not happened():
+        assert time.monotonic() < deadline, f"{what}: not within 20 s"
+        time.sleep(0.01)
+
+
+def test_strain_bands_follow_the_stretch(session):
+    """A balloon blown up to 1.25 times its size is in the band from 1.15 to 1.4 all over."""
+    picture = session.picture
+    frame = picture.frame
+    object.__setattr__(frame, "points", [1.25 * picture.model.shapes[0].mesh.points.astype(np.float32)])
+    bands = Drawing(picture.model).strain_bands(picture, 0)
+    assert [len(band) > 0 for band in bands] == [False, False, False, False, True, False, False]
+
+
+def test_measures_are_those_of_the_shape(session):
+    """Twice as large: eight times the volume, twice the stretch."""
+    picture, drawing = session.picture, Drawing(session.picture.model)
+    rest = picture.model.shapes[0].mesh.points.astype(np.float32)
+    measures = []
+    for size in (1.0, 2.0):
+        object.__setattr__(picture.frame, "points", [size * rest])
+        measures.append(drawing.measures(picture))
+    assert measures[1]["volume"] == pytest.approx(8.0 * measures[0]["volume"], rel=1e-5)
+    assert measures[0]["stretch"] == pytest.approx(1.0, abs=1e-5)
+    assert measures[1]["stretch"] == pytest.approx(2.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("value", ["wide", None, float("nan"), float("inf"), [1, 2], {"a": 1}, -1.0])
+def test_nonsense_from_a_page_does_not_stop_the_simulation(session, value):
+    session.set("balloon.mass", value)
+    until(lambda: session.notices, "it is refused")
+    number = session.picture.frame.number
+    until(lambda: session.picture.frame.number > number + 2, "time goes on")
+    assert session.picture.scene.balloon[0].mass == 0.1
+
+
+def test_what_goes_wrong_in_a_wish_does_not_stop_the_simulation(session, capsys):
+    session.ask(lambda playground: 1 / 0)
+    until(lambda: session.notices, "it is said")
+    number = session.picture.frame.number
+    until(lambda: session.picture.frame.number > number + 2, "time goes on")
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_wishes_do_not_pile_up(session):
+    """Of many with one key the last is done; of too many others the rest is not heard."""
+    hold = []
+    session.ask(lambda playground: time.sleep(0.2))
+    time.sleep(0.1)
+    for value in range(100):
+        session.set("gravity", float(value))
+    for _ in range(2 * MOST_ASKED):
+        session.ask(lambda playground: hold.append(1))
+    until(lambda: session.picture.scene.gravity == 99.0, "the last value")
+    assert len(hold) < MOST_ASKED
+
+
+def test_a_recording_is_a_valid_stage(session, tmp_path):
+    """Of the frames from its start to its end."""
+    until(lambda: session.picture.frame.number > 3, "some frames")
+    session.record(True)
+    session.ask(lambda playground: playground.throw(np.array([0, 1.5, 0]), np.array([0, -5, 0]), 0.2, 1.0))
+    session.set("balloon.helium", 12.0)
+    number = session.picture.frame.number
+    until(lambda: session.picture.frame.number > number + 20, "it records")
+    session.record(False)
+    until(lambda: session.recording is None, "it ends")
+    until(lambda: any("wrote" in notice for notice in session.notices), "it is written")
+    from pxr import Usd, UsdGeom, UsdValidation
+
+    stage = Usd.Stage.Open(str(tmp_path / "ball_1.usdc"))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/mesh")).GetPointsAttr()
+    times = points.GetTimeSamples()
+    assert times[0] == stage.GetStartTimeCode() > 0
+    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
+        stage
+    )
+    assert [error.GetMessage() for error in errors] == []
+    session.run(False)
+
+
+def test_a_recorded_scene_file_replays_its_stage(tmp_path):
+    """With a mesh that has a file, as every scene has that comes from the command line."""
+    session = Session("squirrel", load_scene("squirrel_tether"), "cpu", tmp_path)
+    session.watched = True
+    session.start()
+    session.record(True)
+    session.set("gravity", 5.0)
+    until(lambda: session.picture.frame.number > 8, "it records")
+    session.record(False)
+    until(lambda: any("wrote" in notice for notice in session.notices), "it is written")
+    session.stop()
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(tmp_path / "squirrel_1.usdc"))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/squirrel")).GetPointsAttr()
+    scene = load_scene(tmp_path / "squirrel_1.toml")
+    simulator = Simulator(scene, "cpu")
+    compared = 0
+    for frame in simulator.run():
+        if frame.number in points.GetTimeSamples():
+            np.testing.assert_array_equal(np.array(points.Get(frame.number)), frame.points[0])
+            compared += 1
+    assert compared > 5
+
+
+def served(tmp_path: Path):
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.page import Page, _free_port
+
+    return Page(Session("ball", ball(), "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
+
+
+def test_malformed_messages_do_not_stop_the_page(tmp_path):
+    """Bytes that are no message, and messages that lie, from a client of its own."""
+    page = served(tmp_path)
+    page.session.watched = True
+    page.start()
+    import msgspec
+    import viser
+    import websockets
+
+    slider = page.controls.inflation
+
+    async def send(content: bytes) -> None:
+        address = page.address.replace("http", "ws")
+        async with websockets.connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as socket:
+            await socket.send(content)
+            await asyncio.sleep(0.1)
+
+    update = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": "as wide as can be"}}
+    for content in (
+        b"nonsense",
+        b"",
+        msgspec.msgpack.encode({"type": "NoSuchMessage"}),
+        msgspec.msgpack.encode(update),
+    ):
+        try:
+            asyncio.run(send(content))
+        except websockets.exceptions.ConnectionClosed:
+            pass
+    page.session.watched = True
+    assert page._thread.is_alive()
+    assert page.session._thread.is_alive()
+    page.stop()
+
+
+@pytest.mark.parametrize("path", ["/../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/assets"])
+def test_the_page_serves_no_file_but_its_own(path, tmp_path):
+    page = served(tmp_path)
+    page.start()
+    with socket.create_connection(("127.0.0.1", page.server.get_port()), timeout=5) as raw:
+        raw.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        answer = raw.recv(4096)
+    page.stop()
+    assert answer.startswith(b"HTTP/1.1 404")
+
+
+def test_the_page_is_on_loopback_alone(tmp_path):
+    page = served(tmp_path)
+    assert page.server.get_host() == "127.0.0.1"
+    assert page.server.request_share_url() is None
+    page.stop()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["no_such_scene"], "no_such_scene: no such scene or file"),
+        (["squirrel_inflate", "-o", "no/such/folder"], "no/such/folder: the folder does not exist"),
+        (["squirrel_inflate", "--host", "203.0.113.7"], "--host 203.0.113.7: cannot listen on 203.0.113.7"),
+    ],
+)
+def test_mistakes_are_refused_in_a_sentence(arguments, sentence):
+    result = CliRunner().invoke(app, ["view", *arguments])
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).startswith(sentence)
+
+
+def test_a_port_that_is_taken_is_refused():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = CliRunner().invoke(app, ["view", "squirrel_inflate", "--port", str(port)])
+    assert str(result.exception) == f"--port {port}: cannot listen on 127.0.0.1: Address already in use"
