@@ -7,6 +7,7 @@ half; exits with 1 if anything broke.
 """
 
 import argparse
+import contextlib
 import sys
 import time
 from pathlib import Path
@@ -30,7 +31,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     quiet_warp()
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import TimeoutError, sync_playwright
 
     from balloon_warp.viewer.page import Page
     from balloon_warp.viewer.session import Session
@@ -47,7 +48,8 @@ def main() -> None:
             window.get_by_text(name, exact=True).click()
         began, samples, acts, printed = time.monotonic(), [], 0, -15.0
         while (passed := time.monotonic() - began) < 60.0 * options.minutes:
-            act_at_random(random, window, page)
+            with contextlib.suppress(TimeoutError):  # of a browser that draws too slowly to be clicked
+                act_at_random(random, window, page)
             acts += 1
             samples.append((passed / 60.0, resident_megabytes()))
             if passed - printed >= 15.0:
@@ -83,7 +85,9 @@ def act_at_random(random: np.random.Generator, window: Any, page: Any) -> None:
     elif kind == "key":
         window.keyboard.press(str(random.choice(KEYS)))
     elif kind in ("value", "toggle"):
-        fields = window.locator("input[inputmode=decimal]" if kind == "value" else "input[type=checkbox]")
+        fields = window.locator(
+            "input[inputmode=decimal]:visible" if kind == "value" else "input[type=checkbox]:visible"
+        )
         count = fields.count()
         if count and kind == "value":
             field = fields.nth(int(random.integers(count)))

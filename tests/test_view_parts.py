@@ -1,6 +1,7 @@
 """What the page is made of, without a browser."""
 
 import asyncio
+import contextlib
 import socket
 import time
 from pathlib import Path
@@ -232,16 +233,10 @@ def test_malformed_messages_do_not_stop_the_page(tmp_path):
             await asyncio.sleep(0.1)
 
     update = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": "as wide as can be"}}
-    for content in (
-        b"nonsense",
-        b"",
-        msgspec.msgpack.encode({"type": "NoSuchMessage"}),
-        msgspec.msgpack.encode(update),
-    ):
-        try:
+    messages = [msgspec.msgpack.encode(message) for message in ({"type": "NoSuchMessage"}, update)]
+    for content in (b"nonsense", b"", *messages):
+        with contextlib.suppress(websockets.exceptions.ConnectionClosed):
             asyncio.run(send(content))
-        except websockets.exceptions.ConnectionClosed:
-            pass
     page.session.watched = True
     assert page._thread.is_alive()
     assert page.session._thread.is_alive()
