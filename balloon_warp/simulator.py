@@ -19,9 +19,11 @@ from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.model.parameters import METHODS, Parameters
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
-from balloon_warp.schedules.choose import make_schedule, schedule_named
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.solids import MassProperties, mass_properties
+from balloon_warp.solvers.choose import solver_named
+from balloon_warp.solvers.projective import ProjectiveSolver
+from balloon_warp.solvers.step_matrices import FACTORIZED
 
 HEALTHY = np.iinfo(np.int32).max
 """no particle of a world is bad"""
@@ -95,7 +97,7 @@ class Simulator:
         return simulator
 
     def _begin(self, model: Model, schedule: str) -> None:
-        kind = schedule_named(schedule, model)
+        kind = solver_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
         self._turns, self._asked_schedule = deque(model.turns), schedule
         changing = {name for turn in model.turns for name in turn.values}  # of a model that others may use, too
@@ -180,6 +182,8 @@ class Simulator:
         for name, values in parameters.items():
             array = getattr(self.model, name)
             array.assign(np.asarray(values, dtype=np.float32).reshape(array.numpy().shape))
+        if isinstance(self.schedule, ProjectiveSolver) and not FACTORIZED.isdisjoint(parameters):
+            self._make_schedule()
 
     def go_on_in(self, model: Model, spheres: Sequence[int | None] | None = None) -> None:
         """Go on from here in another model of the same balloons.
@@ -197,9 +201,15 @@ class Simulator:
             if until_now is not None:
                 for name in ("sphere_positions", "sphere_velocities", "sphere_forces"):
                     wp.copy(getattr(self.state, name)[:, now], getattr(before, name)[:, until_now])
+        if model.scene.solver != self.model.scene.solver:
+            self._asked_schedule = "auto"  # what was asked for may be of the other solver
         self.model = model
-        self.schedule = make_schedule(model, self._asked_schedule)
         self._first_frames = _first_frames(model)
+        self._make_schedule()
+
+    def _make_schedule(self) -> None:
+        """The schedule of the model as it is now, and nothing left of the last."""
+        self.schedule = solver_named(self._asked_schedule, self.model)(self.model)
         for cached in ("_frame_graph", "_force_reader"):
             self.__dict__.pop(cached, None)
 

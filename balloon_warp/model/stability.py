@@ -16,6 +16,11 @@ from balloon_warp.scene import Scene
 
 AUTO_MARGIN = 0.8
 """the part of the stable step that `substeps = "auto"` takes"""
+PROJECTIVE_STEP = 1.0 / 120.0
+"""the step [s] that "auto" takes where stability does not ask for any: at 1/60 s the bundled scenes lag twice as far
+behind the explicit ones"""
+PROJECTIVE_STEP_WITH_SPHERES = 1.0 / 240.0
+"""as above [s]; with longer ones, a sphere is deep in a balloon before it is pushed, and then flies off"""
 MOST_SUBSTEPS = 100_000
 """in a frame; a scene that asks for more is a mistake"""
 _CHUNK = 10_000_000
@@ -62,12 +67,14 @@ def limiting_particle(
 
 def choose_substeps(scene: Scene, stable: float) -> int:
     """Substeps in a frame: as the scene says, or as many as the stable step [s] asks. With forward Euler the scene may
-    say what it likes, since what it shows is its instability.
+    say what it likes, since what it shows is its instability; with projective, too, since it is always stable.
 
     Raises:
         InputError: the scene asks for fewer than are stable.
     """
     frame_seconds = 1.0 / scene.frames_per_second
+    if scene.solver == "projective":
+        return _accurate_substeps(scene, frame_seconds) if scene.substeps == "auto" else scene.substeps
     if scene.solver == "forward_euler" and scene.substeps != "auto":
         return scene.substeps  # to see how it gains energy
     if scene.solver == "forward_euler" and stable == 0.0:
@@ -112,6 +119,11 @@ def _steps(peak: ArrayLike, number: int, scene: Scene, parameters: Parameters) -
     rate = parameters["damping"][:, number] / mass + viscosity * squared_frequency
     steps = 4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate)
     return np.minimum(steps, rate / squared_frequency) if scene.solver == "forward_euler" else steps
+
+
+def _accurate_substeps(scene: Scene, frame_seconds: float) -> int:
+    longest = PROJECTIVE_STEP_WITH_SPHERES if scene.sphere else PROJECTIVE_STEP
+    return max(ceil(frame_seconds / longest - 1.0e-6), 1)
 
 
 def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:

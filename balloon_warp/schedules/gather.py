@@ -8,18 +8,13 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.clock import count_frame
-from balloon_warp.kernels.gather import (
-    meet_obstacles,
-    move_gathered_spheres,
-    particle_kernel,
-    read_sphere_forces,
-    write_sphere_forces,
-)
+from balloon_warp.kernels.gather import meet_obstacles, particle_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.correct import Corrector
 from balloon_warp.schedules.gather_air import GatherAir
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
+from balloon_warp.schedules.spheres import SphereMover
 from balloon_warp.schedules.tables import (
     air_table,
     body_table,
@@ -59,31 +54,27 @@ class GatherSchedule:
         self._other_velocities = None
         if self._traits.keeps_velocities:
             self._other_velocities = wp.zeros(shape, dtype=wp.vec3, device=model.device)
-        self._sphere_quanta = wp.zeros((model.world_count, model.sphere_count, 3), dtype=wp.int64, device=model.device)
+        self._spheres = SphereMover(model, self._bodies, self._obstacles)
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         vectors = 2 if model_traits(model).keeps_velocities else 1
         refreshed = AimRefresher.world_bytes(model) + (GatherAir.world_bytes(model) if model.in_air else 0)
-        return VECTOR_BYTES * vectors * model.particle_count + 24 * model.sphere_count + refreshed
+        return VECTOR_BYTES * vectors * model.particle_count + SphereMover.world_bytes(model) + refreshed
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
         model = self.model
         refresh_ramp(model, state)
-        self._launch_spheres(read_sphere_forces, state.sphere_forces, self._sphere_quanta)
+        self._spheres.begin_frame(state)
         points, new_points = state.points, self._other_points
         velocities = state.velocities
         new_velocities = velocities if self._other_velocities is None else self._other_velocities
         for substep in range(model.substeps):
             if substep == 0 or model.scene.normals == "fresh":
                 self._aims.refresh(points, state.inflation_aims)
-            self._launch_spheres(
-                move_gathered_spheres,
-                *(self._bodies, self._obstacles, model.step_seconds),
-                *(state.sphere_positions, state.sphere_velocities, self._sphere_quanta),
-            )
+            self._spheres.move(state)
             old, new = (points, velocities), (new_points, new_velocities)
             self._advance_particles(state, substep * model.step_seconds, old, new)
             if self._traits.corrected:
@@ -94,7 +85,7 @@ class GatherSchedule:
                     *(self._bodies, self._obstacles, self._air_table, substep * model.step_seconds),
                     *(state.inflation_aims, state.inflation_ramp, state.inflation_loads),
                     *(state.sphere_positions, state.sphere_velocities),
-                    *(*new, self._sphere_quanta),
+                    *(*new, self._spheres.forces),
                 )
             points, new_points = new_points, points
             velocities, new_velocities = new_velocities, velocities
@@ -102,7 +93,7 @@ class GatherSchedule:
             wp.copy(state.points, points)
         if velocities is not state.velocities:
             wp.copy(state.velocities, velocities)
-        self._launch_spheres(write_sphere_forces, self._sphere_quanta, state.sphere_forces)
+        self._spheres.end_frame(state)
         self._launch(count_frame, 1, state.frame)
 
     def _advance_particles(
@@ -111,7 +102,7 @@ class GatherSchedule:
         """One substep from the old points and velocities to the new."""
         model = self.model
         if self._air:
-            self._air.advance_particles(state, time_in_frame, old, new, self._sphere_quanta)
+            self._air.advance_particles(state, time_in_frame, old, new, self._spheres.forces)
             return
         self._launch(
             self._kernel,
@@ -121,12 +112,8 @@ class GatherSchedule:
             *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
             *old,
             *new,
-            self._sphere_quanta,
+            self._spheres.forces,
         )
-
-    def _launch_spheres(self, kernel: Any, *arguments: Any) -> None:
-        if self.model.sphere_count:
-            self._launch(kernel, (self.model.world_count, self.model.sphere_count), *arguments)
 
     def _launch(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
         wp.launch(kernel, dim, inputs=list(arguments), device=self.model.device)

@@ -13,8 +13,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.model import lay_out
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.scene import Scene
-from balloon_warp.schedules.choose import settled_schedule
 from balloon_warp.simulator import Simulator
+from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.memory import require_batch_memory
@@ -132,7 +132,7 @@ def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int]
     began = time.perf_counter()
     target = pick_device(device)
     models = [lay_out(group.plan, target) for group in task.groups]
-    schedules = [settled_schedule(task.schedule, model, task.world_count) for model in models]
+    schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
     require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
     simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
     recorders = [

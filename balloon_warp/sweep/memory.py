@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from balloon_warp.model import Model
 from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.scene import Scene
-from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.solvers.choose import solver_named
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.recorder import MEASURES, picked_bytes, record_bytes
 
@@ -36,7 +36,7 @@ def require_batch_memory(
     on_device, on_host = [], []
     for model, schedule, group in zip(models, schedules, groups, strict=True):
         picked = picked_bytes(group.plan) * len(group.rows_of(chosen)) // len(group.worlds)
-        simulated = world_bytes(model) + schedule_named(schedule, model).world_bytes(model)
+        simulated = world_bytes(model) + solver_named(schedule, model).world_bytes(model)
         on_device.append(simulated + record_bytes(group.plan) + picked)
         on_host.append(table_bytes(scene) + frames_held * picked)
     device = models[0].device

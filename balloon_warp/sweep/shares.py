@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.model import ModelPlan, lay_out
-from balloon_warp.schedules.choose import settled_schedule
 from balloon_warp.simulator import Simulator
+from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.recorder import Record, Recorder
@@ -69,7 +69,7 @@ def simulate_share(
     """
     scene = share.plan.scene
     model = lay_out(share.plan, pick_device(device))
-    settled = settled_schedule(schedule, model, world_count)
+    settled = settled_solver(schedule, model, world_count)
     require_batch_memory([model], [settled], [share], chosen, scene, frames_held=scene.frames + 1)
     simulator = Simulator.of_model(model, settled)
     recorder = Recorder(simulator, share.rows_of(chosen))

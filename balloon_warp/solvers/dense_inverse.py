@@ -1,0 +1,74 @@
+"""The global step by a dense inverse: for the GPU, one matrix product for all worlds."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.lanes_types import LANE_COUNT
+from balloon_warp.kernels.linear_systems import InverseTable, multiply_own_inverse, multiply_shared_inverse
+from balloon_warp.model import Model
+from balloon_warp.solvers.step_matrices import StepMatrices
+
+MOST_PARTICLES = 4096
+"""of a balloon: its inverse takes 64 MiB then, and every iteration reads it"""
+
+
+class DenseInverse:
+    """Multiplies by A^-1, balloon by balloon.
+
+    Raises:
+        InputError: a balloon has more than `MOST_PARTICLES`.
+    """
+
+    def __init__(self, model: Model, matrices: StepMatrices):
+        counts = np.diff(model.particle_offsets)
+        largest = int(counts.max())
+        if largest > MOST_PARTICLES:
+            raise InputError(
+                f'solver: "projective" takes balloons of {MOST_PARTICLES:,} particles at most on a GPU (got '
+                f"{largest:,}); use the device cpu, which takes any, or another solver"
+            )
+
+        def array(values: Any, dtype: Any) -> wp.array:
+            return wp.array(np.asarray(values), dtype=dtype, device=model.device)
+
+        self._model = model
+        self._shared = matrices.count == 1
+        self._inverse = InverseTable()
+        self._inverse.balloon = model.particle_balloon
+        self._inverse.particle_offsets = array(model.particle_offsets, wp.int32)
+        self._inverse.entry_offsets = array(np.cumsum([0, *counts[:-1] ** 2]), wp.int32)
+        inverses = [_inverses(matrices.matrix(number), model.particle_offsets) for number in range(matrices.count)]
+        self._inverse.entries = array(np.stack(inverses), float)
+        self._inverse.of_world = array(matrices.of_world, wp.int32)
+
+    @staticmethod
+    def world_bytes(model: Model, matrices: StepMatrices) -> int:
+        """Memory that it keeps for each world."""
+        return 4 * int((np.diff(model.particle_offsets) ** 2).sum()) * matrices.count // model.world_count
+
+    def solve(self, right_sides: wp.array, solutions: wp.array) -> None:
+        """A solution for each right side, both of shape (world_count, particle_count), vec3."""
+        worlds, particles = self._model.world_count, self._model.particle_count
+        wp.launch(
+            multiply_shared_inverse if self._shared else multiply_own_inverse,
+            (-(-worlds // LANE_COUNT) if self._shared else worlds, particles),
+            inputs=[self._inverse, right_sides, solutions],
+            device=self._model.device,
+        )
+
+
+def _inverses(matrix: Any, offsets: list[int]) -> NDArray[np.float32]:
+    """The inverses of the matrix's diagonal blocks, flat, one after the other."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    flat = []
+    for begin, end in pairwise(offsets):
+        factor, _ = dpotrf(matrix[begin:end, begin:end].toarray())  # positive definite: it cannot fail
+        upper = np.triu(dpotri(factor)[0])
+        flat.append((upper + np.triu(upper, 1).T).astype(np.float32).ravel())
+    return np.concatenate(flat)

@@ -1,0 +1,70 @@
+"""The matrices of backward Euler's linear systems: one for each set of masses, damping and spring constants."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.model import Model
+
+FACTORIZED = frozenset({"mass", "damping", "stiffness", "string_stiffness"})
+"""the parameters that the matrices are made of"""
+
+
+class StepMatrices:
+    """The distinct matrices A = M + h C + h^2 L of a model's worlds, and which world has which.
+
+    L is the Laplacian of springs and strings weighted by their constants. A fixed particle has a row and a column of
+    the identity: what it is asked to move, it moves, and nobody else notices.
+    """
+
+    def __init__(self, model: Model):
+        worlds, h = model.world_count, model.step_seconds
+        balloons = model.balloon_count
+        inertia = model.mass.numpy().astype(np.float64) + h * model.damping.numpy().astype(np.float64)
+        parts = [inertia, model.stiffness.numpy().reshape(-1, 3 * balloons)]
+        if model.string_count:
+            parts.append(model.string_stiffness.numpy())
+        rows = np.concatenate([np.broadcast_to(part, (worlds, part.shape[1])) for part in parts], axis=1)
+        self._rows, of_world = np.unique(rows, axis=0, return_inverse=True)
+        self.of_world: NDArray[np.integer] = of_world.reshape(-1)
+        """the matrix of each world, shape (world_count,)"""
+        self._model = model
+        self._balloon = model.particle_balloon.numpy()
+        self._share = model.particle_mass_share.numpy().astype(np.float64)
+        self._ends = model.spring_particles.numpy()
+        self._kind = model.spring_kind.numpy()
+        self._scale = model.spring_stiffness_scale.numpy().astype(np.float64)
+
+    @property
+    def count(self) -> int:
+        """how many distinct ones there are"""
+        return len(self._rows)
+
+    def matrix(self, number: int) -> Any:
+        """One of them, as SciPy's CSC array."""
+        return self._matrix(self._rows[number])
+
+    def pattern(self) -> Any:
+        """A matrix as they are, with no entry that happens to be zero."""
+        return self._matrix(np.ones_like(self._rows[0]), np.ones_like(self._scale))
+
+    def _matrix(self, row: NDArray[np.float64], scale: NDArray[np.float64] | None = None) -> Any:
+        from scipy.sparse import csc_array
+
+        model, h = self._model, self._model.step_seconds
+        inertia, stiffness, strings = np.split(row, [model.balloon_count, 4 * model.balloon_count])
+        moves = self._share > 0.0
+        p, q = self._ends.T
+        weight = h * h * stiffness[3 * self._balloon[p] + self._kind] * (self._scale if scale is None else scale)
+        diagonal = np.where(moves, self._share * inertia[self._balloon], 1.0)
+        np.add.at(diagonal, p, np.where(moves[p], weight, 0.0))
+        np.add.at(diagonal, q, np.where(moves[q], weight, 0.0))
+        held = model.string_particle.numpy()
+        np.add.at(diagonal, held, np.where(moves[held], h * h * strings, 0.0))
+        inner = moves[p] & moves[q]
+        p, q, weight = p[inner], q[inner], weight[inner]
+        own = np.arange(len(diagonal))
+        rows, columns = np.concatenate([own, p, q]), np.concatenate([own, q, p])
+        shape = (len(diagonal), len(diagonal))
+        return csc_array((np.concatenate([diagonal, -weight, -weight]), (rows, columns)), shape=shape)
