@@ -26,6 +26,7 @@ TABLE_WIDTH = 132
 HEADERS = {
     "volume": "volume [m³]",
     "area": "area [m²]",
+    "pressure": "pressure [Pa]",
     "center_height": "center [m]",
     "largest_stretch": "stretch",
     "kinetic_energy": "energy [J]",

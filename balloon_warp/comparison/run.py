@@ -92,7 +92,7 @@ def _measured(
         seconds.append(clock() - began)
         on_frame(number, last)
     record = recorder.read()
-    figures = dict(zip(MEASURES, map(float, record.measures[0]), strict=False))
+    figures: dict[str, float] = dict(zip(MEASURES, map(float, record.measures[0]), strict=False))
     if not record.healthy[0] or figures["largest_stretch"] > MOST_STRETCH:
         raise BlowUpError(
             f"the simulation blew up: by frame {last} a spring is more than {MOST_STRETCH:g} times as long as at rest"
