@@ -216,8 +216,17 @@ def test_the_step_is_the_springs_and_yet_the_gas_is_stable(device: str):
 @wp.kernel
 def _find_load(swelling: wp.array[Swelling], gamma: float, step_seconds: float, load: wp.array[wp.vec3]):
     """Of a mole of helium in the air of a room."""
-    load[0] = gas_load(
-        swelling[0], AIR_PRESSURE, 1.2, 1.0, GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE, 0.004, gamma, 9.81, step_seconds
+    place = wp.tid()
+    load[place] = gas_load(
+        swelling[place],
+        AIR_PRESSURE,
+        1.2,
+        1.0,
+        GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE,
+        0.004,
+        gamma,
+        9.81,
+        step_seconds,
     )
 
 
