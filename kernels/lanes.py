@@ -32,6 +32,7 @@ from balloon_warp.kernels.lanes_state import (
     world_of,
     write_lanes,
 )
+from balloon_warp.kernels.lanes_torsion import pull_of_hinge_lanes
 from balloon_warp.kernels.lanes_types import (
     LANE_COUNT,
     Lanes,
@@ -85,6 +86,8 @@ def pull_of_spring_lanes(
             scale = springs.scales[entry]
         d = points[end >> 2] - point
         force += spring_force_lanes(d, numbers[end & 3], scale, springs.rest_lengths[entry])
+    if springs.hinges.ends.shape[0] > 0:
+        force += pull_of_hinge_lanes(springs.hinges, numbers, points, particle)
     return force
 
 
@@ -132,6 +135,8 @@ def pull_of_rubber_lanes(
             scale,
             springs.rest_lengths[entry],
         )
+    if springs.hinges.ends.shape[0] > 0:
+        force += pull_of_hinge_lanes(springs.hinges, numbers, points, particle)
     return force
 
 

@@ -29,7 +29,8 @@ LOAD = wp.constant(12)
 LOAD_RISE = wp.constant(13)
 SWELLING = wp.constant(14)  # five numbers, as in `gas`
 CORRECTION_LIMIT = wp.constant(19)
-BALLOON_NUMBERS = 20
+TORSION = wp.constant(20)
+BALLOON_NUMBERS = 21
 
 
 @wp.struct
@@ -97,6 +98,8 @@ def read_lanes(
             gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
             lanes.balloons[group, balloon, VISCOSITY][lane] = spring_viscosity(springs, world, balloon)
             lanes.balloons[group, balloon, YIELD_STRETCH][lane] = spring_yield(springs, world, balloon)
+            torsion = springs.hinges.stiffness
+            lanes.balloons[group, balloon, TORSION][lane] = torsion[row_of_world(world, torsion.shape[0]), balloon]
             lanes.balloons[group, balloon, CORRECTION_LIMIT][lane] = springs.limits[
                 row_of_world(world, springs.limits.shape[0])
             ]

@@ -10,6 +10,7 @@ from balloon_warp.kernels.springs import rubber_coefficient, spring_coefficient,
 from balloon_warp.kernels.tables import (
     CHUNK,
     SLICE,
+    HingeTable,
     SpringTable,
     StringTable,
     first_entry,
@@ -18,6 +19,7 @@ from balloon_warp.kernels.tables import (
     spring_viscosity,
     spring_yield,
 )
+from balloon_warp.kernels.torsion import share_of_role, torsion_force, torsion_stiffness, wing_size
 from balloon_warp.kernels.traits import Traits
 
 
@@ -28,6 +30,42 @@ def kind_constant(constants: wp.vec3, kind: wp.int32):
 
 
 @cache
+def hinge_puller(point_at: Any) -> Any:
+    """The function that sums the torsion springs at a particle. Arguments as for `spring_puller`."""
+
+    @wp.func
+    def wing_at(hinges: HingeTable, points: Any, first: wp.int32, hinge: wp.int32, wing: wp.int32):
+        """Where a wing is."""
+        total = wp.vec3()
+        for corner in range(hinges.wing_offsets[2 * hinge + wing], hinges.wing_offsets[2 * hinge + wing + 1]):
+            total += point_at(points, first + hinges.wing_particles[corner])
+        return total / float(wing_size(hinges, hinge, wing))
+
+    @wp.func
+    def pull_of_hinges(
+        hinges: HingeTable, points: Any, first: wp.int32, world: wp.int32, balloon: wp.int32, particle: wp.int32
+    ):
+        """Net force of the hinges that a particle belongs to [N]; particle p stands at `points[first + p]`."""
+        force = wp.vec3()
+        stiffness = torsion_stiffness(hinges, world, balloon)
+        for entry in range(hinges.particle_offsets[particle], hinges.particle_offsets[particle + 1]):
+            hinge = hinges.particle_roles[entry] >> 2
+            role = hinges.particle_roles[entry] & 3
+            force += torsion_force(
+                role,
+                point_at(points, first + hinges.ends[hinge][0]),
+                point_at(points, first + hinges.ends[hinge][1]),
+                wing_at(hinges, points, first, hinge, 0),
+                wing_at(hinges, points, first, hinge, 1),
+                hinges.rest_angles[hinge],
+                share_of_role(hinges, hinge, role) * stiffness,
+            )
+        return force
+
+    return pull_of_hinges
+
+
+@cache
 def spring_puller(traits: Traits, point_at: Any) -> Any:
     """The function that sums a particle's springs; without the scales if they are all 1, and without looking at
     velocities if no spring is viscous.
@@ -35,6 +73,8 @@ def spring_puller(traits: Traits, point_at: Any) -> Any:
     Args:
         point_at: the function that reads a point, of an array or a tile.
     """
+
+    pull_of_hinges = hinge_puller(point_at)
 
     @wp.func
     def pull_of_springs(
@@ -73,6 +113,8 @@ def spring_puller(traits: Traits, point_at: Any) -> Any:
                 else:
                     coefficient = spring_coefficient(squared_length(d), scale, length)
                 force += kind_constant(constants, end & 3) * coefficient * d
+        if wp.static(traits.torsion):
+            force += pull_of_hinges(springs.hinges, points, first, world, balloon, particle)
         return force
 
     return pull_of_springs

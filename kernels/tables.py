@@ -14,6 +14,23 @@ CHUNK = wp.constant(4)
 
 
 @wp.struct
+class HingeTable:
+    """The edges between two faces, and what each particle is to them; empty without torsion springs."""
+
+    ends: wp.array[wp.vec2i]
+    wing_offsets: wp.array[wp.int32]
+    """where the corners of hinge n's wings begin: entries 2 n and 2 n + 1"""
+    wing_particles: wp.array[wp.int32]
+    rest_angles: wp.array[float]
+    """[rad]"""
+    particle_offsets: wp.array[wp.int32]
+    """where each particle's roles begin, and after the last, where they end"""
+    particle_roles: wp.array[wp.int32]
+    """four times the hinge, plus the particle's role in it"""
+    stiffness: wp.array2d[float]
+
+
+@wp.struct
 class SpringTable:
     """The springs of each particle, each spring so twice.
 
@@ -34,6 +51,7 @@ class SpringTable:
     stiffness: wp.array3d[float]
     viscosity: wp.array2d[float]
     yield_stretch: wp.array2d[float]
+    hinges: HingeTable
     limits: wp.array[float]
     """strains at which springs are corrected"""
     yields_at_limit: bool

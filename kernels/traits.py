@@ -10,6 +10,8 @@ class Traits(NamedTuple):
     """springs of one kind differ"""
     rubber: bool = False
     """springs are viscous, or pull no more once they are overextended"""
+    torsion: bool = False
+    """angles between faces are kept"""
     corrected: bool = False
     """springs that are too long after a step are shortened"""
     in_water: bool = False

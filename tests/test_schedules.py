@@ -81,7 +81,7 @@ def afloat() -> Scene:
 def with_rubber() -> Scene:
     """Everything, and springs that are viscous and stop pulling, the second balloon's sooner."""
     rubber = Stiffness(variation=0.3, viscosity=2e-3, yield_stretch=1.4, gradient=(0.5, 1.5))
-    other = Stiffness(viscosity=5e-3, yield_stretch=1.02)
+    other = Stiffness(viscosity=5e-3, yield_stretch=1.02, torsion=0.05)
     return _with_stiffness(everything(), rubber, other)
 
 
@@ -99,6 +99,11 @@ CORRECTED = {"correction": "provot", "correction_limit": 0.01, "correction_sweep
 def corrected(correction: Literal["provot", "tarantino"]) -> Scene:
     """Everything, with springs that reach their limit soon."""
     return everything().model_copy(update=CORRECTED | {"correction": correction})
+
+
+def with_torsion() -> Scene:
+    """Everything, and angles that are kept, of quads and of pentagons."""
+    return _with_stiffness(everything(), Stiffness(variation=0.3, torsion=0.02), Stiffness(torsion=0.05))
 
 
 def by_forward_euler() -> Scene:
@@ -142,6 +147,7 @@ SCENES = {
     "bare": bare(),
     "afloat": afloat(),
     "rubber": with_rubber(),
+    "torsion": with_torsion(),
     "provot": corrected("provot"),
     "tarantino": corrected("tarantino"),
     "forward Euler": by_forward_euler(),
@@ -301,7 +307,7 @@ PER_WORLD = ["stiffness", "mass", "helium", "damping", "keyframe_values", "gravi
 PER_WORLD += ["sphere_mass", "sphere_radius", "sphere_penalty", "string_length", "string_stiffness"]
 PER_WORLD += ["string_anchor", "ground_height", "ground_friction", "ground_restitution"]
 
-PER_WORLD_BEYOND_OCTETS = ["viscosity", "yield_stretch", "correction_limit"]
+PER_WORLD_BEYOND_OCTETS = ["torsion", "viscosity", "yield_stretch", "correction_limit"]
 PER_WORLD_IN_AIR = ["initial_gas_amounts", "gamma", "molar_mass", "drag_coefficient", "tube_conductance"]
 PER_WORLD_IN_AIR += ["air_pressure", "air_temperature", "air_density", "wind"]
 

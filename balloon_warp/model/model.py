@@ -70,6 +70,8 @@ class Model:
     # balloons
     stiffness: wp.array
     """spring constants by kind [N/m], shape (W, balloon_count, 3), float32"""
+    torsion: wp.array
+    """[N m/rad], shape (W, balloon_count), float32"""
     viscosity: wp.array
     """damping constants of springs over their spring constants [s], shape (W, balloon_count), float32"""
     yield_stretch: wp.array

@@ -37,6 +37,7 @@ def scene_parameters(scene: Scene) -> Parameters:
     return {
         "stiffness": np.array([[[getattr(balloon.stiffness, kind) for kind in KINDS] for balloon in balloons]]),
         "correction_limit": np.array([scene.correction_limit]),
+        "torsion": np.array([[balloon.stiffness.torsion for balloon in balloons]]),
         "viscosity": np.array([[balloon.stiffness.viscosity for balloon in balloons]]),
         "yield_stretch": np.array([[balloon.stiffness.yield_stretch or NEVER_YIELDS for balloon in balloons]]),
         "mass": np.array([[balloon.mass for balloon in balloons]]),
@@ -168,7 +169,7 @@ def _numbered_places(scene: Scene) -> Iterator[tuple[str, Place]]:
             yield f"balloon.{number}.position.{axis}", ("initial_balloon_positions", (number, axis))
         for kind, name in enumerate(KINDS):
             yield f"balloon.{number}.stiffness.{name}", ("stiffness", (number, kind))
-        for field in ("viscosity", "yield_stretch"):
+        for field in ("torsion", "viscosity", "yield_stretch"):
             yield f"balloon.{number}.stiffness.{field}", (field, (number,))
         # As in overrides, a number takes the place of all keyframes, and a keyframe's value has a path of its own.
         field = balloon.inflation.keyframed

@@ -16,6 +16,7 @@ from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs, build_springs
+from balloon_warp.springs.hinges import Hinges, build_hinges
 
 LEAST_SIZE, LARGEST_SIZE = 1.0e-6, 1.0e9
 """of a balloon [m]"""
@@ -35,6 +36,11 @@ class BalloonShape:
     """each spring's constant over that of its kind, shape (spring_count,)"""
     mass_share: NDArray[np.float64]
     """each particle's part of the balloon's mass, shape (particle_count,); 0 for a particle that does not move"""
+
+    @cached_property
+    def hinges(self) -> Hinges:
+        """Where torsion springs would be."""
+        return build_hinges(self.mesh)
 
     @cached_property
     def closed(self) -> bool:

@@ -45,7 +45,7 @@ def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int
     steps = []
     for number, shape in enumerate(shapes):
         constants, particles = _constants(number, scene, held, parameters)
-        peak = _peak_sums(constants, np.unique(_unit_sums(shape, particles), axis=0))
+        peak = _peak_sums(constants, np.unique(_unit_sums(shape, particles, bool(parameters["torsion"].any())), axis=0))
         steps.append(float(np.min(_steps(peak, number, scene, parameters))))
     return min(steps)
 
@@ -58,7 +58,7 @@ def limiting_particle(
     limits = []
     for number, shape in enumerate(shapes):
         constants, particles = _constants(number, scene, held, parameters)
-        sums = _unit_sums(shape, particles) @ constants[0]
+        sums = _unit_sums(shape, particles, bool(parameters["torsion"].any())) @ constants[0]
         if len(sums):
             step = float(_steps(sums.max(), number, scene, parameters)[0])
             limits.append((step, number, int(np.flatnonzero(shape.mass_share)[sums.argmax()])))
@@ -100,12 +100,13 @@ def choose_substeps(scene: Scene, stable: float) -> int:
 def _constants(
     number: int, scene: Scene, held: Sequence[int], parameters: Parameters
 ) -> tuple[NDArray[np.float64], list[int]]:
-    """One balloon's constants of each kind of spring and of each of its strings [N/m], and the water's weight [N/m^3],
-    shape (W, 3 + strings + 1); and the particles that the strings hold."""
+    """One balloon's constants of each kind of spring and of each of its strings [N/m], of torsion springs [N m/rad] and
+    of the water [N/m^3], its weight, shape (W, 3 + strings + 2); and the particles that the strings hold."""
     strings = [n for n, string in enumerate(scene.string) if string.balloon == number]
     constants = _beside(
         parameters["stiffness"][:, number],
         parameters["string_stiffness"][:, strings],
+        parameters["torsion"][:, number, None],
         (parameters["water_density"] * np.abs(parameters["gravity"]))[:, None],
     )
     return constants, [held[string] for string in strings]
@@ -126,9 +127,10 @@ def _accurate_substeps(scene: Scene, frame_seconds: float) -> int:
     return max(ceil(frame_seconds / longest - 1.0e-6), 1)
 
 
-def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:
+def _unit_sums(shape: BalloonShape, held: Sequence[int], with_torsion: bool) -> NDArray[np.float64]:
     """The sum of spring constants at each particle that moves, over its part of the mass, for a constant of 1 of one
-    kind of spring, of one string, or of the water's weight: shape (moving particles, 3 + strings + 1)."""
+    kind of spring, of one string, of torsion springs, or of the water's weight: shape (moving particles, 3 + strings +
+    2)."""
     particles, pairs = shape.mesh.vertex_count, shape.springs.pairs
     columns = []
     for kind in range(3):
@@ -136,9 +138,23 @@ def _unit_sums(shape: BalloonShape, held: Sequence[int]) -> NDArray[np.float64]:
         columns.append(np.bincount(pairs[:, 0], scale, particles) + np.bincount(pairs[:, 1], scale, particles))
     for particle in held:
         columns.append(np.where(np.arange(particles) == particle, 0.5, 0.0))  # its other end is fixed
+    columns.append(_torsion_around_particles(shape) if with_torsion else np.zeros(particles))
     columns.append(_areas_around_particles(shape.mesh))  # half of twice the area: the water's end is fixed, too
     moves = shape.mass_share > 0.0
     return np.stack(columns, axis=1)[moves] / shape.mass_share[moves, None]
+
+
+def _torsion_around_particles(shape: BalloonShape) -> NDArray[np.float64]:
+    """Half the row sums of the torsion springs' stiffness matrix at rest, for a constant of 1 N m/rad [N/m], shape
+    (particle_count,): a hinge has k g_p g_q for particles p and q, where g is the gradient of its angle."""
+    hinges = shape.hinges
+    sizes = hinges.wing_sizes
+    gradients = hinges.gradients(shape.mesh.points)
+    rows = 0.5 * gradients * gradients.sum(axis=1, keepdims=True)
+    sums = np.zeros(shape.mesh.vertex_count)
+    np.add.at(sums, hinges.ends, rows[:, :2])
+    np.add.at(sums, hinges.wing_particles, np.repeat((rows[:, 2:] / sizes).ravel(), sizes.ravel()))
+    return sums
 
 
 def _peak_sums(constants: NDArray[np.float64], unit_sums: NDArray[np.float64]) -> NDArray[np.float64]:

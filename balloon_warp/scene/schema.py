@@ -48,6 +48,8 @@ class Stiffness(Table):
     """across faces"""
     flexion: NonNegative = 2.0
     """past one particle, against bending"""
+    torsion: NonNegative = 0.0
+    """of each edge between two faces, against a change of the angle between them [N m/rad]"""
     variation: UnitInterval = 0.0
     """each spring's constant is drawn uniformly from k (1 - variation) to k (1 + variation)"""
     seed: Annotated[int, Field(ge=0)] = 0

@@ -12,12 +12,13 @@ from balloon_warp.kernels.contact import move_spheres, resolve_contacts
 from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.kernels.motion import euler_kernel, set_body_forces
 from balloon_warp.kernels.springs import add_rubber_forces, add_spring_forces, add_string_forces
+from balloon_warp.kernels.torsion import add_torsion_forces
 from balloon_warp.kernels.water import add_water_forces, add_water_loads
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.correct import Corrector
 from balloon_warp.schedules.scatter_air import ScatterAir
-from balloon_warp.schedules.tables import body_table, face_table, water_table
+from balloon_warp.schedules.tables import body_table, face_table, hinge_table, water_table
 from balloon_warp.schedules.traits import model_traits
 
 
@@ -32,6 +33,7 @@ class ScatterSchedule:
         self.model = model
         self._traits = model_traits(model)
         self._corrector = Corrector(model)
+        self._hinges = hinge_table(model)
         self.forces = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
         """net force on each particle [N], shape (world_count, particle_count)"""
         self._face_centers = wp.zeros((worlds, model.face_count), dtype=wp.vec3, device=device)
@@ -81,6 +83,7 @@ class ScatterSchedule:
         """Fill `forces` with the net force on each particle."""
         self._set_body_forces(state, time_in_frame)
         self._add_spring_forces(state)
+        self._add_torsion_forces(state)
         self._add_string_forces(state)
         self._add_water_forces(state)
 
@@ -137,6 +140,12 @@ class ScatterSchedule:
             self._launch(add_rubber_forces, dim, *springs, *constants, *rubber, *moving, self.forces)
         else:
             self._launch(add_spring_forces, dim, *springs, *constants, state.points, self.forces)
+
+    def _add_torsion_forces(self, state: State) -> None:
+        m = self.model
+        if self._traits.torsion:
+            dim = m.world_count, self._hinges.ends.shape[0]
+            self._launch(add_torsion_forces, dim, self._hinges, m.particle_balloon, state.points, self.forces)
 
     def _add_string_forces(self, state: State) -> None:
         m = self.model

@@ -14,6 +14,7 @@ from balloon_warp.kernels.tables import (
     BodyTable,
     CorrectionTable,
     FaceTable,
+    HingeTable,
     ObstacleTable,
     SpringTable,
     StringTable,
@@ -21,6 +22,7 @@ from balloon_warp.kernels.tables import (
     WorldState,
 )
 from balloon_warp.model import Model, State
+from balloon_warp.schedules.traits import model_traits
 from balloon_warp.springs.coloring import color_springs
 
 
@@ -91,7 +93,37 @@ def spring_table(model: Model, ends: SpringEnds) -> Any:
     table.viscosity = model.viscosity
     table.yield_stretch = model.yield_stretch
     table.limits = model.correction_limit
+    table.hinges = hinge_table(model)
     table.yields_at_limit = model.scene.correction == "tarantino"
+    return table
+
+
+def hinge_table(model: Model) -> Any:
+    """The hinges of balloons, where there are torsion springs, and the roles of each particle in them."""
+    hinges = [shape.hinges for shape in model.shapes] if model_traits(model).torsion else []
+    offsets = model.particle_offsets[:-1]
+    empty = np.zeros(0, dtype=np.int64)
+    ends = np.concatenate([empty.reshape(0, 2), *(h.ends + first for h, first in zip(hinges, offsets, strict=False))])
+    wings = np.concatenate([empty, *(h.wing_particles + first for h, first in zip(hinges, offsets, strict=False))])
+    sizes = np.concatenate([empty, *(h.wing_sizes.ravel() for h in hinges)])
+    numbers = np.arange(len(ends))
+    particles = np.concatenate([ends[:, 0], ends[:, 1], wings])
+    of_wings = np.stack([4 * numbers + 2, 4 * numbers + 3], axis=1).ravel()
+    roles = np.concatenate([4 * numbers, 4 * numbers + 1, np.repeat(of_wings, sizes)])
+    order = np.lexsort([roles, particles])
+
+    def array(values: NDArray, dtype: Any) -> Any:
+        return wp.array(values, dtype=dtype, device=model.device)
+
+    table = HingeTable()
+    table.ends = array(ends, wp.vec2i)
+    table.wing_offsets = array(np.cumsum(np.append(0, sizes)), wp.int32)
+    table.wing_particles = array(wings, wp.int32)
+    angles = [h.angles(shape.mesh.points) for h, shape in zip(hinges, model.shapes, strict=False)]
+    table.rest_angles = array(np.concatenate([np.zeros(0), *angles]), float)
+    table.particle_offsets = array(np.searchsorted(particles[order], np.arange(model.particle_count + 1)), wp.int32)
+    table.particle_roles = array(roles[order], wp.int32)
+    table.stiffness = model.torsion
     return table
 
 

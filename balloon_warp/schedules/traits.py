@@ -21,6 +21,7 @@ def model_traits(model: Model) -> Traits:
         rubber=model.scene.correction == "tarantino"
         or ever("viscosity", lambda t: t > 0.0)
         or ever("yield_stretch", lambda stretch: stretch < NEVER_YIELDS),
+        torsion=ever("torsion", lambda stiffness: stiffness > 0.0),
         corrected=model.scene.correction != "none",
         in_water=model.has_water,
         in_air=model.in_air,
@@ -38,6 +39,8 @@ def beyond_basics(model: Model) -> str | None:
         return "pressure, gas or drag in air"
     if traits.corrected:
         return "position correction"
+    if traits.torsion:
+        return "torsion springs"
     if traits.rubber:
         return "springs that are viscous or yield"
     if traits.forward_euler:
