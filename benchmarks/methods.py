@@ -34,6 +34,7 @@ METHODS = [
     Method("the paper's step"),
     Method("fresh normals", ("normals=fresh",)),
     Method("forward Euler, in as many substeps", ("solver=forward_euler", "substeps=16")),
+    Method("projective", ("solver=projective",)),
     Method("viscous springs", ("balloon.stiffness.viscosity=0.0002",)),
     Method("overextended springs stop pulling", ("balloon.stiffness.yield_stretch=2.0",)),
     Method("Provot's correction", ("correction=provot", "correction_limit=0.25")),
@@ -59,7 +60,7 @@ class Row(NamedTuple):
     ratio: float | None
     """cost over that of the first method"""
     gather_ratio: float | None
-    """the same where both run in `gather`, which every method can"""
+    """the same where both run in `gather`, which every explicit method can"""
     seconds: float
     """for a simulated second; 0 where it blew up"""
     run: Run
@@ -94,8 +95,8 @@ def measure_methods(
                 done.setdefault((method, schedule), []).append(run)
                 on_run(run)
     for method in methods:
-        if done[method, "gather"][-1].outcome == "refused":
-            raise InputError(f"{method.name}: {done[method, 'gather'][-1].sentence}")
+        if (run := done[method, method.schedule][-1]).outcome == "refused":
+            raise InputError(f"{method.name}: {run.sentence}")
     seconds = {key: _seconds(runs) for key, runs in done.items()}
     first = methods[0]
     return [
