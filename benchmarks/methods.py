@@ -39,6 +39,7 @@ METHODS = [
     Method("overextended springs stop pulling", ("balloon.stiffness.yield_stretch=2.0",)),
     Method("Provot's correction", ("correction=provot", "correction_limit=0.25")),
     Method("Tarantino's correction", ("correction=tarantino", "correction_limit=0.25")),
+    Method("torsion springs", ("balloon.stiffness.torsion=0.01",)),
     Method("stiffness that varies", ("balloon.stiffness.variation=0.5",)),
     Method("given pressure", ("balloon.inflation={kind='pressure', pressure=[[0.2, 0.0], [1.7, 370.0]]}",)),
     Method(
