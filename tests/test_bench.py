@@ -193,3 +193,16 @@ def test_blender_simulates_the_same_balloon():
     moved = peer.points
     assert 1e-4 < np.abs(moved - start).max() < 0.5
     assert np.linalg.norm(moved - moved.mean(axis=0), axis=1).min() > 0.4
+
+
+def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch):
+    """Smaller steps come closer to the reference, by either method; a row each."""
+    from balloon_warp.benchmarks import solvers
+
+    monkeypatch.setattr(solvers, "STIFFNESS", (1.0,))
+    monkeypatch.setattr(solvers, "STEPS", ((1, 4), (8, 4)))
+    monkeypatch.setattr(solvers, "WORLDS", {"cpu": (1,)})
+    monkeypatch.setattr(solvers, "FRAMES", 4)
+    explicit, large, small = solvers.measure_solvers(wp.get_device("cpu"))
+    assert (large.method, large.substeps, large.iterations) == ("projective", 1, 4)
+    assert 0.0 < explicit.error < small.error < 0.5 * large.error
