@@ -12,12 +12,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.block import count_frame_in_block
+from balloon_warp.kernels.block_slots import SlotTable, slot_functions
 from balloon_warp.kernels.block_spheres import sphere_functions
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, penalty_force
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area, push
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
-from balloon_warp.kernels.springs import spring_coefficient, squared_length
 from balloon_warp.kernels.tables import (
     BodyTable,
     FaceTable,
@@ -39,21 +39,6 @@ from balloon_warp.kernels.warps import (
 )
 
 
-@wp.struct
-class SlotTable:
-    """The springs of each particle in a fixed number of slots for each kind, filled up with springs that do nothing."""
-
-    neighbors: wp.array2d[wp.int32]
-    """the particle at the other end, shape (slot_count, particle_count)"""
-    scales: wp.array2d[float]
-    """a spring's constant over that of its kind, shape (slot_count, particle_count)"""
-    rest_lengths: wp.array2d[float]
-    """times the scale [m], shape (slot_count, particle_count)"""
-    stiffness: wp.array3d[float]
-    faces: wp.array2d[wp.int32]
-    """the faces around each particle, -1 where there are no more, shape (face_slot_count, particle_count)"""
-
-
 @cache
 def resident_kernel(
     threads: int,
@@ -72,28 +57,13 @@ def resident_kernel(
     """A kernel for just what a scene has."""
     face_capacity = threads * face_turns
     capacity = threads * particles_a_thread
-    structural_slots = kind_slots[0]
-    shear_end = structural_slots + kind_slots[1]
-    slots = shear_end + kind_slots[2]
-    Indices = wp.types.vector(length=slots, dtype=wp.int32)  # noqa: N806 - a type
-    Numbers = wp.types.vector(length=slots, dtype=wp.float32)  # noqa: N806
-    sphere_board, begin_spheres, moved_sphere, penalty_of, post_force, end_spheres = sphere_functions(
+    Springs, read_springs, pull_of_slots, _ = slot_functions(kind_slots, springs_vary)  # noqa: N806 - a type
+    sphere_board, begin_spheres, moved_sphere, _, penalty_of, post_force, end_spheres = sphere_functions(
         threads, max(sphere_count, 1)
     )
     warps = threads // int(WARP_THREADS)
     area_sums = 2 * warps
     two = particles_a_thread == 2
-
-    @wp.struct
-    class Springs:
-        """The springs of a particle."""
-
-        structural: float
-        shear: float
-        flexion: float
-        neighbors: Indices
-        scales: Numbers
-        rests: Numbers  # rest length times spring constant [N]
 
     @wp.struct
     class Body:
@@ -106,48 +76,6 @@ def resident_kernel(
         damping: float
         response: float  # velocity gained in a substep for each newton
         ramp: wp.vec2  # the inflation's
-
-    @wp.func
-    def read_springs(springs: SlotTable, world: wp.int32, body: Body):
-        """Into registers; constants[kind] * scale is a spring's own."""
-        mine = Springs()
-        row = row_of_world(world, springs.stiffness.shape[0])
-        mine.structural = springs.stiffness[row, body.balloon, 0]
-        mine.shear = springs.stiffness[row, body.balloon, 1]
-        mine.flexion = springs.stiffness[row, body.balloon, 2]
-        for slot in range(slots):
-            mine.neighbors[slot] = springs.neighbors[slot, body.number] & 0xFFFF  # tells the compiler: not negative
-            mine.rests[slot] = springs.rest_lengths[slot, body.number]
-            if wp.static(springs_vary):
-                mine.scales[slot] = springs.scales[slot, body.number]
-        for slot in range(structural_slots):
-            mine.rests[slot] *= mine.structural
-        for slot in range(structural_slots, shear_end):
-            mine.rests[slot] *= mine.shear
-        for slot in range(shear_end, slots):
-            mine.rests[slot] *= mine.flexion
-        return mine
-
-    @wp.func
-    def pull_of_slot(points: Any, point: wp.vec3, springs: Springs, slot: wp.int32, stiffness: float):
-        """Force of one spring [N]."""
-        d = points[springs.neighbors[slot]] - point
-        constant = stiffness
-        if wp.static(springs_vary):
-            constant *= springs.scales[slot]
-        return spring_coefficient(squared_length(d), constant, springs.rests[slot]) * d
-
-    @wp.func
-    def pull_of_slots(points: Any, point: wp.vec3, springs: Springs):
-        """Net force of the springs [N]."""
-        force = wp.vec3()
-        for slot in range(structural_slots):
-            force += pull_of_slot(points, point, springs, slot, springs.structural)
-        for slot in range(structural_slots, shear_end):
-            force += pull_of_slot(points, point, springs, slot, springs.shear)
-        for slot in range(shear_end, slots):
-            force += pull_of_slot(points, point, springs, slot, springs.flexion)
-        return force
 
     @wp.func
     def measure_faces(faces: FaceTable, points: Any, lane: wp.int32, centers: Any, area_vectors: Any):
@@ -373,7 +301,7 @@ def resident_kernel(
         """By the particles' threads: one frame."""
         ground = wp.vec2(ground_height(obstacles, world), ground_friction(obstacles, world))
         body = read_body(bodies, state, world, lane, step_seconds)
-        springs = read_springs(slot_table, world, body)
+        springs = read_springs(slot_table, world, body.balloon, body.number)
         point = state.points[world, body.number]
         velocity = state.velocities[world, body.number]
         aim = wp.vec3()
@@ -385,7 +313,7 @@ def resident_kernel(
         aim2 = wp.vec3()
         if wp.static(two):
             body2 = read_body(bodies, state, world, lane + threads, step_seconds)
-            springs2 = read_springs(slot_table, world, body2)
+            springs2 = read_springs(slot_table, world, body2.balloon, body2.number)
             point2 = state.points[world, body2.number]
             velocity2 = state.velocities[world, body2.number]
             put(even, lane + threads, point2)

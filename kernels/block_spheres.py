@@ -19,20 +19,10 @@ from balloon_warp.kernels.tables import (
     ground_restitution,
     row_of_world,
 )
-from balloon_warp.kernels.warps import WARP_THREADS, warp_sum_of_stamped, warp_sum_of_vectors
+from balloon_warp.kernels.warps import WARP_THREADS, shared_words, warp_sum_of_stamped, warp_sum_of_vectors
 
 NEVER = wp.constant(-2)
 """a stamp that no substep has"""
-
-
-BOARD = """
-#if defined(__CUDA_ARCH__)
-    __shared__ float4 board[ENTRIES];
-    return (wp::uint64)board;
-#else
-    return 0;
-#endif
-"""
 
 
 @wp.func_native(
@@ -76,10 +66,7 @@ def sphere_functions(threads: int, sphere_count: int) -> tuple[Any, ...]:
     settings = motions + 2 * sphere_count
     entries = settings + sphere_count
 
-    @wp.func_native(BOARD.replace("ENTRIES", str(entries)))
-    def sphere_board() -> wp.uint64:
-        """The board of the block."""
-        ...
+    sphere_board = shared_words(4 * entries)
 
     @wp.func
     def post_of(substep: wp.int32, warp: wp.int32, sphere: wp.int32):
@@ -149,6 +136,13 @@ def sphere_functions(threads: int, sphere_count: int) -> tuple[Any, ...]:
         return center, velocity, place[3]
 
     @wp.func
+    def sphere_now(board: wp.uint64, sphere: wp.int32, substep: wp.int32):
+        """Center, velocity and radius of a sphere that has moved in this substep, after a barrier."""
+        place = read_entry(board, place_of(substep, sphere))
+        motion = read_entry(board, motion_of(substep, sphere))
+        return wp.vec3(place[0], place[1], place[2]), wp.vec3(motion[0], motion[1], motion[2]), place[3]
+
+    @wp.func
     def penalty_of(board: wp.uint64, sphere: wp.int32):
         return read_entry(board, settings + sphere)[3]
 
@@ -172,4 +166,4 @@ def sphere_functions(threads: int, sphere_count: int) -> tuple[Any, ...]:
                     state.sphere_velocities[world, sphere] = wp.vec3(motion[0], motion[1], motion[2])
                     state.sphere_forces[world, sphere] = force
 
-    return sphere_board, begin_spheres, moved_sphere, penalty_of, post_force, end_spheres
+    return sphere_board, begin_spheres, moved_sphere, sphere_now, penalty_of, post_force, end_spheres

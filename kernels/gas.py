@@ -68,6 +68,15 @@ def area_vector_in_face(
 
 
 @wp.func
+def area_vector_in_quad(before: wp.vec3, opposite: wp.vec3, after: wp.vec3):
+    """What a quad adds to the area vector of a corner [m^2], from that corner to the others.
+
+    `area_vector_in_face` with c = (b + o + d) / 4 and A = 1/2 o x (b - d): (d - b) x (b + d + 2 o) / 24.
+    """
+    return wp.cross(after - before, before + after + 2.0 * opposite) / 24.0
+
+
+@wp.func
 def cone_volume(center: wp.vec3, area_vector: wp.vec3):
     """Of the cone from the origin to a face [m^3]."""
     return wp.dot(center, area_vector) / 3.0

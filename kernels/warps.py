@@ -1,10 +1,34 @@
 """What the threads of a warp and of a block do together on a GPU. On a CPU a block has one thread."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
 
 WARP_THREADS = wp.constant(32)
+Five = wp.types.vector(length=5, dtype=wp.float32)
+
+
+SHARED_WORDS = """
+#if defined(__CUDA_ARCH__)
+    __shared__ float4 words[(COUNT + 3) / 4];
+    return (wp::uint64)words;
+#else
+    return 0;
+#endif
+"""
+
+
+@cache
+def shared_words(count: int) -> Any:
+    """A function that returns the address of so many words of shared memory, the same ones wherever it is called."""
+
+    @wp.func_native(SHARED_WORDS.replace("COUNT", str(count)))
+    def words() -> wp.uint64:
+        """Their address."""
+        ...
+
+    return words
 
 
 @wp.func_native(
@@ -88,6 +112,63 @@ def warp_sum_of_vectors(v: wp.vec3) -> wp.vec3:
 def warp_sum_of_stamped(entries: wp.uint64, count: wp.int32, stamp: float) -> wp.vec3:
     """The sum of the vectors among so many entries of four words whose fourth is the stamp; by all threads of a warp,
     which get the same to the last bit every time."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    // As for vectors: threads share the numbers out among them, then each adds up one.
+    const unsigned all = 0xffffffffu;
+    const bool upper_half = threadIdx.x & 16, upper_quarter = threadIdx.x & 8, upper_eighth = threadIdx.x & 4;
+    float halves[4], quarters[2];
+    for (int n = 0; n < 4; ++n) {
+        const float low = v[n], high = n == 0 ? v[4] : 0.0f;
+        halves[n] = (upper_half ? high : low) + __shfl_xor_sync(all, upper_half ? low : high, 16);
+    }
+    for (int n = 0; n < 2; ++n) {
+        const float low = halves[n], high = halves[n + 2];
+        quarters[n] = (upper_quarter ? high : low) + __shfl_xor_sync(all, upper_quarter ? low : high, 8);
+    }
+    float one = (upper_eighth ? quarters[1] : quarters[0])
+        + __shfl_xor_sync(all, upper_eighth ? quarters[0] : quarters[1], 4);
+    one += __shfl_xor_sync(all, one, 2);
+    one += __shfl_xor_sync(all, one, 1);
+    if ((threadIdx.x & 3) == 0) {
+        ((float*)words)[first + (threadIdx.x & 31) / 4] = one;
+    }
+#endif
+    """
+)
+def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five):
+    """The sums over the threads of the warp into shared words, from `first` on, eight numbers of which the last three
+    are 0; by all threads of the warp."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    const unsigned all = 0xffffffffu;
+    const int lane = threadIdx.x & 31;
+    float total = 0.0f;
+    for (int n = lane; n < 8 * count; n += 32) {
+        total += ((const float*)words)[first + n];
+    }
+    total += __shfl_xor_sync(all, total, 16);
+    total += __shfl_xor_sync(all, total, 8);
+    wp::vec_t<5, float> sums;
+    for (int n = 0; n < 5; ++n) {
+        sums[n] = __shfl_sync(all, total, n);
+    }
+    return sums;
+#else
+    return wp::vec_t<5, float>();
+#endif
+    """
+)
+def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
+    """The sums of what so many warps put, by all threads of a warp, which get the same to the last bit every time."""
     ...
 
 

@@ -4,10 +4,11 @@ from typing import Protocol
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.block import BlockSchedule, fits_in_block, thread_a_particle
+from balloon_warp.schedules.block import BlockSchedule, fits_in_block
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.octets import OctetsSchedule
+from balloon_warp.schedules.residence import thread_a_particle
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.schedules.traits import beyond_basics
 

@@ -9,9 +9,11 @@ from balloon_warp.kernels.gather import force_kernel
 from balloon_warp.kernels.gather_air import finish_particles, start_particles, weigh_gases
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
-from balloon_warp.schedules.refresh import GPU_SUM_THREADS
 from balloon_warp.schedules.tables import air_table, body_table, face_table, obstacle_table, string_table, water_table
 from balloon_warp.schedules.traits import model_traits
+
+WEIGHING_THREADS = 256
+"""that sum up a balloon on a GPU; more would have too few registers"""
 
 
 class GatherAir:
@@ -78,7 +80,7 @@ class GatherAir:
                 state.sphere_positions,
                 *(state.inflation_loads, state.pressures),
             ],
-            block_dim=GPU_SUM_THREADS if m.device.is_cuda else 1,
+            block_dim=WEIGHING_THREADS if m.device.is_cuda else 1,
             device=m.device,
         )
         self._launch(

@@ -6,9 +6,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.block_resident import SlotTable
+from balloon_warp.kernels.block_slots import SlotTable
 from balloon_warp.model import Model
 from balloon_warp.schedules.banks import spread_over_banks
+from balloon_warp.schedules.rings import Ring
 from balloon_warp.schedules.tables import SpringEnds
 
 
@@ -18,10 +19,17 @@ def kind_slots(ends: SpringEnds) -> tuple[int, int, int]:
     return structural, shear, flexion
 
 
-def slot_table(model: Model, ends: SpringEnds) -> Any:
-    """The table; slots that are left over hold a spring of no stiffness from the particle to itself."""
+def slot_table(model: Model, ends: SpringEnds, ring: Ring | None = None) -> Any:
+    """The table; slots that are left over hold a spring of no stiffness from the particle to itself.
+
+    Args:
+        ring: in which structural and shear springs go around each particle, where that matters.
+    """
     neighbors, scales, rest_lengths = (
-        np.concatenate(parts) for parts in zip(*(_slots_of_kind(ends, kind) for kind in range(3)), strict=True)
+        np.concatenate(parts)
+        for parts in zip(
+            *(_slots_of_kind(ends, kind, ring[kind] if ring and kind < 2 else None) for kind in range(3)), strict=True
+        )
     )
 
     def array(values: NDArray, dtype: Any) -> Any:
@@ -32,6 +40,7 @@ def slot_table(model: Model, ends: SpringEnds) -> Any:
     table.scales = array(scales, float)
     table.rest_lengths = array(scales * rest_lengths, float)
     table.stiffness = model.stiffness
+    table.valences = array(ends.by_kind[:, 0], wp.int32)
     table.faces = array(_face_slots(model), wp.int32)
     return table
 
@@ -46,7 +55,7 @@ def _face_slots(model: Model) -> NDArray[np.int64]:
     return slots
 
 
-def _slots_of_kind(ends: SpringEnds, kind: int) -> tuple[NDArray, NDArray, NDArray]:
+def _slots_of_kind(ends: SpringEnds, kind: int, ring: NDArray[np.int64] | None) -> tuple[NDArray, NDArray, NDArray]:
     """Neighbors, scales and rest lengths, each of shape (slot_count, particle_count)."""
     counts = ends.by_kind[:, kind]
     shape = counts.max(), len(counts)
@@ -58,9 +67,20 @@ def _slots_of_kind(ends: SpringEnds, kind: int) -> tuple[NDArray, NDArray, NDArr
     neighbors[slot, particle] = ends.neighbor[of_kind]
     scales[slot, particle] = ends.scale[of_kind]
     rest_lengths[slot, particle] = ends.rest_length[of_kind]
-    order = spread_over_banks(neighbors)
+    order = spread_over_banks(neighbors) if ring is None else _in_ring(neighbors, ring)
     return (
         np.take_along_axis(neighbors, order, axis=0),
         np.take_along_axis(scales, order, axis=0),
         np.take_along_axis(rest_lengths, order, axis=0),
     )
+
+
+def _in_ring(neighbors: NDArray[np.int64], ring: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The order of each particle's slots, shape (slot_count, particle_count), in which its neighbors are as in the
+    ring; what is left over stays behind them."""
+    order = np.repeat(np.arange(len(neighbors))[:, None], neighbors.shape[1], axis=1)
+    for particle, around in enumerate(ring.T):
+        wanted = around[around >= 0]
+        place = {neighbor: slot for slot, neighbor in enumerate(neighbors[: len(wanted), particle].tolist())}
+        order[: len(wanted), particle] = [place[neighbor] for neighbor in wanted.tolist()]
+    return order
