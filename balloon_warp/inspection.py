@@ -7,6 +7,7 @@ import numpy as np
 from balloon_warp.mesh.defects import describe_defects
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.topology import (
     border_edges,
     component_count,
@@ -39,6 +40,7 @@ class MeshReport:
     ngons: int
     """faces of five corners or more"""
     springs: SpringCounts
+    """of the balloon, once what `warnings` tells of is repaired"""
     closed: bool
     """no edge is on a border"""
     border_edges: int
@@ -54,16 +56,16 @@ class MeshReport:
     unused_vertices: int
     """vertices of no face"""
     warnings: list[str]
-    """a sentence for each kind of defect, and what the reader had to say"""
+    """for each kind of defect what there is and what is done about it, and what the reader had to say"""
 
 
 def inspect_mesh(mesh: PolygonMesh) -> MeshReport:
     """Count, measure and check a mesh.
 
     Raises:
-        InputError: springs cannot be made, see `build_springs`.
+        InputError: no balloon can be made of its faces, see `repaired` and `build_springs`.
     """
-    springs = build_springs(mesh)
+    springs = build_springs(repaired(mesh, mesh.name))
     edges = mesh_edges(mesh)
     sizes = mesh.face_vertex_counts
     return MeshReport(
@@ -81,5 +83,5 @@ def inspect_mesh(mesh: PolygonMesh) -> MeshReport:
         volume=signed_volume(mesh) if is_closed(edges) else None,
         area=total_area(mesh),
         unused_vertices=len(unused_vertices(mesh)),
-        warnings=[*mesh.warnings, *describe_defects(mesh, edges)],
+        warnings=[*mesh.warnings, *describe_defects(mesh)],
     )

@@ -87,51 +87,57 @@ ONE_FACE_TURNED.face_vertex_indices[:4] = ONE_FACE_TURNED.face_vertex_indices[:4
 WARNINGS = {
     "repeated corner": (
         with_faces(cube(), [0, 1, 0, 3], [2, 2, 2]),
-        "2 faces repeat a corner; the first is face 7, counting from 1.",
+        "2 faces repeat a corner; the first is face 7, counting from 1. Each corner is taken once.",
     ),
     "repeated corner, and two faces that only follow each other": (
         mesh_of(np.eye(5, 3), [[0, 1, 2], [2, 3, 4], [4, 0, 4]]),
-        "1 face repeats a corner; it is face 3, counting from 1.",
+        "1 face repeats a corner; it is face 3, counting from 1. Each corner is taken once.",
     ),
     "no area": (
         mesh_of([(0, 0, 0), (1, 0, 0), (3, 0, 0), (0, 2, 0)], [[0, 1, 3], [0, 1, 2]]),
-        "1 face has no area; it is face 2, counting from 1.",
+        "1 face has no area; it is face 2, counting from 1. Such a face has springs, and is inflated once it opens.",
     ),
     "duplicate faces": (
         with_faces(prism(5), [1, 6, 5, 0], [0, 1, 2, 3, 4]),
-        "2 faces have the corners of earlier faces; the first is face 8, counting from 1.",
+        "2 faces have the corners of earlier faces; the first is face 8, counting from 1. Each face is taken once.",
     ),
     "coincident vertices": (
         joined(cube(), cube()),
-        "8 vertices lie exactly on others; the first is vertex 9, at the place of vertex 1, counting from 1.",
+        "8 vertices lie exactly on others; the first is vertex 9, at the place of vertex 1, counting from 1."
+        " They are particles apart; --weld makes them one.",
     ),
     "unused vertices": (
         with_points(cube(), (5, 5, 5), (6, 6, 6)),
-        "2 vertices belong to no face; the first is vertex 9, counting from 1.",
+        "2 vertices belong to no face; the first is vertex 9, counting from 1."
+        " Such a vertex keeps its number, has no mass and stays where it is.",
     ),
     "non-manifold vertex": (
         two_quads_at_a_vertex(),
-        "1 vertex joins parts of the surface that share no edge there; it is vertex 3, counting from 1.",
+        "1 vertex joins parts of the surface that share no edge there; it is vertex 3, counting from 1."
+        " They hang together there.",
     ),
     "open border": (
         grid(1, 1),
-        "4 edges are on open borders; the first goes from vertex 1 to 2, counting from 1.",
+        "4 edges are on open borders; the first goes from vertex 1 to 2, counting from 1."
+        " An open balloon is inflated, but cannot hold gas.",
     ),
     "non-manifold edge": (
         mesh_of(np.eye(5, 3), [[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
-        "1 edge has more than two faces; it goes from vertex 1 to 2, counting from 1.",
+        "1 edge has more than two faces; it goes from vertex 1 to 2, counting from 1."
+        " Each face is inflated to the side that it winds to, and gas is refused.",
     ),
     "inconsistent winding": (
         ONE_FACE_TURNED,
-        "4 edges join faces of opposite winding; the first goes from vertex 1 to 2, counting from 1.",
+        "4 edges join faces of opposite winding; the first goes from vertex 1 to 2, counting from 1."
+        " Faces are turned until all wind alike.",
     ),
     "inward winding": (
         inside_out(quad_sphere(3)),
-        "1 closed component winds inward, so that inflation shrinks it; it has face 1, counting from 1.",
+        "1 closed component winds inward; it has face 1, counting from 1. Such a component is turned outward.",
     ),
     "one of three components inward, one open": (
         joined(quad_sphere(1), inside_out(open_cube()), inside_out(torus(5, 5))),
-        "1 closed component winds inward, so that inflation shrinks it; it has face 12, counting from 1.",
+        "1 closed component winds inward; it has face 12, counting from 1. Such a component is turned outward.",
     ),
     "the reader's": (replace(cube(), warnings=("The stage has 2 meshes.",)), "The stage has 2 meshes."),
 }

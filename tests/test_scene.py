@@ -197,7 +197,9 @@ def test_a_closed_mesh_wound_inward_is_turned_outward(tmp_path: Path):
     inward = replace(mesh, face_vertex_indices=mesh.face_vertex_indices.reshape(-1, 4)[:, ::-1].ravel())
     (shape,) = build_model(Scene(balloon=[Balloon(mesh=inward)]), "cpu").shapes
     assert signed_volume(shape.mesh) == pytest.approx(1.0)
-    assert shape.mesh.warnings == ("Faces that were wound inward have been turned outward.",)
+    assert shape.mesh.warnings == (
+        "1 closed component winds inward; it has face 1, counting from 1. Such a component is turned outward.",
+    )
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from spring_oracle import paper_springs
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.springs import SpringKind, Springs, build_springs
+from balloon_warp.springs.build import LARGEST_FAN
 
 
 def counts(mesh: PolygonMesh) -> tuple[int, int, int]:
@@ -119,13 +120,35 @@ def test_springs_do_not_depend_on_how_many_pairs_are_worked_on_at_once(
     np.testing.assert_array_equal(build_springs(prism(7)).pairs, whole.pairs)
 
 
+def wheel(spokes: int, hub: int = 0) -> PolygonMesh:
+    """Triangles around a vertex, the others in order on the rim."""
+    rim = [vertex for vertex in range(spokes + 1) if vertex != hub]
+    turn = 2.0 * np.pi * np.arange(spokes) / spokes
+    points = np.zeros((spokes + 1, 3))
+    points[rim, :2] = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return mesh_of(points, [[hub, a, b] for a, b in zip(rim, rim[1:] + rim[:1], strict=True)])
+
+
+@pytest.mark.parametrize("hub", [0, 77])
+def test_flexion_springs_past_a_hub_go_to_the_other_side_only(hub: int) -> None:
+    at_limit = build_springs(wheel(LARGEST_FAN, hub))
+    # All pairs around the hub, but those on the rim that are structural, and no others: the paper's rule.
+    assert at_limit.flexion_count == LARGEST_FAN * (LARGEST_FAN - 1) // 2 - LARGEST_FAN
+    spokes = 2 * LARGEST_FAN
+    springs = build_springs(wheel(spokes, hub))
+    lengths = springs.rest_lengths[springs.kind == SpringKind.FLEXION]
+    # A diameter for each two spokes; and past each rim vertex, which has three neighbors, one pair on the rim.
+    assert np.count_nonzero(np.isclose(lengths, 2.0)) == spokes // 2
+    assert len(lengths) == spokes // 2 + spokes
+
+
 @pytest.mark.parametrize(
     ("mesh", "sentence"),
     [
         (polygon(5000), "face 1 (counted from 1) has 5,000 corners; springs can be made for at most 4,096"),
         (
-            mesh_of(np.zeros((5001, 3)), [[0, i, i + 1] for i in range(1, 5000)]),
-            "particle 1 (counted from 1) has 5,000 neighbors; springs can be made for at most 4,096",
+            mesh_of(np.eye(4096, 3), 9 * [list(range(4096))]),
+            "mesh: has 75,479,040 pairs of corners in its faces; springs can be made for at most 67,108,864",
         ),
     ],
 )

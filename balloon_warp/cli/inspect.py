@@ -14,7 +14,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.inspection import MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import Scene, bundled_scenes, load_scene
-from balloon_warp.scene.overrides import Override, parse_override
+from balloon_warp.scene.overrides import WELD, WELD_HELP, Override, parse_override
 
 
 def inspect(
@@ -29,10 +29,11 @@ def inspect(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value, for the step: --set balloon.mass=2"),
     ] = None,
+    weld: Annotated[bool, typer.Option("--weld", help=WELD_HELP)] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON on standard output.")] = False,
 ) -> None:
     """Report the faces, springs, topology and size of meshes, what is odd about them, and the step that they allow."""
-    changes = [parse_override(text) for text in overrides or []]
+    changes = [parse_override(text) for text in overrides or []] + ([WELD] if weld else [])
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, load_scene(source, changes), as_json)
     else:
@@ -40,27 +41,27 @@ def inspect(
 
 
 def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
-    meshes = [balloon.mesh for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
-    reports = {mesh: inspect_mesh(load_mesh(mesh)) for mesh in dict.fromkeys(meshes)}
+    meshes = [(balloon.mesh, balloon.weld) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
+    reports = {mesh: inspect_mesh(load_mesh(*mesh)) for mesh in dict.fromkeys(meshes)}
     from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
 
     step = asdict(advise_step(scene))
     if as_json:
-        balloons = [{"mesh": str(mesh), **asdict(reports[mesh])} for mesh in meshes]
+        balloons = [{"mesh": str(mesh[0]), **asdict(reports[mesh])} for mesh in meshes]
         print(json.dumps({"description": scene.description, "balloons": balloons, "step": step}))
         return
     things = {"balloon": scene.balloon, "sphere": scene.sphere, "string": scene.string}
     counts = [f"{len(many)} {name}{'s' if len(many) > 1 else ''}" for name, many in things.items() if many]
     console = _console()
     console.print(_table(source, {"shows": scene.description, "holds": ", ".join(counts), **_step_rows(step)}))
-    for mesh, report in reports.items():
+    for (mesh, _), report in reports.items():
         console.print()
         _print_mesh(console, mesh.name, report, {})
 
 
 def _inspect_mesh(mesh: Path, changes: list[Override], as_json: bool) -> None:
     """The step is that of the scene that a mesh by itself gets."""
-    report = inspect_mesh(load_mesh(mesh))
+    report = inspect_mesh(load_mesh(mesh, weld=WELD in changes))
     from balloon_warp.advice import advise_step
 
     step = None

@@ -6,6 +6,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
+LARGEST_FACE = 4096
+"""corners of a face; the springs across it grow with their square"""
 
 
 def check_mesh(mesh: PolygonMesh, source: str) -> None:
@@ -27,6 +29,12 @@ def check_mesh(mesh: PolygonMesh, source: str) -> None:
         face = int(mesh.face_vertex_counts.argmin())
         raise InputError(
             f"{source}: face {face + 1}: a face needs three corners or more (got {mesh.face_vertex_counts[face]})"
+        )
+    if mesh.face_vertex_counts.max() > LARGEST_FACE:
+        face = int(mesh.face_vertex_counts.argmax())
+        raise InputError(
+            f"{source}: face {face + 1}: a face may have at most {LARGEST_FACE:,} corners "
+            f"(got {mesh.face_vertex_counts[face]:,})"
         )
     corner_count = int(mesh.face_vertex_counts.sum(dtype=np.int64))
     if corner_count != len(mesh.face_vertex_indices):

@@ -1,51 +1,101 @@
-"""What is odd about a mesh, for people: a sentence for each kind of defect. Faces and vertices are counted from 1."""
+"""What is odd about a mesh, and what is done about it, for people: two sentences for each kind of defect. Faces and
+vertices are counted from 1."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners
-from balloon_warp.mesh.geometry import face_areas, face_volumes, first_coincident
+from balloon_warp.mesh.geometry import face_areas, first_coincident
+from balloon_warp.mesh.orientation import inward_faces, wound_alike
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.repair import distinct_faces
 from balloon_warp.mesh.topology import (
     MeshEdges,
     border_edges,
     inconsistent_edges,
+    mesh_edges,
     non_manifold_edges,
     non_manifold_vertices,
+    repeated_corners,
     unused_vertices,
     vertex_components,
 )
+from balloon_warp.springs.build import LARGEST_FAN
 
 # A face is of no area below this part of its longest edge squared: far thinner than float32 can hold open.
 NO_AREA = 1e-9
 
 
-def describe_defects(mesh: PolygonMesh, edges: MeshEdges) -> list[str]:
-    """A sentence for each kind of defect that the mesh has, with how many there are and the first."""
+def describe_defects(mesh: PolygonMesh) -> list[str]:
+    """For each kind of defect that the mesh has: how many there are, the first, and what is done about it."""
+    distinct, kept = distinct_faces(mesh)
+    if not len(kept):
+        return ["It has no face with three different corners."]
+    edges = mesh_edges(distinct)
     sentences = [
-        _about_faces(_faces_with_repeated_corners(mesh), "repeats a corner", "repeat a corner"),
-        _about_faces(_faces_without_area(mesh), "has no area", "have no area"),
-        _about_faces(_duplicate_faces(mesh), "has the corners of an earlier face", "have the corners of earlier faces"),
+        _about_faces(
+            np.unique(corner_faces(mesh)[repeated_corners(mesh)]),
+            "repeats a corner",
+            "repeat a corner",
+            "Each corner is taken once.",
+        ),
+        _about_faces(
+            _faces_without_area(mesh),
+            "has no area",
+            "have no area",
+            "Such a face has springs, and is inflated once it opens.",
+        ),
+        _about_faces(
+            _duplicates(mesh, kept),
+            "has the corners of an earlier face",
+            "have the corners of earlier faces",
+            "Each face is taken once.",
+        ),
         _about_coincident_vertices(mesh),
-        _about_vertices(unused_vertices(mesh), "belongs to no face", "belong to no face"),
         _about_vertices(
-            non_manifold_vertices(mesh, edges),
+            unused_vertices(mesh),
+            "belongs to no face",
+            "belong to no face",
+            "Such a vertex keeps its number, has no mass and stays where it is.",
+        ),
+        _about_vertices(
+            non_manifold_vertices(distinct, edges),
             "joins parts of the surface that share no edge there",
             "join parts of the surface that share no edge there",
+            "They hang together there.",
         ),
-        _about_edges(border_edges(edges), edges, "is on an open border", "are on open borders"),
-        _about_edges(non_manifold_edges(edges), edges, "has more than two faces", "have more than two faces"),
+        _about_vertices(
+            np.flatnonzero(np.bincount(edges.ends.ravel()) > LARGEST_FAN),
+            f"has more than {LARGEST_FAN} neighbors",
+            f"have more than {LARGEST_FAN} neighbors",
+            "Past it each of them gets one flexion spring, instead of one to every other.",
+        ),
         _about_edges(
-            inconsistent_edges(edges), edges, "joins faces of opposite winding", "join faces of opposite winding"
+            border_edges(edges),
+            edges,
+            "is on an open border",
+            "are on open borders",
+            "An open balloon is inflated, but cannot hold gas.",
         ),
-        _about_inward_components(mesh, edges),
+        _about_edges(
+            non_manifold_edges(edges),
+            edges,
+            "has more than two faces",
+            "have more than two faces",
+            "Each face is inflated to the side that it winds to, and gas is refused.",
+        ),
+        _about_opposite_winding(distinct, edges),
+        _about_inward_components(distinct, edges, kept),
+        _about_components(distinct, edges, kept),
     ]
     return [sentence for sentence in sentences if sentence]
 
 
-def _faces_with_repeated_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
-    faces, vertices = corner_faces(mesh), _sorted_corners(mesh)
-    return np.unique(faces[1:][(vertices[1:] == vertices[:-1]) & (faces[1:] == faces[:-1])])
+def _duplicates(mesh: PolygonMesh, kept: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Faces of three different corners or more that are not kept."""
+    corners = np.bincount(corner_faces(mesh), minlength=mesh.face_count)
+    corners -= np.bincount(corner_faces(mesh)[repeated_corners(mesh)], minlength=mesh.face_count)
+    return np.setdiff1d(np.flatnonzero(corners >= 3), kept)
 
 
 def _faces_without_area(mesh: PolygonMesh) -> NDArray[np.int64]:
@@ -55,24 +105,6 @@ def _faces_without_area(mesh: PolygonMesh) -> NDArray[np.int64]:
     return np.flatnonzero(face_areas(mesh) <= NO_AREA * longest**2)
 
 
-def _duplicate_faces(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Faces with the same corners as an earlier one, in whatever order."""
-    vertices, starts = _sorted_corners(mesh), face_starts(mesh)
-    duplicate = np.zeros(mesh.face_count, dtype=bool)
-    for size in np.unique(mesh.face_vertex_counts):
-        faces = np.flatnonzero(mesh.face_vertex_counts == size)
-        table = vertices[starts[faces, None] + np.arange(size)]
-        order = np.lexsort(table.T)
-        same = (table[order[1:]] == table[order[:-1]]).all(axis=1)
-        duplicate[faces[order[1:][same]]] = True
-    return np.flatnonzero(duplicate)
-
-
-def _sorted_corners(mesh: PolygonMesh) -> NDArray[np.int32]:
-    """Corners of all faces, those of each face in rising order."""
-    return mesh.face_vertex_indices[np.lexsort((mesh.face_vertex_indices, corner_faces(mesh)))]
-
-
 def _about_coincident_vertices(mesh: PolygonMesh) -> str | None:
     used = np.unique(mesh.face_vertex_indices)
     first = used[first_coincident(mesh.points[used])]
@@ -80,42 +112,72 @@ def _about_coincident_vertices(mesh: PolygonMesh) -> str | None:
     if len(later):
         vertex, place = used[later[0]] + 1, first[later[0]] + 1
         where = f"is vertex {vertex}, at the place of vertex {place}"
-        return _sentence(len(later), "vertex", "lies exactly on another", "lie exactly on others", where)
+        policy = "They are particles apart; --weld makes them one."
+        return _sentence(len(later), "vertex", "lies exactly on another", "lie exactly on others", where, policy)
 
 
-def _about_inward_components(mesh: PolygonMesh, edges: MeshEdges) -> str | None:
-    """About components that have an inside, being closed and consistently wound, and face it."""
-    component = vertex_components(mesh, edges)
-    face_component = component[mesh.face_vertex_indices[face_starts(mesh)]]
-    has_inside = np.ones(mesh.vertex_count, dtype=bool)
-    for spoiled in (border_edges(edges), inconsistent_edges(edges)):
-        has_inside[component[edges.ends[spoiled, 0]]] = False
-    volumes = np.bincount(face_component, face_volumes(mesh), mesh.vertex_count)
-    inward = np.flatnonzero(has_inside & (volumes < 0.0))
+def _about_opposite_winding(mesh: PolygonMesh, edges: MeshEdges) -> str | None:
+    found = _turned_edges(edges)
+    if not len(found):
+        return None
+    left = _turned_edges(mesh_edges(wound_alike(mesh)))
+    policy = (
+        "No winding fits all, as on a Moebius strip: there inflation pushes to both sides."
+        if len(left)
+        else "Faces are turned until all wind alike."
+    )
+    return _about_edges(found, edges, "joins faces of opposite winding", "join faces of opposite winding", policy)
+
+
+def _turned_edges(edges: MeshEdges) -> NDArray[np.int64]:
+    """Edges of two faces that run the same way along it."""
+    found = inconsistent_edges(edges)
+    return found[edges.face_counts[found] == 2]
+
+
+def _about_inward_components(mesh: PolygonMesh, edges: MeshEdges, kept: NDArray[np.int64]) -> str | None:
+    inward = np.flatnonzero(inward_faces(mesh, edges))
     if len(inward):
-        face = int(np.isin(face_component, inward).argmax()) + 1
-        one, many = "winds inward, so that inflation shrinks it", "wind inward, so that inflation shrinks them"
-        return _sentence(len(inward), "closed component", one, many, f"has face {face}")
+        count = len(np.unique(_face_components(mesh, edges)[inward]))
+        policy = "Such a component is turned outward."
+        return _sentence(
+            count, "closed component", "winds inward", "wind inward", f"has face {kept[inward[0]] + 1}", policy
+        )
 
 
-def _about_faces(found: NDArray[np.int64], one: str, many: str) -> str | None:
+def _about_components(mesh: PolygonMesh, edges: MeshEdges, kept: NDArray[np.int64]) -> str | None:
+    component = _face_components(mesh, edges)
+    count = len(np.unique(component))
+    if count > 1:
+        apart = kept[int((component != component[0]).argmax())] + 1
+        return (
+            f"It has {count:,} components, which nothing joins; face {apart} is the first apart from face "
+            f"{kept[0] + 1}, counting from 1. They are inflated as one balloon."
+        )
+
+
+def _face_components(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int64]:
+    return vertex_components(mesh, edges)[mesh.face_vertex_indices[face_starts(mesh)]]
+
+
+def _about_faces(found: NDArray[np.int64], one: str, many: str, policy: str) -> str | None:
     if len(found):
-        return _sentence(len(found), "face", one, many, f"is face {found[0] + 1}")
+        return _sentence(len(found), "face", one, many, f"is face {found[0] + 1}", policy)
 
 
-def _about_vertices(found: NDArray[np.int64], one: str, many: str) -> str | None:
+def _about_vertices(found: NDArray[np.int64], one: str, many: str, policy: str) -> str | None:
     if len(found):
-        return _sentence(len(found), "vertex", one, many, f"is vertex {found[0] + 1}")
+        return _sentence(len(found), "vertex", one, many, f"is vertex {found[0] + 1}", policy)
 
 
-def _about_edges(found: NDArray[np.int64], edges: MeshEdges, one: str, many: str) -> str | None:
+def _about_edges(found: NDArray[np.int64], edges: MeshEdges, one: str, many: str, policy: str) -> str | None:
     if len(found):
         low, high = edges.ends[found[0]] + 1
-        return _sentence(len(found), "edge", one, many, f"goes from vertex {low} to {high}")
+        return _sentence(len(found), "edge", one, many, f"goes from vertex {low} to {high}", policy)
 
 
-def _sentence(count: int, noun: str, one: str, many: str, predicate: str) -> str:
+def _sentence(count: int, noun: str, one: str, many: str, predicate: str, policy: str) -> str:
     if count == 1:
-        return f"1 {noun} {one}; it {predicate}, counting from 1."
+        return f"1 {noun} {one}; it {predicate}, counting from 1. {policy}"
     plural = "vertices" if noun == "vertex" else f"{noun}s"
-    return f"{count:,} {plural} {many}; the first {predicate}, counting from 1."
+    return f"{count:,} {plural} {many}; the first {predicate}, counting from 1. {policy}"

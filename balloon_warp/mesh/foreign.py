@@ -25,8 +25,8 @@ def read_foreign(path: Path | str) -> PolygonMesh:
     """
     path = Path(path)
     try:
-        # process=False: trimesh would merge and reorder vertices.
-        read = trimesh.load_mesh(path, process=False)
+        # process=False: trimesh would merge and reorder vertices. Textures stay closed.
+        read = trimesh.load_mesh(path, process=False, skip_materials=True)
     except Exception as error:  # its readers let any exception of the parsing through
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({reason})") from error

@@ -9,8 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.check import FLOAT32_MAX
+from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+LARGEST_FILE = 1 << 30
+"""bytes; reading takes several times as much memory"""
+COMPRESSED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "Zstandard"}
+"""by the first bytes of a file"""
 
 
 class _LineError(Exception):
@@ -94,10 +99,7 @@ def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
 
 def _lines(path: Path) -> list[bytes]:
     """The lines of the file, comments cut off, continued lines joined. Their place in the list is their line number."""
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    text = _content(path)
     if text.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in text:
         raise InputError(f"{path}: is binary or UTF-16, not the plain text of an OBJ file")
     # Bytes throughout: comments and names may be in any 8-bit encoding.
@@ -110,16 +112,34 @@ def _lines(path: Path) -> list[bytes]:
     return lines
 
 
+def _content(path: Path) -> bytes:
+    try:
+        if path.exists() and not path.is_file():  # reading a pipe would wait forever
+            raise InputError(f"{path}: is not a regular file")
+        if path.exists() and path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path}: is {path.stat().st_size:,} bytes large; expected at most {LARGEST_FILE:,}")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    for opening, format_name in COMPRESSED.items():
+        if content.startswith(opening):
+            raise InputError(f"{path}: is compressed ({format_name}), not the plain text of an OBJ file")
+    return content
+
+
 def _join_continued(lines: list[bytes]) -> None:
     """Move each line that follows a backslash up to the line it continues; no line changes its number."""
-    first = 0
-    for number in range(1, len(lines)):
-        begun = lines[first].rstrip()
-        if begun.endswith(b"\\"):
-            lines[first] = begun[:-1] + b" " + lines[number]
-            lines[number] = b""
-        else:
+    first, begun = 0, []
+    for number, line in enumerate(lines):
+        text = line.rstrip()
+        continues = text.endswith(b"\\")
+        if not begun:
             first = number
+        if begun or continues:
+            begun.append(text[:-1] if continues else line)
+            lines[number] = b""
+        if begun and not continues:
+            lines[first], begun = b" ".join(begun), []
 
 
 def _coordinates(words: list[bytes]) -> list[float]:
@@ -139,6 +159,8 @@ def _face(words: list[bytes], above: int) -> list[int]:
     """Vertices of an `f` line, from 0; of v/vt/vn only v is read. `above` vertices stand above the line."""
     if len(words) < 3:
         raise _LineError(f"a face needs three corners or more, not {len(words)}")
+    if len(words) > LARGEST_FACE:
+        raise _LineError(f"a face may have at most {LARGEST_FACE:,} corners, not {len(words):,}")
     try:
         numbers = [int(word.split(b"/", 1)[0]) for word in words]
     except ValueError:

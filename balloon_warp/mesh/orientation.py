@@ -3,16 +3,63 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import corner_faces, flip_faces
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.corners import corner_faces, face_starts, flip_faces
+from balloon_warp.mesh.geometry import face_areas, face_volumes, signed_volume
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.mesh.topology import (
+    MeshEdges,
+    border_edges,
+    inconsistent_edges,
+    mesh_edges,
+    vertex_components,
+)
+
+# A component encloses nothing below this part of its area to the power of 3/2: a rounding error of float64.
+NO_VOLUME = 1e-12
 
 
 def oriented_outward(mesh: PolygonMesh) -> PolygonMesh:
     """The mesh with neighboring faces wound alike, and outward on the whole; as few faces are turned as it takes."""
+    mesh = wound_alike(mesh)
+    return _flipped(mesh, np.ones(mesh.face_count, dtype=bool)) if signed_volume(mesh) < 0.0 else mesh
+
+
+def facing_outward(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with neighboring faces wound alike, and closed components outward, but for hollows in the largest."""
+    if len(inconsistent_edges(mesh_edges(mesh))):
+        mesh = wound_alike(mesh)
+    inward = inward_faces(mesh, mesh_edges(mesh))
+    return _flipped(mesh, inward) if inward.any() else mesh
+
+
+def inward_faces(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.bool_]:
+    """Which faces belong to a component that has an inside, being closed and consistently wound, and faces it, shape
+    (face_count,).
+
+    A component that lies in the box around the largest outward one is a hollow in it: it faces inward rightly.
+    """
+    component = vertex_components(mesh, edges)
+    of_faces = component[mesh.face_vertex_indices[face_starts(mesh)]]
+    has_inside = np.ones(mesh.vertex_count, dtype=bool)
+    for spoiled in (border_edges(edges), inconsistent_edges(edges)):
+        has_inside[component[edges.ends[spoiled, 0]]] = False
+    volumes = np.bincount(of_faces, face_volumes(mesh), mesh.vertex_count) * has_inside
+    areas = np.bincount(of_faces, face_areas(mesh), mesh.vertex_count)
+    inward = volumes < -NO_VOLUME * areas**1.5
+    largest = int(volumes.argmax())
+    if inward.any() and volumes[largest] > 0.0:
+        box = mesh.points[component == largest]
+        outside = ((mesh.points <= box.min(axis=0)) | (mesh.points >= box.max(axis=0))).any(axis=1)
+        sticks_out = np.bincount(component, outside, mesh.vertex_count) > 0
+        inward &= sticks_out
+    return inward[of_faces]
+
+
+def wound_alike(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with neighboring faces wound alike where a winding fits them all; as few are turned as it takes."""
     edges = mesh_edges(mesh)
     pairs = edges.starts[edges.face_counts == 2]
     face = corner_faces(mesh)[edges.corners]
@@ -27,11 +74,10 @@ def oriented_outward(mesh: PolygonMesh) -> PolygonMesh:
     as_is, as_turned = labels[: mesh.face_count], labels[mesh.face_count :]
     sizes = np.bincount(as_is, minlength=2 * mesh.face_count)
     flip = (sizes[as_turned] > sizes[as_is]) | ((sizes[as_turned] == sizes[as_is]) & (as_turned < as_is))
-    mesh = _flipped(mesh, flip)
-    return _flipped(mesh, np.ones_like(flip)) if signed_volume(mesh) < 0.0 else mesh
+    return _flipped(mesh, flip)
 
 
-def _flipped(mesh: PolygonMesh, flip: np.ndarray) -> PolygonMesh:
+def _flipped(mesh: PolygonMesh, flip: NDArray[np.bool_]) -> PolygonMesh:
     at_corners = flip[corner_faces(mesh)]
     backwards = flip_faces(mesh.face_vertex_counts, mesh.face_vertex_indices)
     return replace(mesh, face_vertex_indices=np.where(at_corners, backwards, mesh.face_vertex_indices))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import corner_faces, next_corners
+from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 
@@ -53,6 +53,27 @@ def mesh_edges(mesh: PolygonMesh) -> MeshEdges:
 def unused_vertices(mesh: PolygonMesh) -> NDArray[np.int64]:
     """Vertices of no face, in order."""
     return np.flatnonzero(np.bincount(mesh.face_vertex_indices, minlength=mesh.vertex_count) == 0)
+
+
+def repeated_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Corners, in order, at vertices where their face has been before."""
+    order = np.lexsort((mesh.face_vertex_indices, corner_faces(mesh)))  # stable: first visits come first
+    faces, vertices = corner_faces(mesh), mesh.face_vertex_indices[order]
+    return np.sort(order[1:][(vertices[1:] == vertices[:-1]) & (faces[1:] == faces[:-1])])
+
+
+def duplicate_faces(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Faces, in order, with the same corners as an earlier one, in whatever order."""
+    vertices = mesh.face_vertex_indices[np.lexsort((mesh.face_vertex_indices, corner_faces(mesh)))]
+    starts = face_starts(mesh)
+    duplicate = np.zeros(mesh.face_count, dtype=bool)
+    for size in np.unique(mesh.face_vertex_counts):
+        faces = np.flatnonzero(mesh.face_vertex_counts == size)
+        table = vertices[starts[faces, None] + np.arange(size)]
+        order = np.lexsort(table.T)
+        same = (table[order[1:]] == table[order[:-1]]).all(axis=1)
+        duplicate[faces[order[1:][same]]] = True
+    return np.flatnonzero(duplicate)
 
 
 def border_edges(edges: MeshEdges) -> NDArray[np.int64]:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.size import require_reach
 from balloon_warp.model.air import require_sealed, settle_gas
 from balloon_warp.model.parameters import Parameters, Vary, vary_parameters
-from balloon_warp.model.shape import BalloonShape, require_resolution, shape_balloon
+from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import choose_substeps, stable_step
 from balloon_warp.model.timeline import Turn, parameters_at, turns
 from balloon_warp.scene import Scene, String
@@ -73,7 +74,7 @@ def plan_model(
     held = [_held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     parameters = vary_parameters(parameters_at(scene, 0), scene, world_count, vary or {})
     for number, shape in enumerate(shapes):
-        require_resolution(shape, position_shifts(scene, parameters)[:, number])
+        require_reach(shape.mesh, shape.name, position_shifts(scene, parameters)[:, number])
     parameters["string_length"] = _string_lengths(scene, shapes, held, parameters)
     parameters = settle_gas(scene, shapes, position_shifts(scene, parameters), parameters)
     changes = list(turns(scene))

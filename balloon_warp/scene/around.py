@@ -10,6 +10,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
+from balloon_warp.mesh.repair import repaired
+from balloon_warp.mesh.size import require_size
 from balloon_warp.mesh.topology import border_edges, mesh_edges
 from balloon_warp.scene.schema import Balloon
 
@@ -24,13 +26,13 @@ def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dic
     balances there, would drive it away.
 
     Args:
-        balloon: how the mesh is to be placed.
+        balloon: how the mesh is to be placed, and what kind of inflation it is to have.
         up_axis: "Y" or "Z"; the mesh's own when missing.
 
     Raises:
-        InputError: the mesh cannot be read, or has no size.
+        InputError: the mesh cannot be read, has no face or no size, or its size or place is too much for float32.
     """
-    mesh = load_mesh(path)
+    mesh = repaired(load_mesh(path, balloon.weld), path)
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
@@ -38,6 +40,8 @@ def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dic
     size = float((highest - lowest).max())
     if size == 0.0:
         raise InputError(f"{path}: all its vertices stand at one place; expected a mesh with some size")
+    require_size(placed, path)
+    kind = balloon.inflation.kind
     return {
         "description": f"{path.name} inflates above a floor",
         "up_axis": up_axis,
@@ -48,10 +52,10 @@ def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dic
             {
                 "mesh": path.resolve(),
                 "mass": 2.0,
-                "helium": 8.0 * size,
+                "helium": 0.0 if kind == "gas" else 8.0 * size,
                 "damping": 20.0,
                 "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
-                "inflation": {"k_normal": [[0.2, 0.0], [1.5, 4.0 * size]]},
+                "inflation": {"k_normal": [[0.2, 0.0], [1.5, 4.0 * size]]} if kind == "normal_force" else {},
                 "fixed": _border(mesh).tolist(),
             }
         ],

@@ -133,6 +133,8 @@ class Balloon(Table):
 
     mesh: Path | InstanceOf[PolygonMesh]
     """a mesh file, sought beside the scene file; from Python, a PolygonMesh too"""
+    weld: bool = False
+    """join faces where vertices of the mesh lie at exactly the same place, as along seams"""
     name: str = ""
     """what its prim is called in the stage; the mesh's name when empty"""
     position: Vector = (0.0, 0.0, 0.0)

@@ -11,12 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.check import LARGEST_FACE
 from balloon_warp.mesh.corners import next_corners
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.springs.springs import SpringKind, Springs
 
-# Springs grow with the square of a face's corners or a particle's neighbors: 4,096 of them give 8 million.
-LARGEST_GROUP = 4096
+# Springs grow with the square of a face's corners and a particle's neighbors. Past a particle of more neighbors than
+# this, as at the hub of a wheel, each gets one flexion spring instead of one to every other.
+LARGEST_FAN = 256
+# Pairs that a mesh may have at all: a gigabyte while they are sorted.
+LARGEST_PAIR_COUNT = 1 << 26
 # Pairs worked on at once, which bounds the memory.
 CHUNK_PAIRS = 1 << 22
 
@@ -24,13 +28,15 @@ CHUNK_PAIRS = 1 << 22
 def build_springs(mesh: PolygonMesh) -> Springs:
     """Structural, shear and flexion springs of a mesh with any valence, face size, borders and non-manifold edges.
 
-    Each pair of particles has at most one spring: of the first kind, in that order, whose rule it fits.
+    Each pair of particles has at most one spring: of the first kind, in that order, whose rule it fits. Past a particle
+    of more than `LARGEST_FAN` neighbors, flexion springs join each with the one half-way around it only.
 
     Raises:
-        InputError: a face has more than `LARGEST_GROUP` corners, or a particle as many neighbors.
+        InputError: a face has more than `LARGEST_FACE` corners, or all together have more than `LARGEST_PAIR_COUNT`
+            pairs.
     """
     count = mesh.vertex_count
-    _check_size(mesh.face_vertex_counts, "face", "corners")
+    _check_sizes(mesh)
     corners = mesh.face_vertex_indices.astype(np.int64)
 
     structural = np.unique(_keys(corners, corners[next_corners(mesh)], count))
@@ -39,8 +45,9 @@ def build_springs(mesh: PolygonMesh) -> Springs:
     low, high = np.divmod(structural, count)
     neighbors = np.concatenate([high, low])[np.argsort(np.concatenate([low, high]), kind="stable")]
     valences = np.bincount(np.concatenate([low, high]), minlength=count)
-    _check_size(valences, "particle", "neighbors")
-    flexion = _without(_without(_pairs_in_groups(neighbors, valences, count), structural), shear)
+    _check_pair_count(valences[valences <= LARGEST_FAN], mesh, "pairs of neighbors of its particles")
+    past_one = _pairs_past_particles(neighbors, valences, count)
+    flexion = _without(_without(past_one, structural), shear)
 
     by_kind = {SpringKind.STRUCTURAL: structural, SpringKind.SHEAR: shear, SpringKind.FLEXION: flexion}
     pairs = np.stack(np.divmod(np.concatenate(list(by_kind.values())), max(count, 1)), axis=1)
@@ -77,14 +84,32 @@ def _pairs_in_groups(members: NDArray[np.int64], sizes: NDArray, count: int) -> 
     return np.unique(np.concatenate(found))
 
 
+def _pairs_past_particles(neighbors: NDArray[np.int64], valences: NDArray, count: int) -> NDArray[np.int64]:
+    """Sorted keys of the pairs that flexion springs may join: all neighbors of a particle, or, where they are too many,
+    each with the one half-way around."""
+    is_hub = valences > LARGEST_FAN
+    at_hub = np.repeat(is_hub, valences)
+    across = [np.zeros(0, dtype=np.int64)]
+    for rim in np.split(neighbors[at_hub], np.cumsum(valences[is_hub]))[:-1]:
+        across.append(_keys(rim, np.roll(rim, -(len(rim) // 2)), count))
+    return np.unique(np.concatenate([_pairs_in_groups(neighbors[~at_hub], valences[~is_hub], count), *across]))
+
+
 def _without(keys: NDArray[np.int64], taken: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.setdiff1d(keys, taken, assume_unique=True)
 
 
-def _check_size(sizes: NDArray, group: str, members: str) -> None:
-    if len(sizes) and sizes.max() > LARGEST_GROUP:
-        largest = int(sizes.argmax())
+def _check_sizes(mesh: PolygonMesh) -> None:
+    sizes = mesh.face_vertex_counts.astype(np.int64)
+    if len(sizes) and sizes.max() > LARGEST_FACE:
         raise InputError(
-            f"{group} {largest + 1} (counted from 1) has {sizes[largest]:,} {members}; "
-            f"springs can be made for at most {LARGEST_GROUP:,}"
+            f"face {int(sizes.argmax()) + 1} (counted from 1) has {sizes.max():,} corners; "
+            f"springs can be made for at most {LARGEST_FACE:,}"
         )
+    _check_pair_count(sizes, mesh, "pairs of corners in its faces")
+
+
+def _check_pair_count(sizes: NDArray, mesh: PolygonMesh, pairs: str) -> None:
+    found = int((sizes * (sizes - 1) // 2).sum())
+    if found > LARGEST_PAIR_COUNT:
+        raise InputError(f"{mesh.name}: has {found:,} {pairs}; springs can be made for at most {LARGEST_PAIR_COUNT:,}")

@@ -1,0 +1,48 @@
+"""What float32 can simulate: how large a balloon may be, and how far from the origin."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+LEAST_SIZE, LARGEST_SIZE = 1.0e-6, 1.0e9
+"""of a balloon [m]"""
+LEAST_SIZE_OVER_DISTANCE = 1.0e-4
+"""a balloon's size over its distance from the origin: float32 then resolves a thousandth of it"""
+
+
+def require_size(mesh: PolygonMesh, source: object) -> None:
+    """Refuse what float32 cannot simulate: extreme sizes, and positions far from the origin for their size.
+
+    Args:
+        mesh: in the world [m].
+
+    Raises:
+        InputError: names `source`, the size, and what is expected.
+    """
+    size = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max())
+    if not LEAST_SIZE <= size <= LARGEST_SIZE:
+        expected = f"expected {LEAST_SIZE:g} to {LARGEST_SIZE:g} m; balloon.scale changes it"
+        raise InputError(f"{source}: is {size:g} m large; {expected}")
+    require_reach(mesh, source, np.zeros((1, 3)))
+
+
+def require_reach(mesh: PolygonMesh, source: object, shifts: NDArray[np.float64]) -> None:
+    """Make sure that float32 resolves the balloon wherever a world puts it.
+
+    Args:
+        shifts: from where it stands [m], shape (W, 3).
+
+    Raises:
+        InputError: it does not.
+    """
+    points = mesh.points[mesh.face_vertex_indices]
+    lowest, highest = points.min(axis=0), points.max(axis=0)
+    size = float((highest - lowest).max())
+    reach = max(float(np.abs(lowest + shifts).max()), float(np.abs(highest + shifts).max()))
+    if size < LEAST_SIZE_OVER_DISTANCE * reach:
+        raise InputError(
+            f"{source}: is {size:g} m large and {reach:g} m from the origin, too far for 32-bit numbers; "
+            "balloon.position moves it closer"
+        )

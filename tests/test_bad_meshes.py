@@ -1,0 +1,160 @@
+"""Meshes from the wild: what is refused, what is taken without fuss, and what is taken with a warning."""
+
+import os
+import subprocess
+import sys
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from balloon_warp.benchmarks.bad_meshes import ACCEPTED, CUBE, REFUSED, WARNED, MeshCase, hub
+from balloon_warp.cli import main
+from balloon_warp.errors import InputError
+from balloon_warp.inspection import inspect_mesh
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.model import plan_model
+from balloon_warp.scene import load_scene
+from balloon_warp.simulator import Simulator
+from balloon_warp.springs import build_springs
+
+
+def names(cases: list[MeshCase]) -> list[str]:
+    return [case.name for case in cases]
+
+
+def written(case: MeshCase, folder: Path) -> Path:
+    path = folder / "mesh.obj"
+    path.write_bytes(case.content())
+    return path
+
+
+@pytest.mark.parametrize("case", REFUSED, ids=names(REFUSED))
+def test_refused_in_a_sentence(
+    case: MeshCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(case, tmp_path)
+    sets = [f"--set={place}={value}" for place, value in case.overrides]
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "run", str(path), *sets, "-o", str(tmp_path / "out.usdc")])
+    with pytest.raises(SystemExit) as ending:
+        main()
+    out, err = capsys.readouterr()
+    assert (ending.value.code, out) == (2, "")
+    sentences = [line for line in err.splitlines() if line.strip()]
+    assert len(sentences) == 1
+    assert sentences[0].startswith("error: ")
+    assert case.says in sentences[0]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("case", ACCEPTED, ids=names(ACCEPTED))
+def test_accepted_without_fuss(case: MeshCase, tmp_path: Path) -> None:
+    (tmp_path / "plain.obj").write_bytes(CUBE)
+    plain, mesh = load_mesh(tmp_path / "plain.obj"), load_mesh(written(case, tmp_path))
+    np.testing.assert_array_equal(mesh.points, plain.points)
+    np.testing.assert_array_equal(mesh.face_vertex_indices, plain.face_vertex_indices)
+    assert plan_model(load_scene(tmp_path / "mesh.obj")).shapes[0].mesh.warnings == ()
+
+
+@pytest.mark.parametrize("case", WARNED, ids=names(WARNED))
+def test_accepted_with_a_warning(case: MeshCase, tmp_path: Path) -> None:
+    path = written(case, tmp_path)
+    simulator = Simulator(load_scene(path, case.overrides), device="cpu")
+    warnings = simulator.model.shapes[0].mesh.warnings
+    assert [warning for warning in warnings if warning.startswith(case.says)]
+    simulator.step()
+    assert np.isfinite(simulator.read_frame().points[0]).all()
+    if not case.overrides:
+        assert inspect_mesh(load_mesh(path)).warnings == list(warnings)
+
+
+SOUND_ONCE_REPAIRED = ["repeated corner", "duplicate face", "duplicate face, wound the other way", "mixed winding"]
+
+
+def frames(path: Path, device: str, *overrides: tuple[str, object]) -> list[np.ndarray]:
+    simulator = Simulator(load_scene(path, [*overrides, ("frames", 3)]), device=device)
+    return [frame.points[0] for frame in simulator.run()]
+
+
+@pytest.mark.parametrize("name", [*SOUND_ONCE_REPAIRED, "inward winding"])
+@pytest.mark.parametrize("inflation", [{"k_normal": 3.0}, {"kind": "pressure", "pressure": 40.0}])
+def test_a_repaired_mesh_moves_as_the_sound_one(name: str, inflation: dict, tmp_path: Path, device: str) -> None:
+    case = next(case for case in WARNED if case.name == name)
+    (tmp_path / "plain.obj").write_bytes(CUBE)
+    sound = frames(tmp_path / "plain.obj", device, ("balloon.inflation", inflation))
+    repaired = frames(written(case, tmp_path), device, ("balloon.inflation", inflation))
+    # Where faces are turned, their corners are summed in another order: float32 of coordinates of 1 m.
+    np.testing.assert_allclose(repaired, sound, rtol=0.0, atol=2e-6)
+    assert np.ptp(np.asarray(sound)[:, 7], axis=0).max() > 1e-3  # it moves at all
+
+
+def test_unused_vertices_have_no_mass_and_stay(tmp_path: Path) -> None:
+    case = next(case for case in WARNED if case.name == "unused vertices")
+    simulator = Simulator(load_scene(written(case, tmp_path)), device="cpu")
+    (shape,) = simulator.model.shapes
+    assert shape.mass_share.tolist() == [0.125] * 8 + [0.0] * 2
+    for _ in range(5):
+        simulator.step()
+    assert simulator.read_frame().points[0][8:].tolist() == [[5, 5, 5], [6, 6, 6]]
+
+
+def test_welding_gives_the_springs_of_the_whole_mesh(tmp_path: Path) -> None:
+    case = next(case for case in WARNED if case.name == "welded seams")
+    (tmp_path / "plain.obj").write_bytes(CUBE)
+    mesh, plain = load_mesh(written(case, tmp_path), weld=True), load_mesh(tmp_path / "plain.obj")
+    sewn, whole = build_springs(mesh), build_springs(plain)
+    assert len(mesh.points) == 24  # vertices keep their numbers
+
+    def ends(points: np.ndarray, pairs: np.ndarray) -> set:
+        return {frozenset(map(tuple, points[pair].tolist())) for pair in pairs}
+
+    assert ends(mesh.points, sewn.pairs) == ends(plain.points, whole.pairs)
+    assert sewn.count == whole.count == 24
+
+
+def test_a_hub_takes_memory_in_proportion(tmp_path: Path) -> None:
+    (tmp_path / "mesh.obj").write_bytes(hub())
+    mesh = load_mesh(tmp_path / "mesh.obj")
+    tracemalloc.start()
+    springs = build_springs(mesh)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert springs.count < 10 * mesh.vertex_count
+    assert peak < 64 * 2**20  # all pairs of the hub's 5,000 neighbors would take 200 MB
+
+
+def test_a_pipe_and_a_huge_file_are_refused_unread(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.obj")
+    with pytest.raises(InputError, match=r"pipe\.obj: is not a regular file"):
+        load_mesh(tmp_path / "pipe.obj")
+    with (tmp_path / "huge.obj").open("wb") as file:
+        file.truncate(2**31)
+    with pytest.raises(InputError, match=r"huge\.obj: is 2,147,483,648 bytes large; expected at most 1,073,741,824"):
+        load_mesh(tmp_path / "huge.obj")
+
+
+FILES_BESIDE = {
+    "mesh.obj": b"mtllib beside.mtl\nusemtl a\n" + CUBE,
+    "mesh.ply": b"ply\nformat ascii 1.0\ncomment TextureFile beside.png\nelement vertex 3\nproperty float x\n"
+    b"property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n"
+    b"property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n",
+}
+
+
+@pytest.mark.parametrize("name", FILES_BESIDE)
+def test_libraries_of_materials_and_textures_are_never_opened(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(FILES_BESIDE[name])
+    (tmp_path / "beside.mtl").write_text("newmtl a\nmap_Kd beside.png\n")
+    (tmp_path / "beside.png").write_bytes(b"no picture")
+    program = (
+        "import sys; from pathlib import Path; from balloon_warp.mesh.load import load_mesh\n"
+        "def report(event, arguments):\n"
+        "    if event == 'open' and str(arguments[0]).startswith(sys.argv[1]):\n"
+        "        print(Path(arguments[0]).name)\n"
+        "sys.addaudithook(report)\n"
+        "load_mesh(sys.argv[1] + '/' + sys.argv[2])"
+    )
+    arguments = [sys.executable, "-c", program, str(tmp_path), name]
+    result = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    assert (result.stdout.split(), result.stderr) == ([name], "")
