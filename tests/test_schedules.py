@@ -203,12 +203,18 @@ def tolerance_of(scene: Scene) -> float:
     return ROUNDING if scene.normals == "cached" and scene.correction == "none" else 10 * ROUNDING
 
 
-def assert_close(found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float) -> None:
+def assert_close(
+    found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float, outliers: float = 0.0
+) -> None:
+    """All but some of the particles; where so many are outliers, those are not far off."""
     for name in ("points", "sphere_positions", "inflation_aims"):
-        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=tolerance, err_msg=name)
+        apart = np.abs(found[name] - expected[name]).max(axis=-1, initial=0.0)
+        assert (apart > tolerance).sum() <= outliers * apart.size, (name, apart.max())
+        assert apart.max(initial=0.0) <= 10 * tolerance, (name, apart.max())
     np.testing.assert_allclose(found["gas_amounts"], expected["gas_amounts"], rtol=1e-7)
-    # a float32 volume is rounded by up to 1e-7 of itself, and so the pressure by that of the air's, over some frames
-    np.testing.assert_allclose(found["pressures"], expected["pressures"], rtol=0, atol=0.2)
+    # a float32 volume is rounded by up to 1e-7 of itself, and so the pressure by that of the air's, over some frames,
+    # in which forward Euler does not damp it
+    np.testing.assert_allclose(found["pressures"], expected["pressures"], rtol=0, atol=0.5)
     np.testing.assert_array_equal(found["frame"], expected["frame"])
 
 
@@ -244,7 +250,8 @@ def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule,
     skip_beyond(schedule, scene)
     found, expected, start = advance_both(scene, schedule, device, settled=30, frames=1)
     assert np.abs(expected["points"] - start["points"]).max() > 500 * ROUNDING
-    assert_close(found, expected, tolerance_of(scene))
+    # On a GPU scatter adds in another order every time, and whether a particle touches an obstacle may hang on that.
+    assert_close(found, expected, tolerance_of(scene), outliers=0.0 if device == "cpu" else 0.001)
 
 
 def test_a_particle_with_few_faces_may_stand_at_the_origin(schedule, device):

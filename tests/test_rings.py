@@ -1,0 +1,68 @@
+"""The quads around a particle, in a ring, give the area vectors that the faces one by one give."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube, grid, prism, quad_sphere, torus
+
+from balloon_warp.kernels.gas import area_vector_in_face, area_vector_in_quad
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import Model, build_model
+from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp.schedules.rings import quad_rings
+from balloon_warp.schedules.tables import spring_ends
+
+
+@wp.kernel
+def _by_faces(points: wp.array[wp.vec3], corners: wp.array[wp.int32], area_vectors: wp.array[wp.vec3]):
+    face = wp.tid()
+    for corner in range(4):
+        p = corners[4 * face + corner]
+        part = area_vector_in_face(points, 0, corners, 4 * face, 4 * face + 4, p, points[p])
+        wp.atomic_add(area_vectors, p, part)
+
+
+@wp.kernel
+def _by_rings(
+    points: wp.array[wp.vec3],
+    along: wp.array2d[wp.int32],
+    across: wp.array2d[wp.int32],
+    area_vectors: wp.array[wp.vec3],
+):
+    p = wp.tid()
+    count = wp.int32(0)
+    for slot in range(along.shape[0]):
+        count += wp.where(along[slot, p] >= 0, 1, 0)
+    for slot in range(count):
+        before = points[along[slot, p]] - points[p]
+        opposite = points[across[slot, p]] - points[p]
+        after = points[along[(slot + 1) % count, p]] - points[p]
+        area_vectors[p] = area_vectors[p] + area_vector_in_quad(before, opposite, after)
+
+
+def model_of(mesh: PolygonMesh) -> Model:
+    return build_model(Scene(balloon=[Balloon(mesh=mesh, inflation=Inflation(k_normal=0.1))]), "cpu")
+
+
+@pytest.mark.parametrize("mesh", [cube(), quad_sphere(5), torus(6, 5)], ids=["cube", "ball", "torus"])
+def test_rings_of_quads_that_are_not_flat(mesh):
+    """To float32's rounding of areas of order 1."""
+    bent = replace(mesh, points=mesh.points + np.random.default_rng(0).uniform(-0.1, 0.1, mesh.points.shape))
+    model = model_of(bent)
+    rings = quad_rings(model, spring_ends(model))
+    assert rings is not None
+    points = wp.array(bent.points, dtype=wp.vec3, device="cpu")
+    expected, found = (wp.zeros(len(bent.points), dtype=wp.vec3, device="cpu") for _ in range(2))
+    wp.launch(_by_faces, model.face_count, [points, model.face_particles], [expected], device="cpu")
+    along, across = (wp.array(part, dtype=wp.int32, device="cpu") for part in rings)
+    wp.launch(_by_rings, len(bent.points), [points, along, across], [found], device="cpu")
+    assert np.linalg.norm(expected.numpy(), axis=1).min() > 1e-3
+    np.testing.assert_allclose(found.numpy(), expected.numpy(), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("mesh", [grid(3, 3), prism(5)], ids=["open", "pentagons"])
+def test_what_has_no_rings(mesh):
+    model = model_of(mesh)
+    assert quad_rings(model, spring_ends(model)) is None
