@@ -8,6 +8,7 @@ import viser
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene import Scene, bundled_scenes, load_scene
+from balloon_warp.viewer import colors
 from balloon_warp.viewer.layers import LAYERS, Layers
 from balloon_warp.viewer.session import Picture, Session
 
@@ -161,6 +162,8 @@ class Controls:
             box = self.server.gui.add_checkbox(label, self.layers.shown[name])
             _on_change(box, lambda shown, name=name: self._show(name, bool(shown)))
             self.shown[name] = box
+            if name == "strain":
+                self.legend = self.server.gui.add_html(_legend(), visible=False)
 
     def _add_recording(self) -> None:
         gui = self.server.gui
@@ -176,6 +179,7 @@ class Controls:
 
     def _show(self, name: str, shown: bool) -> None:
         self.layers.show(name, shown)
+        self.legend.visible = self.layers.shown["strain"]
         self.session.wants_forces = self.layers.shown["forces"]
 
     def _inflate(self, value: float) -> None:
@@ -249,6 +253,17 @@ def _put(handle: Any, value: Any) -> None:
 def _range(slider: Any, low: float, high: float) -> None:
     slider.min, slider.max = low, high
     slider.step = (high - low) / 1000.0
+
+
+def _legend() -> str:
+    """What the bands of strain mean: length over rest length."""
+    bounds = ["", *(f"{bound:g}" for bound in colors.STRAIN_BOUNDS)]
+    cells = "".join(
+        f'<div style="flex:1;border-top:0.6em solid rgb{color};padding-right:0.2em">{bound}</div>'
+        for color, bound in zip(colors.STRAIN, bounds, strict=True)
+    )
+    title = '<div style="font-size:0.8em;margin:0 1em">length over rest length</div>'
+    return title + f'<div style="display:flex;font-size:0.7em;margin:0 1.2em 0.6em">{cells}</div>'
 
 
 def _status(picture: Picture) -> str:

@@ -13,7 +13,7 @@ from balloon_warp.viewer.session import Picture
 LAYERS = {
     "balloon": "smooth balloon",
     "strain": "strain as color",
-    "wire": "wireframe of the faces",
+    "wire": "wireframe",
     "structural": "structural springs (black)",
     "shear": "shear springs (blue)",
     "flexion": "flexion springs (green)",
@@ -83,7 +83,7 @@ class Layers:
         scene.set_up_direction("+y" if picture.scene.up_axis == "Y" else "+z")
         side = np.array([0.55, 0.0, 1.0]) if picture.scene.up_axis == "Y" else np.array([0.55, -1.0, 0.0])
         center = (low + high) / 2
-        self.home = center + 2.0 * self.size * (side / np.linalg.norm(side)) + 0.5 * self.size * up, center
+        self.home = center + 1.7 * self.size * (side / np.linalg.norm(side)) + 0.4 * self.size * up, center
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
             camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)
         self._balloons, self._bands = [], []

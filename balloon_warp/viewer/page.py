@@ -107,9 +107,9 @@ class Page:
         away = np.asarray(client.camera.position) - np.asarray(client.camera.look_at)
         home, middle = self.layers.home
         away *= np.linalg.norm(home - middle) / max(float(np.linalg.norm(away)), 1e-9)
-        with client.atomic():
-            client.camera.look_at = tuple(center.tolist())
+        with client.atomic():  # the place first: where it looks moves along with it
             client.camera.position = tuple((center + away).tolist())
+            client.camera.look_at = tuple(center.tolist())
 
     async def _farewell(self, client: viser.ClientHandle) -> None:
         """Whoever leaves lets go."""
