@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
-from balloon_warp.kernels.health import find_non_finite
+from balloon_warp.kernels.frame import find_non_finite
 from balloon_warp.kernels.timeline import hold_spheres
 from balloon_warp.model import Model, Turn, Vary, build_model, initial_state
 from balloon_warp.model.memory import require_memory, world_bytes

@@ -13,7 +13,6 @@ from balloon_warp.kernels.gas import (
     area_vector_in_face,
     dry_air_density,
     gas_load,
-    inflation_of_kind,
     molar_volume,
     swelling_of_particle,
     tube_flow,
@@ -223,28 +222,3 @@ def move_gases(
     for balloon in range(masses.shape[1]):
         own = bodies.mass[row_of_world(world, bodies.mass.shape[0]), balloon]
         masses[world, balloon] = own + gas_mass(air, gas_amounts[world], world, balloon)
-
-
-@wp.kernel(enable_backward=False)
-def add_inflation_forces(
-    # model
-    bodies: BodyTable,
-    air: AirTable,
-    # state in
-    points: wp.array2d[wp.vec3],
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    inflation_loads: wp.array2d[wp.vec2],
-    # state out
-    forces: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle): the force of its balloon's inflation at the start of a frame."""
-    world, particle = wp.tid()
-    balloon = bodies.balloon[particle]
-    forces[world, particle] += inflation_of_kind(
-        air.kind[balloon],
-        inflation_ramp[world, balloon][0],
-        inflation_loads[world, balloon],
-        wp.dot(points[world, particle], bodies.up),
-        inflation_aims[world, particle],
-    )

@@ -1,29 +1,6 @@
-"""What is alike in all worlds, or differs from world to world."""
-
-from typing import Any
+"""Picks worlds out of a batch."""
 
 import warp as wp
-
-
-@wp.kernel(enable_backward=False)
-def spread_over_worlds(rows: wp.array2d[Any], every: wp.array2d[Any]):
-    """A thread a (world, item): a copy of its row, or of the one row that all worlds share."""
-    world, item = wp.tid()
-    every[world, item] = rows[world % rows.shape[0], item]
-
-
-@wp.kernel(enable_backward=False)
-def place_balloons(
-    # model
-    points: wp.array[wp.vec3d],
-    shifts: wp.array2d[wp.vec3d],
-    particle_balloon: wp.array[wp.int32],
-    # out
-    every: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle): its place. In double precision, so that it is what the host would place there."""
-    world, particle = wp.tid()
-    every[world, particle] = wp.vec3(points[particle] + shifts[world % shifts.shape[0], particle_balloon[particle]])
 
 
 @wp.kernel(enable_backward=False)

@@ -73,5 +73,6 @@ def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
         simulator.step()
         return simulator.read_frame().points[0]
 
-    np.testing.assert_allclose(points("cached", 1), points("fresh", 1), atol=1e-6)
+    # other kernels aim them, which round otherwise: by some 1e-7 of places 20 m apart
+    np.testing.assert_allclose(points("cached", 1), points("fresh", 1), atol=20 * 1e-6)
     assert np.abs(points("cached", 8) - points("fresh", 8)).max() > 1e-3

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.worlds import place_balloons, spread_over_worlds
+from balloon_warp.kernels.frame import place_balloons
 from balloon_warp.model.model import Model
 
 
@@ -44,9 +45,8 @@ def initial_state(model: Model) -> State:
     worlds, device = model.world_count, model.device
 
     def rows_of_worlds(rows: wp.array) -> wp.array:
-        every = wp.zeros((worlds, rows.shape[1]), dtype=rows.dtype, device=device)
-        wp.launch(spread_over_worlds, every.shape, inputs=[rows], outputs=[every], device=device)
-        return every
+        row = rows.numpy()
+        return wp.array(np.broadcast_to(row, (worlds, *row.shape[1:])), dtype=rows.dtype, device=device)
 
     points = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
     wp.launch(

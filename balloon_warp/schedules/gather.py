@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.clock import count_frame
+from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.gather import meet_obstacles, particle_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.clock import count_frame
+from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.lanes import advance_groups
 from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState, LaneTraits
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3

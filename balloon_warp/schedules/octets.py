@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.clock import count_frame
+from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.octets import octet_kernel
 from balloon_warp.kernels.octets_state import OCTET_NUMBERS, OctetFaces, OctetState

@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.air import add_inflation_forces
+from balloon_warp.kernels.frame import add_inflation_forces
 from balloon_warp.kernels.gather import force_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.areas import sum_face_areas
-from balloon_warp.kernels.inflation import aim_inflation, measure_faces, ramp_inflation
+from balloon_warp.kernels.frame import aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 

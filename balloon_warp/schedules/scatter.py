@@ -7,8 +7,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.clock import count_frame
 from balloon_warp.kernels.contact import move_spheres, resolve_contacts
+from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.kernels.motion import euler_kernel, set_body_forces
 from balloon_warp.kernels.springs import add_rubber_forces, add_spring_forces, add_string_forces

@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.clock import count_frame
+from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.projective import (
     apply_increments,
     foresee_displacements,
