@@ -207,6 +207,30 @@ def test_stiffer_springs_get_more_substeps_unless_told_not_to():
     assert np.isfinite(playground.points).all()
 
 
+def test_what_takes_too_many_substeps_is_refused_unless_they_stay():
+    """Forward Euler with little damping; told to keep the substeps, it may be watched to blow up."""
+    playground = Playground(on_a_string(), "cpu")
+    with pytest.raises(InputError, match=r"^this takes [0-9,]+ substeps a frame to be stable, too many to play with"):
+        playground.set("balloon.stiffness.structural", 1e7)
+    playground.step()
+    playground.keep_stable = False
+    playground.set("solver", "forward_euler")
+    playground.set("balloon.damping", 0.0)
+    with pytest.raises(BlowUpError):
+        steps(playground, 2000)
+
+
+def test_every_solver_and_correction_replays(device):
+    playground = Playground(on_a_string(), device)
+    for field, values in (("solver", ("projective", "symplectic_euler")), ("correction", ("provot", "none"))):
+        for value in values:
+            playground.set(field, value)
+            steps(playground, 2)
+            playground.throw(np.array([2.0, 1.5, 0.0]), np.zeros(3), 0.1, 1.0)
+            steps(playground, 2)
+    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
+
+
 @pytest.mark.parametrize(("path", "value"), [("balloon.mass", -1.0), ("balloon.helium", "a lot"), ("nonsense", 1.0)])
 def test_a_wrong_value_changes_nothing(path, value):
     playground = Playground(on_a_string(), "cpu")

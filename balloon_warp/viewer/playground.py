@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
+from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, lay_out, plan_model
 from balloon_warp.model.parameters import METHODS
 from balloon_warp.model.plan import ModelPlan
@@ -16,6 +17,8 @@ from balloon_warp.scene.timeline import is_there, scenes_over_time
 from balloon_warp.simulator import HEALTHY, Simulator
 from balloon_warp.viewer.journal import Journal
 
+MOST_SUBSTEPS = 1000
+"""in a frame, of what is played with"""
 MOST_THROWN = 8
 """spheres that are about at one time; the next one takes the place of the oldest"""
 SPHERE_DRAG = 0.47
@@ -105,8 +108,7 @@ class Playground:
         else:
             plan = self._plan(scene)
             self.live = scene
-            rows = plan.parameters.items()
-            self.simulator.set_parameters({name: row for name, row in rows if not name.startswith("initial_")})
+            self.simulator.set_parameters(self._what_differs(plan))
             self._go_at(plan.substeps)
         self.journal.change(self.frame, path, value)
 
@@ -248,13 +250,34 @@ class Playground:
         self._rebuild(self.live, there[0])
 
     def _plan(self, scene: Scene) -> ModelPlan:
-        """With as many substeps as it needs."""
-        plan = plan_model(scene.model_copy(update={"substeps": "auto"}), shapes=self._first_model.shapes)
+        """With as many substeps as it needs.
+
+        Raises:
+            InputError: it needs too many.
+        """
+        unstable = scene.solver == "forward_euler" and not self.keep_stable
+        substeps = self.simulator.model.substeps if unstable else "auto"
+        plan = plan_model(scene.model_copy(update={"substeps": substeps}), shapes=self._first_model.shapes)
+        if self.keep_stable and plan.substeps > MOST_SUBSTEPS:
+            raise InputError(
+                f"this takes {plan.substeps:,} substeps a frame to be stable, too many to play with; with the substeps "
+                "as they are it would blow up"
+            )
         values = plan.parameters["keyframe_values"]  # as many as at the start: so they give the same to the last bit
         missing = self._first_model.keyframe_values.shape[2] - values.shape[2]
         values = np.pad(values, [(0, 0), (0, 0), (0, missing)], mode="edge")
         parameters = {**plan.parameters, "keyframe_values": values}
         return replace(plan, parameters=parameters, substeps=max(plan.substeps, self._least_substeps))
+
+    def _what_differs(self, plan: ModelPlan) -> dict[str, NDArray]:
+        """The parameters that are others than those of the running model."""
+        model, differing = self.simulator.model, {}
+        for name, rows in plan.parameters.items():
+            if not name.startswith("initial_"):
+                running = getattr(model, name).numpy()
+                if not np.array_equal(rows.astype(running.dtype).reshape(running.shape), running):
+                    differing[name] = rows
+        return differing
 
     def _rebuild(self, scene: Scene, spheres: list[int | None] | None = None, substeps: int | None = None) -> None:
         """Go on in a scene with other spheres or strings, or another method."""
