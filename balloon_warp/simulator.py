@@ -21,8 +21,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.solids import MassProperties, mass_properties
-from balloon_warp.solvers.choose import solver_named
-from balloon_warp.solvers.projective import ProjectiveSolver
+from balloon_warp.solvers.choose import PROJECTIVE, solver_named
 from balloon_warp.solvers.step_matrices import FACTORIZED
 
 HEALTHY = np.iinfo(np.int32).max
@@ -182,7 +181,7 @@ class Simulator:
         for name, values in parameters.items():
             array = getattr(self.model, name)
             array.assign(np.asarray(values, dtype=np.float32).reshape(array.numpy().shape))
-        if isinstance(self.schedule, ProjectiveSolver) and not FACTORIZED.isdisjoint(parameters):
+        if self.schedule.name == PROJECTIVE and not FACTORIZED.isdisjoint(parameters):
             self._make_schedule()
 
     def go_on_in(self, model: Model, spheres: Sequence[int | None] | None = None) -> None:

@@ -20,7 +20,7 @@ from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Balloon, Ground, Sphere, String, Water
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.schedules import SCHEDULES
+from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.sweep.groups import Group, plan_groups
 
 FRAMES, WORLDS = 5, 5
@@ -358,8 +358,7 @@ def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
 
 def simulated_bytes(groups: list[Group]) -> int:
     models = [lay_out(group.plan, "cpu") for group in groups]
-    kept = SCHEDULES["lanes"].world_bytes
-    return sum(model.world_count * (memory.world_bytes(model) + kept(model)) for model in models)
+    return sum(model.world_count * (memory.world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
 
 
 def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(

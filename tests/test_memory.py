@@ -11,6 +11,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.model import Model, build_model, memory
 from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String, Water
 from balloon_warp.schedules import SCHEDULES
+from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.simulator import Simulator
 
 FEW, MANY = 16, 48
@@ -57,20 +58,20 @@ def test_the_estimate_is_what_is_allocated(schedule: str, water: Water | None, d
     wet = scene().model_copy(update={"water": water})
     few, many = (Simulator(wet, device, worlds, schedule=schedule) for worlds in (FEW, MANY))
     taken = (bytes_taken(many) - bytes_taken(few)) / (MANY - FEW)
-    estimate = memory.world_bytes(many.model) + SCHEDULES[schedule].world_bytes(many.model)
+    estimate = memory.world_bytes(many.model) + schedule_named(schedule, many.model).world_bytes(many.model)
     assert estimate == pytest.approx(taken, rel=0.005)
 
 
 def test_lanes_counts_the_worlds_that_fill_up_the_last_eight():
     one, nine = (build_model(scene(), "cpu", worlds) for worlds in (1, 9))
-    kept = SCHEDULES["lanes"].world_bytes
+    kept = schedule_named("lanes", one).world_bytes
     assert kept(one) == 8 * kept(build_model(scene(), "cpu", 8))
     assert 9 * kept(nine) == pytest.approx(2 * kept(one), rel=1e-3)  # rounded to whole bytes
 
 
 def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch: pytest.MonkeyPatch):
     model = build_model(scene(), "cpu")
-    world = memory.world_bytes(model) + SCHEDULES["scatter"].world_bytes(model)
+    world = memory.world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
     monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
     assert len(Simulator(scene(), "cpu", 10, schedule="scatter").state.points) == 10
     with pytest.raises(
@@ -81,7 +82,7 @@ def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypat
 
 def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch: pytest.MonkeyPatch):
     model = build_model(scene(), "cpu", 64)
-    kept = {name: schedule.world_bytes(model) for name, schedule in SCHEDULES.items()}
+    kept = {name: schedule_named(name, model).world_bytes(model) for name in SCHEDULES}
     assert kept["block"] < kept["scatter"] < kept["lanes"]
     needed = 64 * (memory.world_bytes(model) + np.mean([kept["block"], kept["scatter"]]))
     monkeypatch.setattr(memory, "free_memory", lambda device: int(needed / memory.USABLE))

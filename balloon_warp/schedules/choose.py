@@ -1,15 +1,10 @@
 """Which schedule simulates a model."""
 
+from importlib import import_module
 from typing import Protocol
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.block import BlockSchedule, fits_in_block
-from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.lanes import LanesSchedule
-from balloon_warp.schedules.octets import OctetsSchedule
-from balloon_warp.schedules.residence import thread_a_particle
-from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.schedules.traits import beyond_basics
 
 
@@ -32,10 +27,14 @@ class Schedule(Protocol):
         """Advance every world by one frame, in place."""
 
 
-SCHEDULES: dict[str, type[Schedule]] = {
-    schedule.name: schedule
-    for schedule in (ScatterSchedule, GatherSchedule, BlockSchedule, LanesSchedule, OctetsSchedule)
+SCHEDULES = {
+    "scatter": "ScatterSchedule",
+    "gather": "GatherSchedule",
+    "block": "BlockSchedule",
+    "lanes": "LanesSchedule",
+    "octets": "OctetsSchedule",
 }
+"""each in a module of its name, which loads when first needed: Warp takes a while to read its kernels"""
 
 
 def make_schedule(model: Model, name: str = "auto") -> Schedule:
@@ -57,7 +56,7 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
-    return SCHEDULES[name]
+    return getattr(import_module(f"balloon_warp.schedules.{name}"), SCHEDULES[name])
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
@@ -76,5 +75,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         if world_count > 1:
             return "lanes"
         return "gather" if beyond_basics(model) else "octets"
+    from balloon_warp.schedules.block import fits_in_block
+    from balloon_warp.schedules.residence import thread_a_particle
+
     enough = thread_a_particle(model) or world_count >= model.device.sm_count
     return "block" if fits_in_block(model) and enough else "gather"

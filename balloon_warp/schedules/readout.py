@@ -1,11 +1,11 @@
 """Forces as they are shown and written, whatever the schedule."""
 
+from functools import cached_property
 from typing import Any
 
 import warp as wp
 
 from balloon_warp.kernels.frame import add_inflation_forces
-from balloon_warp.kernels.gather import force_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import (
@@ -26,11 +26,7 @@ class ForceReader:
     def __init__(self, model: Model):
         self.model = model
         self._aims = AimRefresher(model)
-        ends = spring_ends(model)
         self._bodies, self._air = body_table(model), air_table(model)
-        springs, strings = spring_table(model, ends), string_table(model)
-        self._tables = [self._bodies, springs, strings, water_table(model), face_table(model), self._air]
-        self._kernel = force_kernel(model_traits(model))
         self._forces = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
 
     def refresh_inflation(self, state: State) -> None:
@@ -54,11 +50,22 @@ class ForceReader:
 
     def _sum_forces(self, state: State) -> None:
         """All but the inflation's, and the aims that are area vectors."""
+        kernel, tables = self._force_kernel
         self._launch(
-            self._kernel,
-            *(*self._tables, 0.0, state.points, state.velocities),
+            kernel,
+            *(*tables, 0.0, state.points, state.velocities),
             *(state.inflation_aims, self._forces),
         )
+
+    @cached_property
+    def _force_kernel(self) -> tuple[Any, list[Any]]:
+        """The kernel and its tables, of which most scenes have no need."""
+        from balloon_warp.kernels.gather import force_kernel
+
+        model = self.model
+        springs, strings = spring_table(model, spring_ends(model)), string_table(model)
+        tables = [self._bodies, springs, strings, water_table(model), face_table(model), self._air]
+        return force_kernel(model_traits(model)), tables
 
     def _add_inflation_forces(self, state: State) -> None:
         self._launch(

@@ -3,7 +3,9 @@
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model
 from balloon_warp.schedules.choose import Schedule, schedule_named, settled_schedule
-from balloon_warp.solvers.projective import ProjectiveSolver
+
+PROJECTIVE = "projective"
+"""the implicit solver, which loads when first needed"""
 
 
 def solver_named(schedule: str, model: Model) -> type[Schedule]:
@@ -13,16 +15,17 @@ def solver_named(schedule: str, model: Model) -> type[Schedule]:
     Raises:
         InputError: there is no such schedule, or the scene's solver has none.
     """
-    name = ProjectiveSolver.name
-    if model.scene.solver != name:
+    if model.scene.solver != PROJECTIVE:
         return schedule_named(schedule, model)
-    if schedule not in ("auto", name):
-        raise InputError(f'--schedule {schedule}: is for explicit steps; solver = "{name}" takes auto only')
+    if schedule not in ("auto", PROJECTIVE):
+        raise InputError(f'--schedule {schedule}: is for explicit steps; solver = "{PROJECTIVE}" takes auto only')
+    from balloon_warp.solvers.projective import ProjectiveSolver
+
     return ProjectiveSolver
 
 
 def settled_solver(schedule: str, model: Model, world_count: int) -> str:
     """`schedule`, with `auto` settled for a batch of that many worlds, of which the model may be any part."""
-    if schedule == "auto" and model.scene.solver == ProjectiveSolver.name:
-        return ProjectiveSolver.name
+    if schedule == "auto" and model.scene.solver == PROJECTIVE:
+        return PROJECTIVE
     return settled_schedule(schedule, model, world_count)
