@@ -63,8 +63,8 @@ def main() -> None:
         alive = page.session._thread.is_alive() and page._thread.is_alive()
         browser.close()
         page.stop()
-    late = np.array([sample for sample in samples if sample[0] > options.minutes / 2])
-    slope = float(np.polyfit(*late.T, 1)[0])
+    minutes, megabytes = np.array([sample for sample in samples if sample[0] > options.minutes / 2]).T
+    slope = float(np.polyfit(minutes, megabytes, 1)[0])
     print(f"{acts} acts in {options.minutes:g} minutes; memory grew by {slope:.2f} MB a minute in the second half")
     if not alive:
         sys.exit("a thread of the page died")

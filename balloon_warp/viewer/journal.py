@@ -50,7 +50,7 @@ class Journal:
             self.strings.append(string.model_copy(update={"start": self._time(frame)}))
         return len(self.strings) - 1
 
-    def end(self, bodies: list, number: int, frame: int) -> None:
+    def end(self, bodies: list[Any], number: int, frame: int) -> None:
         """A sphere or string of this journal ends at the start of a frame."""
         if not self.closed:
             bodies[number] = bodies[number].model_copy(update={"end": self._time(frame)})
@@ -59,9 +59,10 @@ class Journal:
         """What the scene itself would have done from a frame on does not happen."""
         kept = [change for change in self.base.change if frame_at(self.base, change.time) < frame]
         self.base = self.base.model_copy(update={"change": kept})
-        for bodies in (self.spheres, self.strings):
+        kinds: tuple[list[Any], list[Any]] = (self.spheres, self.strings)
+        for bodies in kinds:
             for number, body in enumerate(bodies):
-                if frame_at(self.base, body.start) >= frame > 0:
+                if frame_at(self.base, body.start) >= max(frame, 1):
                     bodies[number] = body.model_copy(update={"end": body.start})
                 elif body.end is not None and frame_at(self.base, body.end) >= frame:
                     bodies[number] = body.model_copy(update={"end": None})

@@ -190,7 +190,7 @@ class Layers:
         segments, hands = self._drawing.strings(picture)
         _see(self._strings, len(segments) > 0)
         if len(segments):
-            colored = np.where(hands[:, None, None], np.uint8(colors.HAND), np.uint8(colors.STRING))
+            colored = np.where(hands[:, None, None], np.array(colors.HAND), np.array(colors.STRING)).astype(np.uint8)
             colored = np.repeat(colored, 2, axis=1)
             if colored.shape == self._strings.colors.shape:
                 self._strings.points = segments

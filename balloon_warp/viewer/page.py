@@ -115,7 +115,7 @@ class Page:
         """Whoever leaves lets go."""
         self.session.ask(lambda playground: playground.release(client.client_id))
 
-    async def _click(self, event: Any) -> None:
+    def _click(self, event: Any) -> None:
         """Throw or tie, where a click points."""
         origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
         tool = self.controls.tool.value

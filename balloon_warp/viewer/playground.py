@@ -1,5 +1,6 @@
 """A simulation that is played with: every touch takes effect between two frames, and is written down."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -83,8 +84,8 @@ class Playground:
     @property
     def inflation(self) -> float:
         """what is keyframed of the first balloon, now"""
-        keyframes = self.live.balloon[0].inflation.keyframes
-        return float(np.interp(self.seconds, *zip(*keyframes, strict=True)))
+        times, values = np.array(self.live.balloon[0].inflation.keyframes).T
+        return float(np.interp(self.seconds, times, values))
 
     def step(self) -> None:
         """One frame.
@@ -279,7 +280,7 @@ class Playground:
                     differing[name] = rows
         return differing
 
-    def _rebuild(self, scene: Scene, spheres: list[int | None] | None = None, substeps: int | None = None) -> None:
+    def _rebuild(self, scene: Scene, spheres: Sequence[int | None] | None = None, substeps: int | None = None) -> None:
         """Go on in a scene with other spheres or strings, or another method."""
         plan = self._plan(scene)
         running = self.simulator.model.substeps
