@@ -141,6 +141,7 @@ def test_no_spring_exceeds_its_worlds_limit_by_more_than_a_hundredth(device):
     scene = scene_of(quad_sphere(4), stiffness=Stiffness(), inflation=strong, damping=2.0, substeps="auto")
     scene = scene.model_copy(update={"correction_sweeps": 8})
     simulator = Simulator(scene, device, 3, vary={"correction_limit": limits})
+    longest = np.zeros(3)
     for _ in range(60):
         simulator.step()
         longest = stretches(simulator.model, simulator.state.points.numpy()).max(axis=1)

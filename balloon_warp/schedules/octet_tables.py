@@ -96,8 +96,9 @@ def _faces_around(model: Model, places: NDArray, nothing: int) -> tuple[NDArray,
     offsets = _offsets(widths)
     particle = np.repeat(np.arange(model.particle_count), np.diff(begins))
     octet, lane = np.divmod(particle, LANE_COUNT)
+    faces = np.asarray(model.particle_faces.numpy(), dtype=np.int64)
     around = np.full((offsets[-1], LANE_COUNT), nothing)
-    around[offsets[octet] + np.arange(len(particle)) - begins[particle], lane] = places[model.particle_faces.numpy()]
+    around[offsets[octet] + np.arange(len(particle)) - begins[particle], lane] = places[faces]
     return offsets, around
 
 

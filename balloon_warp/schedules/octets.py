@@ -12,7 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.octets import octet_kernel
-from balloon_warp.kernels.octets_state import OCTET_NUMBERS, OctetFaces, OctetState
+from balloon_warp.kernels.octets_state import OCTET_NUMBERS, OctetState
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.octet_tables import face_octet_count, octet_count, octet_faces, octet_springs
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
@@ -82,7 +82,7 @@ class OctetsSchedule:
         wp.launch(count_frame, 1, inputs=[state.frame], device=model.device)
 
 
-def _octet_state(model: Model, faces: OctetFaces) -> Any:
+def _octet_state(model: Model, faces: Any) -> Any:
     def rows(count: int, dtype: Any) -> Any:
         return wp.zeros((model.world_count, count), dtype=dtype, device=model.device)
 

@@ -130,7 +130,7 @@ def hinge_table(model: Model) -> Any:
 def correction_table(model: Model) -> Any:
     """Springs color by color; none where lengths are not corrected."""
     corrected = model.scene.correction != "none"
-    pairs = model.spring_particles.numpy().reshape(-1, 2)[: None if corrected else 0]
+    pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)[: None if corrected else 0]
     colors = color_springs(pairs)
     order = np.lexsort([pairs[:, 1], pairs[:, 0], colors])
     table = CorrectionTable()

@@ -64,11 +64,12 @@ class DenseInverse:
 
 def _inverses(matrix: Any, offsets: list[int]) -> NDArray[np.float32]:
     """The inverses of the matrix's diagonal blocks, flat, one after the other."""
-    from scipy.linalg.lapack import dpotrf, dpotri
+    from scipy.linalg import get_lapack_funcs
 
+    potrf, potri = get_lapack_funcs(("potrf", "potri"), dtype=np.float64)
     flat = []
     for begin, end in pairwise(offsets):
-        factor, _ = dpotrf(matrix[begin:end, begin:end].toarray())  # positive definite: it cannot fail
-        upper = np.triu(dpotri(factor)[0])
+        factor, _ = potrf(matrix[begin:end, begin:end].toarray())  # positive definite: it cannot fail
+        upper = np.triu(potri(factor)[0])
         flat.append((upper + np.triu(upper, 1).T).astype(np.float32).ravel())
     return np.concatenate(flat)

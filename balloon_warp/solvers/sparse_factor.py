@@ -102,6 +102,6 @@ def _factors(matrix: Any, ordering: str) -> tuple[Any, NDArray, NDArray]:
     from scipy.sparse.linalg import splu
 
     factor = splu(matrix.tocsc(), permc_spec=ordering, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    lower = tril(factor.L, -1, format="csc")
+    lower: Any = tril(factor.L, -1, format="csc")
     lower.sort_indices()
     return lower, factor.U.diagonal(), factor.perm_c

@@ -30,10 +30,10 @@ class StepMatrices:
         self.of_world: NDArray[np.integer] = of_world.reshape(-1)
         """the matrix of each world, shape (world_count,)"""
         self._model = model
-        self._balloon = model.particle_balloon.numpy()
+        self._balloon = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
         self._share = model.particle_mass_share.numpy().astype(np.float64)
-        self._ends = model.spring_particles.numpy()
-        self._kind = model.spring_kind.numpy()
+        self._ends = np.asarray(model.spring_particles.numpy(), dtype=np.int64)
+        self._kind = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
         self._scale = model.spring_stiffness_scale.numpy().astype(np.float64)
 
     @property
@@ -60,7 +60,7 @@ class StepMatrices:
         diagonal = np.where(moves, self._share * inertia[self._balloon], 1.0)
         np.add.at(diagonal, p, np.where(moves[p], weight, 0.0))
         np.add.at(diagonal, q, np.where(moves[q], weight, 0.0))
-        held = model.string_particle.numpy()
+        held = np.asarray(model.string_particle.numpy(), dtype=np.int64)
         np.add.at(diagonal, held, np.where(moves[held], h * h * strings, 0.0))
         inner = moves[p] & moves[q]
         p, q, weight = p[inner], q[inner], weight[inner]
