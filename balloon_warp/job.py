@@ -70,8 +70,8 @@ def animate(
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
     simulator = Simulator(scene, device, schedule=schedule)
     for shape in simulator.model.shapes:
-        for warning in shape.mesh.warnings:
-            on_warning(f"{shape.name}: {warning}")
+        for warning in shape.warnings:
+            on_warning(warning)
     with StageWriter(output, simulator.model) as stage:
         for frame in simulator.run():
             stage.write(frame)

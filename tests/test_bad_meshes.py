@@ -45,6 +45,7 @@ def test_refused_in_a_sentence(
     assert len(sentences) == 1
     assert sentences[0].startswith("error: ")
     assert case.says in sentences[0]
+    assert len(sentences[0]) < 300 + len(str(path))
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -67,6 +68,24 @@ def test_accepted_with_a_warning(case: MeshCase, tmp_path: Path) -> None:
     assert np.isfinite(simulator.read_frame().points[0]).all()
     if not case.overrides:
         assert inspect_mesh(load_mesh(path)).warnings == list(warnings)
+
+
+@pytest.mark.parametrize("command", [["run"], ["batch", "--worlds", "2"]])
+def test_commands_warn_on_standard_error(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(next(case for case in WARNED if case.name == "duplicate face"), tmp_path)
+    monkeypatch.setattr(
+        sys, "argv", ["balloon-warp", *command, str(path), "--set=frames=2", "-o", str(tmp_path / "out.usdc")]
+    )
+    with pytest.raises(SystemExit) as ending:
+        main()
+    assert ending.value.code == 0
+    warnings = capsys.readouterr().err.splitlines()
+    assert warnings == [
+        "warning: mesh: 1 face has the corners of an earlier face; it is face 7, counting from 1. "
+        "Each face is taken once."
+    ]
 
 
 SOUND_ONCE_REPAIRED = ["repeated corner", "duplicate face", "duplicate face, wound the other way", "mixed winding"]

@@ -1,5 +1,6 @@
 """Scene files, overrides, and the sentences that a bad one gets."""
 
+import os
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -112,6 +113,9 @@ def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, senten
         (b"", r"balloon: is missing"),
         (b"balloon = 3", r"balloon: must be a valid list \(got 3\)"),
         (b"[[balloon]]", r"balloon\.0\.mesh: is missing"),
+        (b"[[balloon]]\nmesh = 'a'\n'b.c.d' = 1", r"balloon\.0\.b\.c\.d: unknown field; known here are mesh, .*"),
+        (b"[[balloon]]\nmesh = 'a'\n" + 9999 * b"x" + b" = 1", r"balloon\.0\.x{57}\.\.\.: unknown field; .*"),
+        (b"# " + 2**24 * b"x", r"is 16,777,218 bytes large; expected at most 16,777,216"),
     ],
 )
 def test_a_broken_scene_file_gets_one_sentence(tmp_path: Path, content: bytes, sentence: str):
@@ -120,6 +124,14 @@ def test_a_broken_scene_file_gets_one_sentence(tmp_path: Path, content: bytes, s
     with pytest.raises(InputError, match=rf"broken\.toml: .*{sentence}") as caught:
         load_scene(path)
     assert "\n" not in str(caught.value)
+
+
+def test_a_pipe_is_refused_unread_and_a_byte_order_mark_is_no_matter(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(InputError, match=r"pipe\.toml: is not a regular file"):
+        load_scene(tmp_path / "pipe.toml")
+    (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbfframes = 7\n[[balloon]]\nmesh = 'a.obj'\n")
+    assert load_scene(tmp_path / "marked.toml").frames == 7
 
 
 def test_an_unknown_scene_lists_the_bundled_ones():

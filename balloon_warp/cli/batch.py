@@ -9,6 +9,7 @@ from rich.console import Console
 
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.cli.warn import warn
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import parse_override
 
@@ -73,6 +74,7 @@ def batch(
             schedule=schedule,
             cluster=spread_over,
             on_frame=lambda number: progress.update(task, completed=number),
+            on_warning=warn,
         )
     if as_json:
         print(json.dumps(summary.as_json()))

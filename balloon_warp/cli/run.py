@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.cli.warn import warn
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
 
@@ -39,7 +40,6 @@ def run(
     quiet_warp()
     from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
 
-    warnings = Console(stderr=True, highlight=False, soft_wrap=True)
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
         summary = animate(
@@ -50,7 +50,7 @@ def run(
             device=device,
             schedule=schedule,
             on_frame=lambda number: progress.update(task, completed=number),
-            on_warning=lambda sentence: warnings.print(f"[yellow]warning:[/] {escape(sentence)}"),
+            on_warning=warn,
         )
     if as_json:
         print(json.dumps(summary.as_json()))

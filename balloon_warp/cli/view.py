@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import parse_override
@@ -44,7 +45,11 @@ def view(
         raise MissingExtraError("view needs viser: pip install 'balloon-warp[view]'") from None
     from balloon_warp.viewer.session import Session
 
-    page = Page(Session(scene_name(scene), loaded, device, folder.resolve()), host, port)
+    session = Session(scene_name(scene), loaded, device, folder.resolve())
+    for shape in session.playground.simulator.model.shapes:
+        for warning in shape.warnings:
+            warn(warning)
+    page = Page(session, host, port)
     page.start()
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{escape(scene_name(scene))} is at {page.address} (Ctrl+C ends it)")

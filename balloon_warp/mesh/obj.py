@@ -176,13 +176,16 @@ def _vertex(number: int, word: bytes, above: int) -> int:
         raise _LineError("vertex numbers must be integers")
     if number == 0:
         raise _LineError("vertex numbers begin at 1, not 0")
+    if abs(number) > np.iinfo(np.int32).max:
+        raise _LineError(f"there is no vertex {_shortened(str(number))}, which takes more than 32 bits")
     if number < -above:
         raise _LineError(f"there is no vertex {number}, only {above} stand above this line")
-    if number > np.iinfo(np.int32).max:
-        raise _LineError(f"there is no vertex {number}, which takes more than 32 bits")
     return number - 1 if number > 0 else above + number
 
 
 def _quote(line: bytes) -> str:
-    text = line.strip().decode("latin-1")
-    return repr(text if len(text) <= 60 else f"{text[:60]}...")
+    return repr(_shortened(line.strip().decode("latin-1")))
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:60]}..."

@@ -43,6 +43,11 @@ class ModelPlan:
         return position_shifts(self.scene, self.parameters)
 
     @property
+    def warnings(self) -> list[str]:
+        """what is odd about the meshes, and what became of it"""
+        return [warning for shape in self.shapes for warning in shape.warnings]
+
+    @property
     def particle_count(self) -> int:
         """in one world"""
         return sum(shape.mesh.vertex_count for shape in self.shapes)

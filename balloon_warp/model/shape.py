@@ -39,6 +39,11 @@ class BalloonShape:
         """Where torsion springs would be."""
         return build_hinges(self.mesh)
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is odd about its mesh, and what became of it, in sentences that begin with its name."""
+        return [f"{self.name}: {warning}" for warning in self.mesh.warnings]
+
     @cached_property
     def closed(self) -> bool:
         """Whether no edge of the mesh is on a border."""

@@ -18,7 +18,7 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
     first = failures[0]
     match first["type"]:
         case "extra_forbidden":
-            return f"{field}: unknown field{_hint(field, schema)}"
+            return f"{field}: unknown field{_hint(first, schema)}"
         case "missing":
             return f"{field}: is missing"
         case "value_error":
@@ -30,26 +30,27 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
 
 def _field(details: ErrorDetails, schema: type[BaseModel]) -> str:
     """The dotted path of the wrong field: Pydantic's location less the members of unions that it names too."""
+    return ".".join(_walk(details, schema)[0])
+
+
+def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], type[BaseModel]]:
+    """The steps of the path, and the last table on it that the schema knows."""
     steps: list[str] = []
-    table: type[BaseModel] | None = schema
+    table = schema
     for place, step in enumerate(details["loc"]):
         unknown = details["type"] == "extra_forbidden" and place == len(details["loc"]) - 1
         if isinstance(step, int) or unknown:
-            steps.append(str(step))
-        elif table and step in table.model_fields:
+            steps.append(_shortened(str(step)))
+        elif step in table.model_fields:
             steps.append(step)
-            table = _table_in(table.model_fields[step].annotation)
-    return ".".join(steps)
-
-
-def _hint(field: str, schema: type[BaseModel]) -> str:
-    """The known field that was probably meant, or all that are known there."""
-    *path, name = field.split(".")
-    table = schema
-    for step in path:
-        if not step.isdecimal():
             table = _table_in(table.model_fields[step].annotation) or table
-    close = difflib.get_close_matches(name, table.model_fields, n=1)
+    return steps, table
+
+
+def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
+    """The known field that was probably meant, or all that are known there."""
+    name, table = str(details["loc"][-1]), _walk(details, schema)[1]
+    close = difflib.get_close_matches(name[:100], table.model_fields, n=1)  # takes time with the square of its length
     return f"; did you mean {close[0]}?" if close else f"; known here are {', '.join(table.model_fields)}"
 
 
@@ -73,5 +74,8 @@ def _expected(message: str) -> str:
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
+    return _shortened(repr(value))
+
+
+def _shortened(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."

@@ -15,6 +15,9 @@ from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, apply_overrides
 from balloon_warp.scene.schema import Scene
 
+LARGEST_FILE = 1 << 24
+"""bytes of a scene file"""
+
 
 def bundled_scenes() -> dict[str, Path]:
     """Names of the bundled scenes, and their files."""
@@ -111,7 +114,11 @@ def check_scene(table: dict[str, Any], path: Path) -> Scene:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        if path.exists() and not path.is_file():  # reading a pipe would wait forever
+            raise InputError(f"{path}: is not a regular file")
+        if path.exists() and path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path}: is {path.stat().st_size:,} bytes large; expected at most {LARGEST_FILE:,}")
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:

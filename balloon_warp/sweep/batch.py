@@ -70,6 +70,7 @@ def run_batch(
     schedule: str = "auto",
     cluster: Cluster | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
+    on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> BatchSummary:
     """Simulate worlds that differ; write `table.npz`, `table.csv` and, of the chosen worlds, `worlds.usdc`.
 
@@ -86,6 +87,7 @@ def run_batch(
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         cluster: the workers that simulate it; this process does, when missing. The files are the same.
         on_frame: told the number of each frame when it is simulated; on a cluster, now and then, of the average world.
+        on_warning: told what is odd about each mesh, and what became of it.
 
     Raises:
         InputError: the scene cannot be simulated, a varied value is wrong, the worlds do not fit into the memory, or
@@ -98,6 +100,8 @@ def run_batch(
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
     worker_device = cluster.device(device) if cluster else device
     task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, Path(folder), schedule)
+    for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
+        on_warning(warning)
     if cluster:
         from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
 

@@ -1,0 +1,193 @@
+"""Tries what should do no harm: every mesh of the table, then mutations of meshes and scenes for as long as one likes.
+
+    python -m balloon_warp.benchmarks.fuzz --minutes 10
+
+A reader may take a file or refuse it with an `InputError`. Anything else is a failure: another exception, a warning of
+NumPy, a result that makes no sense, ten seconds for a file, more memory than is allowed.
+"""
+
+import argparse
+import contextlib
+import itertools
+import resource
+import signal
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, given, seed, settings
+
+from balloon_warp.benchmarks.bad_meshes import CUBE, MESH_CASES, MeshCase
+from balloon_warp.benchmarks.mutation import MESH_PIECES, SCENE_PIECES, mesh_seeds, mutated, scene_seeds
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.errors import InputError
+from balloon_warp.inspection import inspect_mesh
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.model import ModelPlan, plan_model
+from balloon_warp.scene import load_scene
+
+LONGEST = 10.0
+"""seconds that a file may take"""
+MOST_MEMORY = 4 << 30
+"""bytes that reading may add to the address space"""
+ROUND = 200
+"""files between looks at the clock"""
+
+Count = Counter[str]
+"""files by what became of them: "accepted" or "refused" """
+
+
+def try_case(case: MeshCase, folder: Path) -> str | None:
+    """What is wrong with how a mesh of the table is met; None where nothing is."""
+    path = folder / "case.obj"
+    path.write_bytes(case.content())
+    try:
+        said = [*_plan(path, case.overrides).shapes[0].mesh.warnings]
+        outcome = "warned" if said else "accepted"
+    except InputError as mistake:
+        outcome, said = "refused", [str(mistake)]
+    if outcome != case.outcome:
+        return f"{case.name}: expected to be {case.outcome}, was {outcome} ({'; '.join(said)})"
+    if case.says and not any(case.says in sentence for sentence in said):
+        return f"{case.name}: expected {case.says!r}, got {'; '.join(said)}"
+    return None
+
+
+def fuzz_meshes(folder: Path, examples: int, number: int, count: Count) -> None:
+    """Read mutated OBJ files, report on them, and make balloons of them.
+
+    Args:
+        folder: where they are written, one over the other.
+        examples: how many.
+        number: of the round; each has other files, and the same every time.
+        count: what became of them is added to it.
+    """
+    path = folder / "mesh.obj"
+
+    def read() -> None:
+        report = inspect_mesh(load_mesh(path))
+        assert np.isfinite(report.area)
+        assert report.vertices >= 1
+        assert all(sentence.endswith(".") for sentence in report.warnings)
+        _check_plan(_plan(path))
+
+    _fuzz(path, read, mesh_seeds(), MESH_PIECES, examples, number, count)
+
+
+def fuzz_scenes(folder: Path, examples: int, number: int, count: Count) -> None:
+    """Read mutated scene files, and plan their models; arguments as in `fuzz_meshes`."""
+    (folder / "cube.obj").write_bytes(CUBE)
+    path = folder / "scene.toml"
+    _fuzz(path, lambda: _check_plan(_plan(path)), scene_seeds(), SCENE_PIECES, examples, number, count)
+
+
+def _fuzz(
+    path: Path,
+    read: Callable[[], None],
+    seeds: list[bytes],
+    pieces: list[bytes],
+    examples: int,
+    number: int,
+    count: Count,
+) -> None:
+    @settings(
+        max_examples=examples,
+        database=None,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+        phases=(Phase.generate, Phase.shrink),
+    )
+    @seed(number)
+    @given(mutated(seeds, pieces))
+    def meet(content: bytes) -> None:
+        path.write_bytes(content)
+        try:
+            with _limited_time(), warnings.catch_warnings():
+                warnings.simplefilter("error")
+                read()
+            count["accepted"] += 1
+        except InputError as mistake:
+            _check_sentence(str(mistake))
+            count["refused"] += 1
+
+    meet()
+
+
+def _plan(path: Path, overrides: tuple[tuple[str, object], ...] = ()) -> ModelPlan:
+    return plan_model(load_scene(path, overrides))
+
+
+def _check_plan(plan: ModelPlan) -> None:
+    assert plan.substeps >= 1
+    for shape in plan.shapes:
+        assert np.isfinite(shape.mesh.points[shape.mesh.face_vertex_indices]).all()
+        assert np.isfinite(shape.springs.rest_lengths).all()
+        assert np.isfinite(shape.mass_share).all()
+
+
+def _check_sentence(sentence: str) -> None:
+    assert ": " in sentence, f"a refusal that names no file or field: {sentence}"
+    assert "\n" not in sentence, f"a refusal of more than a line: {sentence}"
+    assert len(sentence) < 1000, f"a refusal without end: {sentence}"
+
+
+@contextlib.contextmanager
+def _limited_time() -> Iterator[None]:
+    def stop(*_: object) -> None:
+        raise TimeoutError(f"a file took more than {LONGEST:g} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _limit_memory() -> None:
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = pages * resource.getpagesize() + MOST_MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+
+
+def _fuzz_for(seconds: float, fuzz: Callable[[Path, int, int, Count], None], folder: Path) -> Count:
+    count, end = Counter(), time.monotonic() + seconds
+    for number in itertools.takewhile(lambda _: time.monotonic() < end, itertools.count()):
+        fuzz(folder, ROUND, number, count)
+    return count
+
+
+def main() -> None:
+    """Print how many of each were tried; a failure ends it with the shortest file that shows it."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--minutes", type=float, default=10.0, help="for the mutations, half of them for scenes")
+    minutes = parser.parse_args().minutes
+    quiet_warp()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        wrong = [complaint for case in MESH_CASES if (complaint := try_case(case, folder))]
+        outcomes = Counter(case.outcome for case in MESH_CASES)
+        print(f"table: {len(MESH_CASES)} meshes, {_shown(outcomes)}; {len(wrong)} otherwise than expected", flush=True)
+        for complaint in wrong:
+            print(f"  {complaint}")
+        _limit_memory()
+        for what, fuzz in (("meshes", fuzz_meshes), ("scenes", fuzz_scenes)):
+            count = _fuzz_for(30.0 * minutes, fuzz, folder)
+            print(f"mutated {what}: {count.total():,} tried, {_shown(count)}; no failure", flush=True)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"most memory: {peak:,.0f} MiB")
+    sys.exit(1 if wrong else 0)
+
+
+def _shown(count: Count) -> str:
+    return ", ".join(f"{number:,} {outcome}" for outcome, number in sorted(count.items()))
+
+
+if __name__ == "__main__":
+    main()

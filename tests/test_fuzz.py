@@ -1,0 +1,50 @@
+"""The fuzzer, for a moment: it finds nothing, and it would."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from balloon_warp.benchmarks import fuzz
+from balloon_warp.benchmarks.bad_meshes import MESH_CASES, MeshCase
+
+
+@pytest.mark.parametrize("read", [fuzz.fuzz_meshes, fuzz.fuzz_scenes])
+def test_mutated_files_are_taken_or_refused(read, tmp_path: Path) -> None:
+    count: fuzz.Count = Counter()
+    read(tmp_path, 100, 0, count)
+    assert count.total() >= 100
+    assert min(count["accepted"], count["refused"]) >= 10
+
+
+@pytest.mark.parametrize(
+    ("fault", "found"),
+    [(ZeroDivisionError("planted"), "planted"), (fuzz.InputError("no\nsentence: "), "a refusal of more than a line")],
+)
+def test_a_fault_is_found(
+    fault: Exception, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(path: Path) -> None:
+        raise fault
+
+    monkeypatch.setattr(fuzz, "load_mesh", fail)
+    with pytest.raises(type(fault) if isinstance(fault, ZeroDivisionError) else AssertionError, match=found):
+        fuzz.fuzz_meshes(tmp_path, 5, 0, Counter())
+
+
+def test_a_hang_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def hang(path: Path) -> None:
+        while True:
+            pass
+
+    monkeypatch.setattr(fuzz, "LONGEST", 0.05)
+    monkeypatch.setattr(fuzz, "load_mesh", hang)
+    with pytest.raises(TimeoutError, match=r"a file took more than 0\.05 s"):
+        fuzz.fuzz_meshes(tmp_path, 1, 0, Counter())
+
+
+def test_the_table_is_held_to(tmp_path: Path) -> None:
+    plain = next(case for case in MESH_CASES if case.name == "plain")
+    assert fuzz.try_case(plain, tmp_path) is None
+    wrong = MeshCase("plain", plain.content, "refused", "is wrong")
+    assert fuzz.try_case(wrong, tmp_path) == "plain: expected to be refused, was accepted ()"
