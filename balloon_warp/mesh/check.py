@@ -10,8 +10,11 @@ LARGEST_FACE = 4096
 """corners of a face; the springs across it grow with their square"""
 
 
-def check_mesh(mesh: PolygonMesh, source: str) -> None:
+def check_mesh(mesh: PolygonMesh, source: str, least_corners: int = 3) -> None:
     """Check that a mesh has points and faces, and that they fit together.
+
+    Args:
+        least_corners: of a face; with 2, a face may be an edge.
 
     Raises:
         InputError: names `source` and the first face or vertex, from 1, that is wrong.
@@ -25,10 +28,11 @@ def check_mesh(mesh: PolygonMesh, source: str) -> None:
             f"{source}: vertex {vertex + 1}: coordinates must be finite and fit in 32-bit floats "
             f"(got {' '.join(map(str, mesh.points[vertex]))})"
         )
-    if mesh.face_vertex_counts.min() < 3:
+    if mesh.face_vertex_counts.min() < least_corners:
         face = int(mesh.face_vertex_counts.argmin())
         raise InputError(
-            f"{source}: face {face + 1}: a face needs three corners or more (got {mesh.face_vertex_counts[face]})"
+            f"{source}: face {face + 1}: a face needs {'three' if least_corners == 3 else 'two'} corners or more "
+            f"(got {mesh.face_vertex_counts[face]})"
         )
     if mesh.face_vertex_counts.max() > LARGEST_FACE:
         face = int(mesh.face_vertex_counts.argmax())

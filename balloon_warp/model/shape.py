@@ -88,7 +88,9 @@ def _skin(balloon: Balloon) -> tuple[PolygonMesh, object]:
         mesh, source = load_mesh(balloon.mesh, balloon.weld), balloon.mesh
     else:
         mesh, source = balloon.mesh, balloon.mesh.name
-        check_mesh(mesh, source)
+        check_mesh(mesh, source, least_corners=2)
+        if mesh.face_vertex_counts.max() == 2:  # a net of springs along edges alone
+            return mesh, source
         mesh = welded(mesh) if balloon.weld else mesh
     warnings = (*mesh.warnings, *describe_defects(mesh))
     return replace(repaired(mesh, source), warnings=warnings), source
