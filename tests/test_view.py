@@ -237,7 +237,7 @@ def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
     asked(served, 20)
     fresh.get_by_role("button", name="Stop and save").click()
     wait_until(lambda: not served.session.recording, "it stops")
-    served.session.writer.join()
+    wait_until(lambda: list(served.session.folder.glob("*.toml")), "it is written")
     folder = served.session.folder
     stage = Usd.Stage.Open(str(folder / "ball_1.usdc"))
     assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/mesh")).GetPointsAttr().GetNumTimeSamples() > 15

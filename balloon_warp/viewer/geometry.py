@@ -44,10 +44,11 @@ class Drawing:
         return np.concatenate(parts).astype(np.float32)
 
     def net_forces(self, picture: Picture, length: float) -> Lines:
-        """On every particle; all but the largest are at most `length` long."""
+        """On every particle; the largest twentieth is drawn `length` long."""
         points, forces = np.concatenate(picture.frame.points), np.concatenate(picture.frame.net_forces)
-        large = float(np.percentile(np.linalg.norm(forces, axis=1), 95.0))
-        return np.stack([points, points + forces * (length / max(large, 1e-12))], axis=1).astype(np.float32)
+        sizes = np.linalg.norm(forces, axis=1, keepdims=True)
+        longest = max(float(np.percentile(sizes, 95.0)), 1e-12)
+        return np.stack([points, points + forces * (length / np.maximum(sizes, longest))], axis=1).astype(np.float32)
 
     def strain_bands(self, picture: Picture, number: int) -> list[NDArray[np.int32]]:
         """The triangles of one balloon, in as many groups as there are bands of strain."""

@@ -2,7 +2,7 @@
 
 from collections import deque
 
-MOST_BEHIND = 0.1
+MOST_BEHIND = 0.25
 """seconds that the simulation may lag and still catch up; what is more is given up: time runs slower instead"""
 WINDOW = 1.0
 """seconds over which the rate is taken"""

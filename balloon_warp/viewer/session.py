@@ -92,6 +92,8 @@ class Session:
         self.pace = Pace()
         self.running, self.trouble = True, ""
         self.recording: Recording | None = None
+        self.writer: threading.Thread | None = None
+        """of the last recording that ended"""
         self._load, self._revision, self._step_seconds = 1, 1, 0.0
         self._moments: deque[Moment] = deque(maxlen=MOMENTS)
         self._asked: dict[object, Wish] = {}
@@ -106,11 +108,14 @@ class Session:
         self._thread.start()
 
     def stop(self) -> None:
-        """End, once the frame that is being simulated is done."""
+        """End, once the frame that is being simulated is done; a recording that goes on is saved."""
         self._stop.set()
         self._wake.set()
         if self._thread.is_alive():
             self._thread.join()
+        self._end_recording()
+        if self.writer:
+            self.writer.join()
 
     def ask(self, wish: Wish, key: object = None) -> None:
         """Do something to the playground before the next frame. From any thread; returns at once.
