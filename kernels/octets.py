@@ -15,7 +15,7 @@ from balloon_warp.kernels.lanes_types import (
     set_column,
     squared_lengths,
 )
-from balloon_warp.kernels.octets_contact import is_any_touching, leave_obstacles, move_world_spheres
+from balloon_warp.kernels.octets_contact import leaving_obstacles, move_world_spheres, touching_any
 from balloon_warp.kernels.octets_inflation import aim_all_octets
 from balloon_warp.kernels.octets_state import (
     DRAG,
@@ -91,8 +91,11 @@ def inflation_octet(numbers: wp.array[Lanes], time_in_frame: float):
 
 
 @cache
-def octet_kernel(fresh_normals: bool) -> Any:
-    """The kernel that advances worlds; with fresh normals it aims the inflation every substep, or not at all."""
+def octet_kernel(fresh_normals: bool, spheres: bool) -> Any:
+    """The kernel that advances worlds; with fresh normals it aims the inflation every substep, or not at all. Without
+    spheres it compiles sooner."""
+    is_any_touching = touching_any(spheres)
+    leave_obstacles = leaving_obstacles(spheres)
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_octets(
@@ -123,7 +126,8 @@ def octet_kernel(fresh_normals: bool) -> Any:
             time_in_frame = float(substep) * step_seconds
             if wp.static(fresh_normals):
                 aim_all_octets(bodies, faces, octets, world, points)
-            move_world_spheres(bodies, obstacles, state, world, step_seconds)
+            if wp.static(spheres):
+                move_world_spheres(bodies, obstacles, state, world, step_seconds)
             for octet in range(octets.velocities.shape[1]):
                 numbers = octets.numbers[world, octet]
                 point = fetch(points, whole_octet(octet))

@@ -1,6 +1,9 @@
 """Spheres and ground beside eight particles of one world. Touching is rare: only then is each particle looked at by
 itself."""
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
@@ -63,53 +66,69 @@ def is_any_below(points: Lanes3, up: wp.vec3, height: float):
     return wp.min(heights) < height
 
 
-@wp.func
-def is_any_touching(bodies: BodyTable, obstacles: ObstacleTable, state: WorldState, world: wp.int32, points: Lanes3):
-    """Whether any of eight particles is inside a sphere or below the ground."""
-    touching = is_any_below(points, bodies.up, ground_height(obstacles, world))
-    for sphere in range(state.sphere_positions.shape[1]):
-        radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
-        touching = touching or is_any_inside(points, state.sphere_positions[world, sphere], radius)
-    return touching
+@cache
+def touching_any(spheres: bool) -> Any:
+    """The function that asks whether there is an obstacle to leave, without looking for spheres if there are none."""
 
-
-@wp.func
-def leave_obstacles(
-    bodies: BodyTable,
-    obstacles: ObstacleTable,
-    state: WorldState,
-    octets: OctetState,
-    world: wp.int32,
-    octet: wp.int32,
-    time_in_frame: float,
-    points: Lanes3,
-    velocities: Lanes3,
-):
-    """Points and velocities of eight particles once each that is free to move is out of spheres and ground."""
-    numbers = octets.numbers[world, octet]
-    first = LANE_COUNT * octet
-    for particle in range(first, wp.min(first + LANE_COUNT, state.points.shape[1])):
-        lane = particle - first
-        if bodies.mass_share[particle] > 0.0:
-            point = column(points, lane)
-            velocity = column(velocities, lane)
+    @wp.func
+    def is_any_touching(
+        bodies: BodyTable, obstacles: ObstacleTable, state: WorldState, world: wp.int32, points: Lanes3
+    ):
+        """Whether any of eight particles is inside a sphere or below the ground."""
+        touching = is_any_below(points, bodies.up, ground_height(obstacles, world))
+        if wp.static(spheres):
             for sphere in range(state.sphere_positions.shape[1]):
-                point, velocity, outward = leave_sphere(
-                    point,
-                    velocity,
-                    state.sphere_positions[world, sphere],
-                    state.sphere_velocities[world, sphere],
-                    obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
-                    bodies.up,
+                radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
+                touching = touching or is_any_inside(points, state.sphere_positions[world, sphere], radius)
+        return touching
+
+    return is_any_touching
+
+
+@cache
+def leaving_obstacles(spheres: bool) -> Any:
+    """The function that leaves obstacles."""
+
+    @wp.func
+    def leave_obstacles(
+        bodies: BodyTable,
+        obstacles: ObstacleTable,
+        state: WorldState,
+        octets: OctetState,
+        world: wp.int32,
+        octet: wp.int32,
+        time_in_frame: float,
+        points: Lanes3,
+        velocities: Lanes3,
+    ):
+        """Points and velocities of eight particles once each that is free to move is out of spheres and ground."""
+        numbers = octets.numbers[world, octet]
+        first = LANE_COUNT * octet
+        for particle in range(first, wp.min(first + LANE_COUNT, state.points.shape[1])):
+            lane = particle - first
+            if bodies.mass_share[particle] > 0.0:
+                point = column(points, lane)
+                velocity = column(velocities, lane)
+                if wp.static(spheres):
+                    for sphere in range(state.sphere_positions.shape[1]):
+                        point, velocity, outward = leave_sphere(
+                            point,
+                            velocity,
+                            state.sphere_positions[world, sphere],
+                            state.sphere_velocities[world, sphere],
+                            obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
+                            bodies.up,
+                        )
+                        if wp.length_sq(outward) > 0.0:
+                            k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
+                            inflation = inflation_force(k_normal, column(octets.aims[world, octet], lane))
+                            penalties = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0])]
+                            state.sphere_forces[world, sphere] += penalty_force(penalties[sphere], inflation, outward)
+                point, velocity = leave_ground(
+                    point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
                 )
-                if wp.length_sq(outward) > 0.0:
-                    k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
-                    inflation = inflation_force(k_normal, column(octets.aims[world, octet], lane))
-                    penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
-                    state.sphere_forces[world, sphere] += penalty_force(penalty, inflation, outward)
-            point, velocity = leave_ground(
-                point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
-            )
-            points = set_column(points, lane, point)
-            velocities = set_column(velocities, lane, velocity)
-    return points, velocities
+                points = set_column(points, lane, point)
+                velocities = set_column(velocities, lane, velocity)
+        return points, velocities
+
+    return leave_obstacles

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column
+from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.tables import (
     BodyTable,
@@ -117,6 +117,12 @@ def store(vectors: wp.array[wp.vec4], octet: wp.int32, lanes: Lanes3):
 
 
 @wp.func
+def set_number(numbers: wp.array[Lanes], which: wp.int32, lane: wp.int32, value: float):
+    """Of one particle of an octet."""
+    numbers[which][lane] = value
+
+
+@wp.func
 def read_octets(
     bodies: BodyTable,
     springs: OctetSprings,
@@ -126,26 +132,30 @@ def read_octets(
     world: wp.int32,
 ):
     """Into the octets, what a frame begins with. What fills up the last octet has no mass and stays where it is."""
+    gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
     for particle in range(state.points.shape[1]):
         octet = particle // LANE_COUNT
         lane = particle % LANE_COUNT
         balloon = bodies.balloon[particle]
         point = state.points[world, particle]
         octets.points[world, particle] = wp.vec4(point[0], point[1], point[2], 0.0)
-        for axis in range(3):
-            octets.velocities[world, octet][axis, lane] = state.velocities[world, particle][axis]
-            octets.aims[world, octet][axis, lane] = state.inflation_aims[world, particle][axis]
-        for kind in range(3):
-            constant = springs.stiffness[row_of_world(world, springs.stiffness.shape[0]), balloon, kind]
-            octets.numbers[world, octet, kind][lane] = constant
+        octets.velocities[world, octet] = set_column(
+            octets.velocities[world, octet], lane, state.velocities[world, particle]
+        )
+        octets.aims[world, octet] = set_column(octets.aims[world, octet], lane, state.inflation_aims[world, particle])
+        numbers = octets.numbers[world, octet]
+        row = row_of_world(world, springs.stiffness.shape[0])
+        set_number(numbers, 0, lane, springs.stiffness[row, balloon, 0])
+        set_number(numbers, 1, lane, springs.stiffness[row, balloon, 1])
+        set_number(numbers, 2, lane, springs.stiffness[row, balloon, 2])
         mass = particle_mass(bodies, world, particle)
-        gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
         helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), balloon]
-        octets.numbers[world, octet, RESPONSE][lane] = response(mass, step_seconds)
-        octets.numbers[world, octet, LIFT][lane] = lift(mass, gravity, helium)
-        octets.numbers[world, octet, DRAG][lane] = particle_damping(bodies, world, particle)
-        octets.numbers[world, octet, RAMP_BEGIN][lane] = state.inflation_ramp[world, balloon][0]
-        octets.numbers[world, octet, RAMP_SLOPE][lane] = state.inflation_ramp[world, balloon][1]
+        set_number(numbers, RESPONSE, lane, response(mass, step_seconds))
+        set_number(numbers, LIFT, lane, lift(mass, gravity, helium))
+        set_number(numbers, DRAG, lane, particle_damping(bodies, world, particle))
+        ramp = state.inflation_ramp[world, balloon]
+        set_number(numbers, RAMP_BEGIN, lane, ramp[0])
+        set_number(numbers, RAMP_SLOPE, lane, ramp[1])
 
 
 @wp.func

@@ -40,7 +40,7 @@ class OctetsSchedule:
             raise InputError(f"--schedule octets: does not simulate {beyond}; use gather")
         self.model = model
         self._fresh_normals = model.scene.normals == "fresh"
-        self._kernel = octet_kernel(self._fresh_normals)
+        self._kernel = octet_kernel(self._fresh_normals, model.sphere_count > 0)
         self._aims = AimRefresher(model)
         faces = octet_faces(model)
         self._tables = [
