@@ -251,3 +251,29 @@ def test_a_journal_does_not_grow_forever(monkeypatch):
     assert len(playground.journal.changes) == 5
     with pytest.raises(InputError, match="more was done since the start than the 5 entries"):
         playground.journal.scene(9)
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_every_bundled_scene_can_be_played_with(name):
+    """And replays, to the last bit."""
+    playground = Playground(load_scene(name), "cpu")
+    steps(playground, 2)
+    playground.inflate(0.5 * playground.inflation + 0.001)
+    center = playground.points.mean(axis=0)
+    playground.throw(center + [0.0, 2.0 * playground.size, 0.0], np.zeros(3), 0.1 * playground.size, 1.0)
+    playground.grab("hand", 5, playground.points[5] + [0.0, 0.1 * playground.size, 0.0])
+    steps(playground, 2)
+    playground.release("hand")
+    steps(playground, 1)
+    assert np.isfinite(playground.points).all()
+    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
+
+
+def test_wind_carries_a_balloon_along(device):
+    """One that had no drag in air until then."""
+    playground = Playground(on_a_string(ground=None), device)
+    steps(playground, 2)
+    was = playground.points[:, 0].mean()
+    playground.blow([5.0, 0.0, 0.0])
+    steps(playground, 20)
+    assert playground.points[:, 0].mean() > was + 0.05
