@@ -12,6 +12,7 @@ from balloon_warp.job import animate
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.batch import run_batch
 
 STILL = Balloon(
     mesh=cube(), stiffness=Stiffness(structural=0, shear=0, flexion=0), inflation=Inflation(k_normal=0.0), damping=0.0
@@ -221,15 +222,22 @@ def test_going_on_with_more_spheres_keeps_the_others(device, schedule):
     np.testing.assert_allclose(simulator.read_frame().points[0], undisturbed.points[0], atol=1e-6)
 
 
-def test_the_stage_shows_what_is_there(tmp_path):
+@pytest.mark.parametrize("batch", [False, True])
+def test_the_stage_shows_what_is_there(tmp_path, batch):
     """Spheres and strings from their start to their end, and a string's anchor where it is by then."""
     scene = busy(change=[Change(time=2 / 60, set={"string.0.anchor": [0.5, -1.0, 0.0]})], frames=4)
     late = scene.sphere[0].model_copy(update={"start": 2 / 60, "end": 3 / 60})
-    animate(scene.model_copy(update={"sphere": [late]}), tmp_path / "stage.usda", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "stage.usda"))
-    sphere = UsdGeom.Imageable(stage.GetPrimAtPath("/World/Spheres/Sphere_0"))
+    scene = scene.model_copy(update={"sphere": [late]})
+    if batch:
+        run_batch(scene, tmp_path, 2, {"balloon.mass": [0.1, 0.2]}, export=[1], device="cpu")
+    else:
+        animate(scene, tmp_path / "worlds.usdc", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
+    paths = {prim.GetName(): prim for prim in stage.Traverse()}
+    sphere = UsdGeom.Sphere(paths["Sphere_0"])
+    assert sphere.GetRadiusAttr().Get() == late.radius
     seen = [sphere.ComputeVisibility(frame) == UsdGeom.Tokens.inherited for frame in range(5)]
     assert seen == [False, False, True, False, False]
-    string = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
+    string = UsdGeom.BasisCurves(paths["String_0"])
     anchors = [tuple(string.GetPointsAttr().Get(frame)[0]) for frame in range(5)]
     assert anchors == [(0.0, -1.0, 0.0)] * 3 + [(0.5, -1.0, 0.0)] * 2

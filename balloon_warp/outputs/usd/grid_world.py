@@ -13,6 +13,7 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.prototypes import Prototypes
 from balloon_warp.outputs.usd.string_curve import string_curve
+from balloon_warp.scene.timeline import is_there
 
 Types = Sdf.ValueTypeNames
 
@@ -51,7 +52,7 @@ class GridWorld:
         self._spheres = []
         for number, path in enumerate(prototypes.spheres):
             sphere = _referring(world, path.name, path)
-            radius = plan.of_world("sphere_radius", row)[number]
+            radius = plan.of_world("sphere_radius", row)[number] or plan.scene.sphere[number].radius  # 0: not there yet
             if radius != plan.scene.sphere[number].radius:
                 _set(sphere, "radius", Types.Double, radius)
                 _set(sphere, "extent", Types.Float3Array, Vt.Vec3fArray([Gf.Vec3f(-radius), Gf.Vec3f(radius)]))
@@ -60,11 +61,23 @@ class GridWorld:
             _animated(_referring(world, path.name, path), {"points": Types.Point3fArray, "extent": Types.Float3Array})
             for path in prototypes.strings
         ]
+        self._lasting = []
+        """what appears or ends: the path of its visibility, and the sphere or string"""
+        bodies = zip((*prototypes.spheres, *prototypes.strings), (*plan.scene.sphere, *plan.scene.string), strict=True)
+        for path, body in bodies:
+            if body.start > 0.0 or body.end is not None:
+                prim = self.layer.GetPrimAtPath(world.path.AppendChild(path.name))
+                self._lasting.append((_animated(prim, {"visibility": Types.Token})[0], body))
         self._ground_height = plan.of_world("ground_height", row)
         for plane, path in prototypes.pieces.items():
             piece = _referring(world, plane.piece, path)
             _translated(piece, plan.of_world(plane.height, row) * np.array(plan.scene.up))
-        self._string_anchors = plan.of_world("string_anchor", row)
+        self._string_anchors = [(0, np.array(plan.of_world("string_anchor", row)))]
+        for turn in plan.turns:
+            if "string_anchor" in turn.values:
+                moved = self._string_anchors[-1][1][None].copy()
+                turn.apply("string_anchor", moved)
+                self._string_anchors.append((turn.frame + 1, moved[0]))
         self._string_lengths = plan.of_world("string_length", row)
         self._string_widths = prototypes.string_widths
 
@@ -87,16 +100,20 @@ class GridWorld:
         for path, position in zip(self._spheres, sphere_positions.tolist(), strict=True):
             self.layer.SetTimeSample(path, time, Gf.Vec3d(*position))
         for number, (point_path, extent_path) in enumerate(self._strings):
-            places = Vt.Vec3fArray.FromNumpy(self._string_curve(number, points))
+            places = Vt.Vec3fArray.FromNumpy(self._string_curve(number, points, time))
             extent = UsdGeom.Curves.ComputeExtent(places, self._string_widths[number])
             self.layer.SetTimeSample(point_path, time, places)
             self.layer.SetTimeSample(extent_path, time, extent)
+        for path, body in self._lasting:
+            seen = is_there(self.plan.scene, body, int(time))
+            self.layer.SetTimeSample(path, time, UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible)
 
-    def _string_curve(self, number: int, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _string_curve(self, number: int, points: NDArray[np.float32], time: float) -> NDArray[np.float32]:
         string = self.plan.scene.string[number]
         before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[: string.balloon])
         end = points[before + self.plan.held[number]]
-        anchor, length = self._string_anchors[number], self._string_lengths[number]
+        anchors = next(anchors for frame, anchors in reversed(self._string_anchors) if frame <= time)
+        anchor, length = anchors[number], self._string_lengths[number]
         return string_curve(anchor, end, length, self.plan.scene.up, self._ground_height)
 
 
