@@ -1,0 +1,147 @@
+"""Kills runs and batches at random moments, and looks at what is left of the outputs that they were to replace.
+
+    python -m balloon_warp.benchmarks.kills --count 200
+
+A file that a killed process leaves must be, byte by byte, the good one of before or the whole new one. Anything else is
+damaged: a part, a mixture, none at all.
+"""
+
+import argparse
+import multiprocessing
+import random
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import Scene, load_scene
+
+FRAMES_BEFORE, FRAMES = 2, 60
+"""of the good output, and of what is to replace it"""
+LONGER = 1.5
+"""times what an undisturbed process takes to write: the last moment of a kill"""
+WORLDS = 8
+KINDS = ("run", "batch")
+WORD = {"kept": "kept the old output", "replaced": "had the new one", "between": "had some files of each, all whole"}
+
+Files = Mapping[str, bytes | None]
+"""contents of an output's files by their names; None where there is no such file"""
+
+
+def judge(found: Files, before: Files, after: Files) -> str:
+    """What became of an output: "kept", "replaced", "between" (each file is whole, some are old) or "damaged"."""
+    if any(found.get(name) not in (before[name], content) for name, content in after.items()):
+        return "damaged"
+    if all(found[name] == content for name, content in after.items()):
+        return "replaced"
+    return "kept" if all(found[name] == content for name, content in before.items()) else "between"
+
+
+def kill_at_random(kind: str, count: int, folder: Path, seed: int = 0) -> Counter[str]:
+    """Start, kill and judge.
+
+    Args:
+        kind: "run" or "batch".
+        count: how many processes are killed.
+        folder: where they work.
+        seed: of the moments, which are uniform over the time in which a process writes.
+
+    Returns:
+        how many outputs were "kept", "replaced", "between" or "damaged".
+    """
+    write_obj(folder / "ball.obj", quad_sphere(6, 1.0))
+    output = folder / kind
+    output.mkdir()
+    before = _written(kind, output, FRAMES_BEFORE)
+    process = _start_to_write(kind, output)
+    began = time.monotonic()
+    process.join()
+    seconds = LONGER * (time.monotonic() - began)
+    after = _read(output, before)
+    moments, outcomes = random.Random(seed), Counter[str]()
+    for _ in range(count):
+        for name, content in before.items():
+            (output / name).write_bytes(content or b"")
+        process = _start_to_write(kind, output)
+        time.sleep(moments.uniform(0.0, seconds))
+        process.kill()
+        process.join()
+        outcomes[judge(_read(output, before), before, after)] += 1
+        for left in output.glob(".*.partial*"):
+            left.unlink()
+    return outcomes
+
+
+def _written(kind: str, output: Path, frames: int) -> dict[str, bytes | None]:
+    """What an undisturbed process writes."""
+    process = _start(kind, output, frames)
+    process.join()
+    assert process.exitcode == 0
+    return {path.name: path.read_bytes() for path in output.iterdir()}
+
+
+def _start(kind: str, output: Path, frames: int) -> BaseProcess:
+    server = multiprocessing.get_context("forkserver")  # loads what all need once
+    server.set_forkserver_preload(["balloon_warp.job", "balloon_warp.sweep.batch"])
+    process = server.Process(target=_write, args=(kind, output, frames))
+    process.start()
+    return process
+
+
+def _write(kind: str, output: Path, frames: int) -> None:
+    """Runs in the process that is killed."""
+    quiet_warp()
+    scene: Scene = load_scene(output.parent / "ball.obj", [("frames", frames)])
+    if kind == "run":
+        from balloon_warp.job import animate
+
+        animate(scene, output / "ball.usdc", device="cpu", schedule="gather")
+    else:
+        from balloon_warp.sweep.batch import run_batch
+
+        vary = {"gravity": [0.5 * world for world in range(WORLDS)]}
+        run_batch(scene, output, WORLDS, vary, export=[0, 3], device="cpu", schedule="lanes")
+
+
+def _start_to_write(kind: str, output: Path) -> BaseProcess:
+    """A process that has just touched its folder, or a file in it."""
+    before = _touched(output)
+    process = _start(kind, output, FRAMES)
+    while process.is_alive() and _touched(output) == before:
+        time.sleep(0.001)
+    return process
+
+
+def _touched(output: Path) -> list[int]:
+    return [path.stat().st_mtime_ns for path in (output, *sorted(output.glob("[!.]*")))]
+
+
+def _read(output: Path, like: Files) -> dict[str, bytes | None]:
+    return {name: (output / name).read_bytes() if (output / name).is_file() else None for name in like}
+
+
+def main() -> None:
+    """Print what became of how many outputs; status 1 where one is damaged."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--count", type=int, default=200, help="processes to kill, half of them batches")
+    parser.add_argument("--seed", type=int, default=0, help="of the moments")
+    arguments = parser.parse_args()
+    damaged = 0
+    for number, kind in enumerate(KINDS):
+        count = (arguments.count + number) // len(KINDS)
+        with tempfile.TemporaryDirectory() as folder:
+            outcomes = kill_at_random(kind, count, Path(folder), arguments.seed)
+        damaged += outcomes["damaged"]
+        shares = ", ".join(f"{outcomes[outcome]} {words}" for outcome, words in WORD.items())
+        print(f"{kind}: {count} killed, {shares}; {outcomes['damaged']} damaged", flush=True)
+    sys.exit(1 if damaged else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,31 @@
+"""What is left of an output whose process is killed."""
+
+from pathlib import Path
+
+import pytest
+
+from balloon_warp.benchmarks.kills import KINDS, judge, kill_at_random
+
+BEFORE, AFTER = {"a": b"old", "b": b"older"}, {"a": b"new", "b": b"newer"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_killed_process_leaves_good_files(kind: str, tmp_path: Path):
+    outcomes = kill_at_random(kind, 4, tmp_path)
+    assert outcomes.total() == 4
+    assert outcomes["damaged"] == 0
+
+
+@pytest.mark.parametrize(
+    ("found", "outcome"),
+    [
+        (BEFORE, "kept"),
+        (AFTER, "replaced"),
+        ({"a": b"new", "b": b"older"}, "between"),
+        ({"a": b"ne", "b": b"newer"}, "damaged"),
+        ({"a": b"newer", "b": b"newer"}, "damaged"),
+        ({"a": None, "b": b"older"}, "damaged"),
+    ],
+)
+def test_damage_is_seen(found: dict[str, bytes | None], outcome: str):
+    assert judge(found, BEFORE, AFTER) == outcome
