@@ -96,7 +96,7 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
     [
         (["--vary", "balloon.mass"], "--vary balloon.mass: expected PATH=LOW:HIGH with LOW below HIGH"),
         (["--vary", "balloon.mass=-2:-1"], "balloon.0.mass: must be greater than 0"),
-        (["--vary", "frames=1,2"], "frames: cannot differ between worlds; what can is gravity, balloon.mass"),
+        (["--vary", "frames=1,2"], "frames: cannot differ between worlds; what can is gravity, correction_limit"),
         (["--export", "64"], "--export 64: there is no world 64, the batch has worlds 0 to 63"),
         (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
         (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
