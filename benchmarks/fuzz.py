@@ -99,7 +99,7 @@ def _fuzz(
         max_examples=examples,
         database=None,
         deadline=None,
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=(HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example),
         phases=(Phase.generate, Phase.shrink),
     )
     @seed(number)
@@ -165,7 +165,7 @@ def _fuzz_for(seconds: float, fuzz: Callable[[Path, int, int, Count], None], fol
 
 def main() -> None:
     """Print how many of each were tried; a failure ends it with the shortest file that shows it."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--minutes", type=float, default=10.0, help="for the mutations, half of them for scenes")
     minutes = parser.parse_args().minutes
     quiet_warp()
