@@ -78,10 +78,11 @@ def plan_model(
             require_sealed(shape)
     held = [_held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     parameters = vary_parameters(parameters_at(scene, 0), scene, world_count, vary or {})
+    shifts = position_shifts(scene, parameters)
     for number, shape in enumerate(shapes):
-        require_reach(shape.mesh, shape.name, position_shifts(scene, parameters)[:, number])
+        require_reach(shape.mesh, shape.name, shifts[:, number])
     parameters["string_length"] = _string_lengths(scene, shapes, held, parameters)
-    parameters = settle_gas(scene, shapes, position_shifts(scene, parameters), parameters)
+    parameters = settle_gas(scene, shapes, shifts, parameters)
     changes = list(turns(scene))
     return ModelPlan(
         scene=scene,
