@@ -158,8 +158,10 @@ def test_keys_inflate_pause_and_step(fresh, served):
 
 @needs_browser
 def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
-    asked(served, 20)
+    asked(served, 80)  # it settles
     before = volume(served)
+    served.controls.mass.value = 10.0
+    served.session.set_speed(0.25)  # so that no moment is missed
     fresh.mouse.click(450, 300)  # the balloon is in the middle
     wait_until(lambda: len(served.session.picture.scene.sphere) == 1, "a sphere appears")
     radius = float(served.session.picture.scene.sphere[0].radius)
@@ -172,6 +174,7 @@ def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
         return min(gaps) < 1.02 and min(volumes) < 0.99 * before
 
     wait_until(touched, "it dents the balloon")
+    served.session.set_speed(1.0)
 
 
 @needs_browser
