@@ -148,7 +148,7 @@ def test_flexion_springs_past_a_hub_go_to_the_other_side_only(hub: int) -> None:
         (polygon(5000), "face 1 (counted from 1) has 5,000 corners; springs can be made for at most 4,096"),
         (
             mesh_of(np.eye(4096, 3), 9 * [list(range(4096))]),
-            "mesh: has 75,479,040 pairs of corners in its faces; springs can be made for at most 33,554,432",
+            "mesh: has 75,479,040 pairs of corners in its faces; springs can be made for at most 16,777,216",
         ),
     ],
 )

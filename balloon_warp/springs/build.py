@@ -19,8 +19,8 @@ from balloon_warp.springs.springs import SpringKind, Springs
 # Springs grow with the square of a face's corners and a particle's neighbors. Past a particle of more neighbors than
 # this, as at the hub of a wheel, each gets one flexion spring instead of one to every other.
 LARGEST_FAN = 256
-# Pairs that a mesh may have at all: some hundred megabytes while they are sorted.
-LARGEST_PAIR_COUNT = 1 << 25
+# Pairs that a mesh may have at all: a gigabyte or two while they are sorted.
+LARGEST_PAIR_COUNT = 1 << 24
 # Pairs worked on at once, which bounds the memory.
 CHUNK_PAIRS = 1 << 22
 
