@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from balloon_warp.springs import build_springs
     from balloon_warp.sweep.batch import run_batch
     from balloon_warp.sweep.cluster import Cluster
+    from balloon_warp.sweep.repeat import repeat_batch
 
 __all__ = [
     "BlowUpError",
@@ -51,6 +52,7 @@ __all__ = [
     "load_scene",
     "remesh",
     "render_stage",
+    "repeat_batch",
     "run_batch",
 ]
 
@@ -71,6 +73,7 @@ _HOMES = {
     "springs": ("build_springs",),
     "sweep.batch": ("run_batch",),
     "sweep.cluster": ("Cluster",),
+    "sweep.repeat": ("repeat_batch",),
 }
 
 # In a source tree kernels/ and scenes/ stand beside this folder; an installed package has them inside.

@@ -74,7 +74,7 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, cap
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
     assert said[1].startswith("warning: 1 of 3 worlds blew up and stay at their last good frame")
-    assert said[2:] == ["wrote ball_batch/table.npz", "wrote ball_batch/table.csv"]
+    assert said[2:] == [f"wrote ball_batch/{name}" for name in ("table.npz", "table.csv", "manifest.json")]
 
 
 def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
@@ -86,7 +86,8 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
     capsys.readouterr()
     assert batch(monkeypatch, "--worlds", "3") == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("removed ball_batch/worlds.usdc")
-    assert sorted(path.name for path in (folder / "ball_batch").iterdir()) == ["table.csv", "table.npz"]
+    left = sorted(path.name for path in (folder / "ball_batch").iterdir())
+    assert left == ["manifest.json", "table.csv", "table.npz"]
     assert batch(monkeypatch, "--worlds", "3") == 0
     assert "removed" not in capsys.readouterr().out
 

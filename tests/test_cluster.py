@@ -188,7 +188,7 @@ def test_the_command_spreads_over_a_scheduler(
     assert batch(monkeypatch, *arguments, "-o", "both", "--cluster", address) == 0
     captured = capfd.readouterr()
     assert captured.err == ""
-    assert " on 1 x cpu (" in captured.out.splitlines()[4]
+    assert " on 1 x cpu (" in captured.out.splitlines()[5]
     assert_same_files(tmp_path / "both", tmp_path / "alone")
 
 

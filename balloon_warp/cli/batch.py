@@ -1,6 +1,7 @@
 """`balloon-warp batch`"""
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -73,6 +74,7 @@ def batch(
             device=device,
             schedule=schedule,
             cluster=spread_over,
+            provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
             on_frame=lambda number: progress.update(task, completed=number),
             on_warning=warn,
         )
@@ -90,7 +92,7 @@ def batch(
             f"[yellow]warning:[/] {summary.unhealthy_worlds:,} of {summary.worlds:,} worlds blew up and stay at their "
             "last good frame; more substeps, more damping or softer springs help"
         )
-    for path in [*summary.table, *([summary.stage] if summary.stage else [])]:
+    for path in [*summary.table, *([summary.stage] if summary.stage else []), summary.manifest]:
         console.print(f"wrote {path}")
     if summary.removed_stage:
         console.print(f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds")

@@ -1,7 +1,7 @@
 """A batch: many worlds of a scene that differ, simulated together; a table of all, and a stage of the chosen ones."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
+from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
 from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.output import STAGE_NAME, BatchOutput
 from balloon_warp.sweep.recorder import Recorder
@@ -32,6 +33,8 @@ class BatchSummary:
     table: list[str]
     stage: str | None
     """of the exported worlds"""
+    manifest: str
+    """hashes of the files, and all it takes to make them again"""
     removed_stage: str | None
     """of an earlier batch in the same folder, where this one exports no worlds"""
     scene: str
@@ -69,10 +72,12 @@ def run_batch(
     device: str | None = None,
     schedule: str = "auto",
     cluster: Cluster | None = None,
+    provenance: Mapping[str, Any] | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> BatchSummary:
-    """Simulate worlds that differ; write `table.npz`, `table.csv` and, of the chosen worlds, `worlds.usdc`.
+    """Simulate worlds that differ; write `table.npz`, `table.csv`, of the chosen worlds `worlds.usdc`, and
+    `manifest.json`, from which `repeat_batch` makes them again.
 
     All in the folder is of one batch: where no world is chosen, the `worlds.usdc` of an earlier one is removed.
 
@@ -86,6 +91,7 @@ def run_batch(
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         cluster: the workers that simulate it; this process does, when missing. The files are the same.
+        provenance: what the manifest is to say of where all this comes from, such as a command and a seed.
         on_frame: told the number of each frame when it is simulated; on a cluster, now and then, of the average world.
         on_warning: told what is odd about each mesh, and what became of it.
 
@@ -102,18 +108,22 @@ def run_batch(
     task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, Path(folder), schedule)
     for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
         on_warning(warning)
+    description = describe_batch(task)
     if cluster:
         from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
 
         outcome = distribute_batch(task, cluster, worker_device, on_frame)
     else:
         outcome = _simulate_here(task, device, on_frame)
+    names = ["table.npz", "table.csv", *([STAGE_NAME] if len(chosen) else [])]
+    write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     substeps = task.groups[0].plan.substeps
     particles = sum(len(group.worlds) * group.plan.particle_count for group in task.groups)
     return BatchSummary(
         output=str(folder),
         table=[str(task.folder / "table.npz"), str(task.folder / "table.csv")],
         stage=str(task.folder / STAGE_NAME) if len(chosen) else None,
+        manifest=str(task.folder / MANIFEST_NAME),
         removed_stage=str(task.folder / STAGE_NAME) if outcome.removed_stage else None,
         scene=name,
         device=outcome.device,
