@@ -9,6 +9,7 @@ damaged: a part, a mixture, none at all.
 import argparse
 import multiprocessing
 import random
+import statistics
 import sys
 import tempfile
 import time
@@ -24,7 +25,7 @@ from balloon_warp.scene import Scene, load_scene
 
 FRAMES_BEFORE, FRAMES = 2, 60
 """of the good output, and of what is to replace it"""
-LONGER = 1.5
+LONGER = 1.25
 """times what an undisturbed process takes to write: the last moment of a kill"""
 WORLDS = 8
 KINDS = ("run", "batch")
@@ -59,11 +60,9 @@ def kill_at_random(kind: str, count: int, folder: Path, seed: int = 0) -> Counte
     output = folder / kind
     output.mkdir()
     before = _written(kind, output, FRAMES_BEFORE)
-    process = _start_to_write(kind, output)
-    began = time.monotonic()
-    process.join()
-    seconds = LONGER * (time.monotonic() - began)
+    seconds = LONGER * statistics.median(_seconds_to_write(kind, output) for _ in range(3))
     after = _read(output, before)
+    assert all(after[name] != content for name, content in before.items())
     moments, outcomes = random.Random(seed), Counter[str]()
     for _ in range(count):
         for name, content in before.items():
@@ -84,6 +83,15 @@ def _written(kind: str, output: Path, frames: int) -> dict[str, bytes | None]:
     process.join()
     assert process.exitcode == 0
     return {path.name: path.read_bytes() for path in output.iterdir()}
+
+
+def _seconds_to_write(kind: str, output: Path) -> float:
+    """From the first touch to the end of a process that is left alone."""
+    process = _start_to_write(kind, output)
+    began = time.monotonic()
+    process.join()
+    assert process.exitcode == 0
+    return time.monotonic() - began
 
 
 def _start(kind: str, output: Path, frames: int) -> BaseProcess:
