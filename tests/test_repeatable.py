@@ -1,0 +1,70 @@
+"""The same inputs give the same files, byte by byte, and a world's rows do not depend on its batch."""
+
+from pathlib import Path
+
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp.job import animate
+from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.sweep.batch import run_batch
+
+SCENE = Scene(
+    frames=4,
+    balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0))],
+    sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
+    string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
+    ground=Ground(),
+)
+PROJECTIVE = SCENE.model_copy(update={"solver": "projective"})
+WAYS = {schedule: (SCENE, schedule) for schedule in ("gather", "octets", "lanes", "block")}
+WAYS["projective"] = (PROJECTIVE, "auto")
+
+
+@pytest.fixture(params=WAYS)
+def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
+    """A scene, and the schedule that simulates it."""
+    if device != "cpu" and request.param in ("octets", "lanes"):
+        pytest.skip("simulates on the CPU")
+    return WAYS[request.param]
+
+
+def test_a_stage_has_the_same_bytes_again(way: tuple[Scene, str], device: str, tmp_path: Path):
+    scene, schedule = way
+    stages = [tmp_path / "first.usdc", tmp_path / "again.usdc"]
+    for stage in stages:
+        animate(scene, stage, device=device, schedule=schedule)
+    first, again = (stage.read_bytes() for stage in stages)
+    assert first == again
+    animate(scene.model_copy(update={"gravity": 9.0}), stages[1], device=device, schedule=schedule)
+    assert stages[1].read_bytes() != first
+
+
+def test_a_batch_has_the_same_bytes_again(way: tuple[Scene, str], device: str, tmp_path: Path):
+    written = []
+    for folder in (tmp_path / "first", tmp_path / "again"):
+        rows(way, device, folder, 9, export=[0, 8])
+        written.append([(folder / name).read_bytes() for name in ("table.npz", "table.csv", "worlds.usdc")])
+    assert written[0] == written[1]
+
+
+def test_the_rows_of_a_world_are_those_of_any_batch(way: tuple[Scene, str], device: str, tmp_path: Path):
+    """Also of batches that no eight divide; all have one value that varies, and the worlds' values are the same."""
+    large = rows(way, device, tmp_path, 19)
+    for worlds in (1, 3, 8):
+        assert rows(way, device, tmp_path, worlds) == {world: large[world] for world in range(worlds)}
+    assert large[1] != large[2]
+
+
+def rows(
+    way: tuple[Scene, str], device: str, folder: Path, worlds: int, export: list[int] | None = None
+) -> dict[int, list[str]]:
+    """Each world's rows of the table of a batch, without the world's number."""
+    scene, schedule = way
+    vary = {"gravity": [9.0 + 0.1 * world for world in range(worlds)]}
+    run_batch(scene, folder, worlds, vary, export=export or [], device=device, schedule=schedule)
+    found: dict[int, list[str]] = {world: [] for world in range(worlds)}
+    for line in (folder / "table.csv").read_text().splitlines()[1:]:
+        world, _, row = line.partition(",")
+        found[int(world)].append(row)
+    return found
