@@ -136,7 +136,7 @@ def _read(output: Path, like: Files) -> dict[str, bytes | None]:
 
 def main() -> None:
     """Print what became of how many outputs; status 1 where one is damaged."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description="Kill runs and batches at random moments, and look at what is left.")
     parser.add_argument("--count", type=int, default=200, help="processes to kill, half of them batches")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     arguments = parser.parse_args()
