@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from balloon_warp.benchmarks import fuzz
+from balloon_warp.errors import InputError
 from balloon_warp.benchmarks.bad_meshes import MESH_CASES, MeshCase
 
 
@@ -19,7 +20,7 @@ def test_mutated_files_are_taken_or_refused(read, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "found"),
-    [(ZeroDivisionError("planted"), "planted"), (fuzz.InputError("no\nsentence: "), "a refusal of more than a line")],
+    [(ZeroDivisionError("planted"), "planted"), (InputError("no\nsentence: "), "a refusal of more than a line")],
 )
 def test_a_fault_is_found(
     fault: Exception, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
