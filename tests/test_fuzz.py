@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from balloon_warp.benchmarks import fuzz
-from balloon_warp.errors import InputError
 from balloon_warp.benchmarks.bad_meshes import MESH_CASES, MeshCase
+from balloon_warp.errors import InputError
 
 
 @pytest.mark.parametrize("read", [fuzz.fuzz_meshes, fuzz.fuzz_scenes])
