@@ -147,6 +147,22 @@ def outside_obstacles(
 
 
 @wp.func
+def velocity_beside_obstacles(
+    obstacles: ObstacleTable,
+    sphere_positions: wp.array[wp.vec3],
+    world: wp.int32,
+    up: wp.vec3,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    step_seconds: float,
+):
+    """The velocity at which obstacles let a particle move in a step, and their normal, zero if it meets none."""
+    end = point + step_seconds * velocity
+    outside, normal = outside_obstacles(obstacles, sphere_positions, world, up, end)
+    return velocity + (outside - end) / step_seconds, normal
+
+
+@wp.func
 def swelling_beside_obstacles(
     bodies: BodyTable,
     obstacles: ObstacleTable,
@@ -163,13 +179,13 @@ def swelling_beside_obstacles(
     """A particle's part of its balloon's swelling, under the old load; the velocity is that without inflation."""
     height = wp.dot(point, bodies.up)
     push = load[0] + load[1] * height
-    end = point + step_seconds * (velocity + response(mass, step_seconds) * push * area_vector)
+    velocity += response(mass, step_seconds) * push * area_vector
     normal = wp.vec3()
     if mass > 0.0:
-        end, normal = outside_obstacles(obstacles, sphere_positions, world, bodies.up, end)
-    return swelling_of_particle(
-        area_vector, (end - point) / step_seconds, normal, mass, share, height, push, step_seconds
-    )
+        velocity, normal = velocity_beside_obstacles(
+            obstacles, sphere_positions, world, bodies.up, point, velocity, step_seconds
+        )
+    return swelling_of_particle(area_vector, velocity, normal, mass, share, height, push, step_seconds)
 
 
 @wp.func

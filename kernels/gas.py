@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.inflation import NORMAL_FORCE, face_area_vector, face_center, inflation_force
+from balloon_warp.kernels.inflation import NORMAL_FORCE, face_area_vector, face_center, push
 from balloon_warp.kernels.lanes_types import cross_product
 
 # The kinds of inflation beside NORMAL_FORCE.
@@ -31,6 +31,22 @@ RESPONSE_HEIGHT = wp.constant(4)  # sum |a|^2 height / m [m^5/kg]
 
 
 @wp.func
+def area_vector_at_corner(double_area: Any, chord: Any, arms: Any, corners: float):
+    """What a face adds to the area vector of one of its corners [m^2].
+
+    With c the face's center, A its area vector, n its corners, and b, d the corners before and after x, the gradient of
+    1/3 c . A is (A / n + 1/2 (d - b) x c) / 3. Around a closed fan of faces the d - b add up to zero, so that c may be
+    taken from any place, and from x float32 keeps its digits.
+
+    Args:
+        double_area: 2 A [m^2].
+        chord: d - b [m].
+        arms: from x to all corners, their sum [m]: n (c - x).
+    """
+    return (0.5 / (3.0 * corners)) * (double_area + cross_product(chord, arms))
+
+
+@wp.func
 def area_vector_in_face(
     points: Any,
     first: wp.int32,
@@ -40,16 +56,11 @@ def area_vector_in_face(
     particle: wp.int32,
     point: Any,
 ):
-    """What a face adds to the area vector of a particle at `point` [m^2].
-
-    With c the face's center, A its area vector, n its corners, and b, d the corners before and after x, the gradient of
-    1/3 c . A is (A / n + 1/2 (d - b) x c) / 3. Around a closed fan of faces the d - b add up to zero, so that c may be
-    taken from any place, and from x float32 keeps its digits.
-    """
+    """What a face adds to the area vector of a particle at `point`, be it one corner or several [m^2]."""
     before = points[first + face_particles[end - 1]] - point
     here = points[first + face_particles[begin]] - point
-    center = 0.0 * here
-    area_vector = 0.0 * here
+    arms = 0.0 * here
+    double_area = 0.0 * here
     chord = 0.0 * here
     times = float(0.0)
     for corner in range(begin, end):
@@ -60,11 +71,11 @@ def area_vector_in_face(
         if face_particles[corner] == particle:
             chord = chord + (after - before)
             times += 1.0
-        center = center + here
-        area_vector = area_vector + cross_product(here, after)
+        arms = arms + here
+        double_area = double_area + cross_product(here, after)
         before = here
         here = after
-    return (0.5 / (3.0 * float(end - begin))) * (times * area_vector + cross_product(chord, center))
+    return area_vector_at_corner(times * double_area, chord, arms, float(end - begin))
 
 
 @wp.func
@@ -111,9 +122,7 @@ def swelling_of_particle(
         push: the old pressure [Pa], whose part in the velocity does not count.
     """
     free = area_vector - wp.dot(area_vector, normal) * normal
-    response = float(0.0)
-    if mass > 0.0:
-        response = wp.length_sq(free) / mass
+    response = wp.where(mass > 0.0, wp.length_sq(free) / mass, 0.0)
     rate = wp.dot(area_vector, velocity) - step_seconds * push * response
     return Swelling(0.0, response, rate, share * height, response * height)
 
@@ -176,11 +185,29 @@ def gas_load(
 
 
 @wp.func
-def inflation_of_kind(kind: wp.int32, k_normal: float, load: wp.vec2, height: float, aim: wp.vec3):
-    """Force on a particle [N] by the kind of inflation; the load is the pressure at height 0 and its rise."""
+def push_of_kind(kind: wp.int32, k_normal: float, load: wp.vec2, height: float):
+    """Force over a particle's aim [N or Pa] by the kind of inflation; the load is the pressure at height 0 and its
+    rise."""
     if kind == NORMAL_FORCE:
-        return inflation_force(k_normal, aim)
-    return (load[0] + load[1] * height) * aim
+        return push(k_normal)
+    return load[0] + load[1] * height
+
+
+@wp.func
+def inflation_of_kind(kind: wp.int32, k_normal: float, load: wp.vec2, height: float, aim: wp.vec3):
+    """Force on a particle [N] by the kind of inflation."""
+    return push_of_kind(kind, k_normal, load, height) * aim
+
+
+@wp.func
+def drag_pressure(air_density: float, coefficient: float, flux: float, squared_area: float):
+    """Force of the air on a particle over its area vector [Pa]: -1/2 density C_d u_n |u_n|.
+
+    Args:
+        flux: u . a [m^3/s], the particle's velocity relative to the wind times its area vector.
+        squared_area: |a|^2 [m^4].
+    """
+    return -0.5 * air_density * coefficient * flux * wp.abs(flux) / wp.max(squared_area, 1.0e-30)
 
 
 @wp.func
@@ -192,15 +219,7 @@ def air_drag(air_density: float, coefficient: float, wind: wp.vec3, area_vector:
     gets twice that for its area, which is about how plates compare with spheres.
     """
     flux = wp.dot(velocity - wind, area_vector)
-    return (
-        -0.5
-        * air_density
-        * coefficient
-        * flux
-        * wp.abs(flux)
-        / wp.max(wp.length_sq(area_vector), 1.0e-30)
-        * area_vector
-    )
+    return drag_pressure(air_density, coefficient, flux, wp.length_sq(area_vector)) * area_vector
 
 
 @wp.func

@@ -2,18 +2,18 @@
 
 import warp as wp
 
-from balloon_warp.kernels.air import area_vector_of_particle, has_pressure
-from balloon_warp.kernels.inflation import push
-from balloon_warp.kernels.lanes_air import (
-    add_particle_to_swelling,
-    add_volume_to_swelling,
-    drag_lanes,
-    find_load_lanes,
-    inflation_in_lane,
-    move_gas_lanes,
-)
+from balloon_warp.kernels.air import has_pressure
+from balloon_warp.kernels.gas import GAS, VOLUME
+from balloon_warp.kernels.inflation import NORMAL_FORCE
+from balloon_warp.kernels.lanes_air import drag_lanes, inflation_lanes, measure_balloon_lanes, read_air_lanes
 from balloon_warp.kernels.lanes_contact import leave_obstacle_lanes, move_sphere_lanes
 from balloon_warp.kernels.lanes_correction import correct_lanes
+from balloon_warp.kernels.lanes_gas import (
+    add_particle_to_swelling,
+    begin_swelling_lanes,
+    find_load_lanes,
+    move_gas_lanes,
+)
 from balloon_warp.kernels.lanes_inflation import aim_all_lanes
 from balloon_warp.kernels.lanes_state import (
     DAMPING,
@@ -21,8 +21,6 @@ from balloon_warp.kernels.lanes_state import (
     HELIUM,
     INERTIA,
     MASS,
-    RAMP_BEGIN,
-    RAMP_SLOPE,
     SWELLING,
     VISCOSITY,
     YIELD_STRETCH,
@@ -157,17 +155,6 @@ def body_force_lanes(numbers: wp.array[Lanes], share: float, up: wp.vec3, veloci
 
 
 @wp.func
-def inflation_lanes(numbers: wp.array[Lanes], time_in_frame: float):
-    """Force of the inflation along an aim of length one in each world [N]."""
-    begin = numbers[RAMP_BEGIN]
-    slope = numbers[RAMP_SLOPE]
-    forces = Lanes()
-    for lane in range(LANE_COUNT):
-        forces[lane] = push(begin[lane] + slope[lane] * time_in_frame)
-    return forces
-
-
-@wp.func
 def response_lanes(masses: Lanes, share: float, step_seconds: float):
     """Velocity gained in a step for each newton, in each world [m/s/N]."""
     responses = Lanes()
@@ -202,7 +189,7 @@ def move_particle_lanes(
             force = pull_of_rubber_lanes(springs, numbers, points, lanes.old_velocities[group], particle)
         else:
             force = pull_of_spring_lanes(springs, numbers, points, point, particle)
-        force += lanes_scaled(lanes.aims[group, particle], inflation_lanes(numbers, time_in_frame))
+        force += inflation_lanes(NORMAL_FORCE, numbers, time_in_frame, bodies.up, point, lanes.aims[group, particle])
         force += body_force_lanes(numbers, share, bodies.up, velocity)
         if lanes.water_forces.shape[1] > 0:
             force += lanes.water_forces[group, particle]
@@ -243,46 +230,47 @@ def move_particle_in_air_lanes(
     new_points: wp.array[Lanes3],
 ):
     """Every particle by one substep, as if there were no obstacles."""
-    for particle in range(points.shape[0]):
-        lanes.old_velocities[group, particle] = lanes.velocities[group, particle]
     move_gas_lanes(air, state, lanes, group, time_in_frame, step_seconds)
+    if traits.rubber or traits.forward_euler:
+        for particle in range(points.shape[0]):
+            lanes.old_velocities[group, particle] = lanes.velocities[group, particle]
     for balloon in range(air.kind.shape[0]):
         numbers = lanes.balloons[group, balloon]
-        for number in range(5):
-            numbers[SWELLING + number] = Lanes()
-        for particle in range(air.balloon_particles[balloon], air.balloon_particles[balloon + 1]):
+        first = air.balloon_particles[balloon]
+        last = air.balloon_particles[balloon + 1]
+        area_vectors = lanes.area_vectors[group]
+        if has_pressure(air, balloon):
+            area_vectors = lanes.aims[group]
+        begin_swelling_lanes(state, numbers, group, balloon)
+        numbers[SWELLING + VOLUME] = measure_balloon_lanes(faces, points, balloon, first, last, area_vectors)
+        for particle in range(first, last):
             share = bodies.mass_share[particle]
             point = points[particle]
-            velocity = lanes.old_velocities[group, particle]
-            area_vector = area_vector_of_particle(faces, points, 0, particle)
+            velocity = lanes.velocities[group, particle]
+            area_vector = area_vectors[particle]
             if traits.rubber:
                 force = pull_of_rubber_lanes(springs, numbers, points, lanes.old_velocities[group], particle)
             else:
                 force = pull_of_spring_lanes(springs, numbers, points, point, particle)
             force += body_force_lanes(numbers, share, bodies.up, velocity)
-            force += drag_lanes(air, state, group, balloon, area_vector, velocity)
+            force += drag_lanes(numbers, area_vector, velocity)
             if lanes.water_forces.shape[1] > 0:
                 force += lanes.water_forces[group, particle]
             if strings.offsets.shape[0] > 0:
                 force += pull_of_string_lanes(strings, state, group, point, particle)
             velocity += lanes_scaled(force, response_lanes(numbers[INERTIA], share, step_seconds))
             lanes.velocities[group, particle] = velocity
-            if has_pressure(air, balloon):
-                lanes.aims[group, particle] = area_vector
+            if air.kind[balloon] == GAS:
                 add_particle_to_swelling(
-                    bodies, obstacles, state, numbers, group, balloon, share, point, area_vector, velocity, step_seconds
-                )
+                    bodies, obstacles, state, lanes, numbers, group, balloon, share, point, area_vector, velocity,
+                    step_seconds,
+                )  # fmt: skip
         if has_pressure(air, balloon):
-            add_volume_to_swelling(faces, points, numbers, balloon)
             find_load_lanes(air, bodies, state, numbers, group, balloon, time_in_frame, step_seconds)
-        for particle in range(air.balloon_particles[balloon], air.balloon_particles[balloon + 1]):
+        for particle in range(first, last):
             point = points[particle]
             aim = lanes.aims[group, particle]
-            force = Lanes3()
-            for lane in range(LANE_COUNT):
-                height = wp.dot(column(point, lane), bodies.up)
-                inflation = inflation_in_lane(air, balloon, numbers, lane, time_in_frame, height, column(aim, lane))
-                force = set_column(force, lane, inflation)
+            force = inflation_lanes(air.kind[balloon], numbers, time_in_frame, bodies.up, point, aim)
             responses = response_lanes(numbers[INERTIA], bodies.mass_share[particle], step_seconds)
             velocity = lanes.velocities[group, particle] + lanes_scaled(force, responses)
             lanes.velocities[group, particle] = velocity
@@ -342,6 +330,8 @@ def advance_groups(
     """A thread a group of eight worlds: one frame."""
     group = first_group + wp.tid()
     read_lanes(bodies, springs, obstacles, state, lanes, group)
+    if traits.in_air:
+        read_air_lanes(air, state, lanes, group)
     points = lanes.points[group]
     new_points = lanes.other_points[group]
     for substep in range(substeps):

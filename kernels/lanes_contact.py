@@ -5,7 +5,15 @@ import warp as wp
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.lanes_air import inflation_in_lane
 from balloon_warp.kernels.lanes_state import LaneState, world_of
-from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column, squared_lengths
+from balloon_warp.kernels.lanes_types import (
+    LANE_COUNT,
+    Lanes3,
+    any_negative,
+    column,
+    parts_along,
+    set_column,
+    squared_lengths,
+)
 from balloon_warp.kernels.tables import (
     AirTable,
     BodyTable,
@@ -55,17 +63,13 @@ def move_sphere_lanes(
 def touches_sphere(lanes: LaneState, group: wp.int32, sphere: wp.int32, point: Lanes3):
     """Whether a particle is inside a sphere in any of the worlds."""
     gaps = squared_lengths(point - lanes.sphere_centers[group, sphere]) - lanes.sphere_squared_radii[group, sphere]
-    return wp.min(gaps) < 0.0
+    return any_negative(gaps)
 
 
 @wp.func
 def touches_ground(lanes: LaneState, group: wp.int32, up: wp.vec3, point: Lanes3):
     """Whether a particle is below the ground in any of the worlds."""
-    grounds = lanes.ground_heights[group]
-    gaps = Lanes()
-    for lane in range(LANE_COUNT):
-        gaps[lane] = up[0] * point[0, lane] + up[1] * point[1, lane] + up[2] * point[2, lane] - grounds[lane]
-    return wp.min(gaps) < 0.0
+    return any_negative(parts_along(point, up) - lanes.ground_heights[group])
 
 
 @wp.func

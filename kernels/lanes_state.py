@@ -30,7 +30,10 @@ LOAD_RISE = wp.constant(13)
 SWELLING = wp.constant(14)  # five numbers, as in `gas`
 CORRECTION_LIMIT = wp.constant(19)
 TORSION = wp.constant(20)
-BALLOON_NUMBERS = 21
+AIR_DENSITY = wp.constant(21)
+DRAG_COEFFICIENT = wp.constant(22)
+WIND = wp.constant(23)  # its three components
+BALLOON_NUMBERS = 26
 
 
 @wp.struct
@@ -53,6 +56,8 @@ class LaneState:
     old_velocities: wp.array2d[Lanes3]
     """before the substep; empty unless they are needed"""
     aims: wp.array2d[Lanes3]
+    area_vectors: wp.array2d[Lanes3]
+    """of balloons whose aims they are not; empty where there is no air"""
     face_centers: wp.array2d[Lanes3]
     face_area_vectors: wp.array2d[Lanes3]
     balloon_areas: wp.array2d[Lanes]

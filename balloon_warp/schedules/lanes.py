@@ -69,7 +69,7 @@ class LanesSchedule:
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         traits = model_traits(model)
-        of_particles = 4 + traits.in_water + traits.keeps_velocities
+        of_particles = 4 + traits.in_water + traits.in_air + traits.keeps_velocities
         vectors = of_particles * model.particle_count + 2 * model.face_count + model.sphere_count
         numbers = (BALLOON_NUMBERS + 1) * model.balloon_count + model.sphere_count + 1
         filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
@@ -122,6 +122,7 @@ def _lane_state(model: Model, group_count: int) -> Any:
     lanes.velocities = rows(model.particle_count, Lanes3)
     lanes.old_velocities = rows(model.particle_count if model_traits(model).keeps_velocities else 0, Lanes3)
     lanes.aims = rows(model.particle_count, Lanes3)
+    lanes.area_vectors = rows(model.particle_count if model.in_air else 0, Lanes3)
     lanes.face_centers = rows(model.face_count, Lanes3)
     lanes.face_area_vectors = rows(model.face_count, Lanes3)
     lanes.balloon_areas = rows(model.balloon_count, Lanes)
