@@ -31,7 +31,7 @@ def bound(model: Model, schedule: str) -> float | None:
     Raises:
         RuntimeError: what Warp raises if the GPU is lost.
     """
-    if not model.device.is_cuda:
+    if not model.device.is_cuda or model.in_air:
         return None
     if schedule == "block":
         multiprocessors = min(model.device.sm_count, model.world_count)  # a world runs on one
