@@ -1,6 +1,6 @@
-"""What both kernels of the `block` schedule share: a thread block a world, with the points of the world in a tile.
+"""What the `block` schedule's kernel for worlds of any size consists of, and what it shares with the resident ones.
 
-The tile holds two buffers of points, of which a substep reads one and writes the other.
+A tile holds two buffers of points, of which a substep reads one and writes the other.
 """
 
 from typing import Any

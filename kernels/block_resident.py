@@ -1,9 +1,10 @@
-"""The `block` schedule's kernel for worlds of at most a thread a particle: all but the points stays in registers.
+"""The `block` schedule's kernel for worlds of at most 1,024 particles: all but the points stays in registers.
 
-What bounds it, for a particle and substep with 12 springs: 12 loads and a store of 3 words from shared memory, 39
-wavefronts a warp without bank conflicts; and some 15 instructions a spring and 40 more, 220 in all. A multiprocessor
-does one wavefront and four instructions of a warp in a cycle, so that issue bounds it first, at 55 cycles for 32
-particles: 132 multiprocessors at 1.98 GHz make 1.5e11 particle-substeps a second.
+A thread has one particle, or two, which then share what a thread does for itself. What bounds it, for a particle and
+substep with 12 springs: 12 loads and a store of 3 words from shared memory, 39 wavefronts a warp without bank
+conflicts; and 14 instructions a spring and 23 more, 191 in all. A multiprocessor does one wavefront and four
+instructions of a warp in a cycle, so that issue bounds it first, at 48 cycles for 32 particles: 132 multiprocessors at
+1.98 GHz make 1.75e11 particle-substeps a second.
 """
 
 from functools import cache
