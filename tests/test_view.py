@@ -152,6 +152,10 @@ def test_keys_inflate_pause_and_step(fresh, served):
     number = served.session.picture.frame.number
     fresh.keyboard.press("n")
     wait_until(lambda: served.session.picture.frame.number == number + 1, "one frame by key")
+    was = served.session.picture.inflation
+    served.controls.inflation.value = 0.0  # a slider that did not follow
+    fresh.keyboard.press("ArrowUp")
+    wait_until(lambda: served.session.picture.inflation > was, "inflation by key, from where it is")
     fresh.get_by_text("Run", exact=True).click()
     wait_until(lambda: served.session.picture.frame.number > number + 5, "run by button")
 

@@ -10,6 +10,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.scene import Scene, bundled_scenes, load_scene
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.layers import LAYERS, Layers
+from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Picture, Session
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
@@ -187,9 +188,13 @@ class Controls:
 
     def _nudge(self, part: float) -> None:
         slider = self.inflation
-        value = min(max(slider.value + part * (slider.max - slider.min), slider.min), slider.max)
-        _put(slider, value)
-        self._inflate(value)
+
+        def nudge(playground: Playground) -> None:  # from where it is: the slider may not have followed yet
+            value = playground.inflation + part * (slider.max - slider.min)
+            playground.inflate(min(max(value, slider.min), slider.max))
+            _put(slider, playground.inflation)
+
+        self.session.ask(nudge)
 
     def _cut(self) -> None:
         self.session.ask(lambda playground: playground.cut_all(), key="cut")
@@ -198,7 +203,7 @@ class Controls:
         self.session.ask(lambda playground: playground.blow([float(part) for part in wind]), key="wind")
 
     def _keep_stable(self, keep: Any) -> None:
-        def change(playground: Any) -> None:
+        def change(playground: Playground) -> None:
             playground.keep_stable = bool(keep)
 
         self.session.ask(change, key="stable")
