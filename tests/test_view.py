@@ -1,5 +1,6 @@
 """The page, as somebody plays with it: in headless Chromium, where there is one."""
 
+import contextlib
 import shutil
 import threading
 import time
@@ -23,7 +24,7 @@ from balloon_warp.viewer.session import Session  # noqa: E402
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
 needs_browser = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium")
-LIMIT = 20.0
+LIMIT = 40.0
 """seconds until what must come has not come: never waited for where all is well"""
 
 
@@ -46,10 +47,10 @@ def tethered() -> Scene:
     )
 
 
-def wait_until(happened: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + LIMIT
+def wait_until(happened: Callable[[], object], what: str, seconds: float = LIMIT) -> None:
+    deadline = time.monotonic() + seconds
     while not happened():
-        assert time.monotonic() < deadline, f"{what}: not within {LIMIT:g} s"
+        assert time.monotonic() < deadline, f"{what}: not within {seconds:g} s"
         time.sleep(0.02)
 
 
@@ -93,6 +94,7 @@ def fresh(window, served):
     revision = served.session.picture.revision
     served.session.reset()
     wait_until(lambda: served.session.picture.revision > revision, "reset")
+    wait_until(lambda: served.controls._bound[1] > revision, "the panel follows")
     wait_until(lambda: served.session.picture.frame.number > 3, "time goes on")
     return window
 
@@ -107,11 +109,19 @@ def asked(served: Page, frames: int = 2) -> None:
     wait_until(lambda: served.session.picture.frame.number >= number + frames, "frames pass")
 
 
-def slide(window, label: str, value: float) -> None:
-    """Type a value beside a slider."""
+def slide(window, label: str, value: float, heard: Callable[[], bool]) -> None:
+    """Type a value beside a slider; again, as people do, where a late word from the server takes its place."""
     field = window.locator(f"xpath=//label[normalize-space()='{label}']/following::input[not(@type='hidden')][1]")
-    field.fill(str(value))
-    field.press("Enter")
+    for _ in range(5):
+        field.fill(str(value))
+        field.press("Enter")
+        with contextlib.suppress(AssertionError):
+            return wait_until(heard, f"{label} is {value:g}", LIMIT / 5)
+    raise AssertionError(f"{label}: typed {value:g} five times, and not heard")
+
+
+def inflation_is(served: Page, value: float) -> Callable[[], bool]:
+    return lambda: served.session.picture.inflation == value
 
 
 def unfold(window, folder: str, inside: str) -> None:
@@ -134,9 +144,9 @@ def redness(window) -> int:
 def test_the_slider_changes_the_volume(fresh, served):
     asked(served, 60)  # it settles
     before = volume(served)
-    slide(fresh, "inflation (k_normal)", 1.0)
+    slide(fresh, "inflation (k_normal)", 1.0, inflation_is(served, 1.0))
     wait_until(lambda: volume(served) > 1.03 * before, "it inflates")
-    slide(fresh, "inflation (k_normal)", 0.1)
+    slide(fresh, "inflation (k_normal)", 0.1, inflation_is(served, 0.1))
     wait_until(lambda: volume(served) < 0.99 * before, "it deflates")
 
 
@@ -240,7 +250,7 @@ def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
     fresh.get_by_role("button", name="Record", exact=True).click()
     wait_until(lambda: served.session.recording, "it records")
     fresh.mouse.click(450, 300)
-    slide(fresh, "inflation (k_normal)", 0.8)
+    slide(fresh, "inflation (k_normal)", 0.8, inflation_is(served, 0.8))
     asked(served, 20)
     fresh.get_by_role("button", name="Stop and save").click()
     wait_until(lambda: not served.session.recording, "it stops")
@@ -254,10 +264,9 @@ def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
 
 @needs_browser
 def test_reset_goes_back_to_the_start(fresh, served):
-    slide(fresh, "inflation (k_normal)", 1.0)
+    slide(fresh, "inflation (k_normal)", 1.0, inflation_is(served, 1.0))
     fresh.mouse.click(450, 300)
     wait_until(lambda: served.session.picture.scene.sphere, "a sphere is thrown")
-    wait_until(lambda: served.session.picture.inflation == 1.0, "it inflates")
     fresh.get_by_text("Reset", exact=True).click()
     wait_until(lambda: not served.session.picture.scene.sphere, "reset")
     assert served.session.picture.inflation == pytest.approx(0.5)
@@ -269,7 +278,8 @@ def test_a_blow_up_is_caught_and_undone(fresh, served):
     asked(served, 40)
     unfold(fresh, "Balloon", "as many substeps as stability asks")
     fresh.get_by_label("as many substeps as stability asks").click()
-    slide(fresh, "structural springs", 200.0)
+    stiffness = "structural springs"
+    slide(fresh, stiffness, 200.0, lambda: served.session.picture.scene.balloon[0].stiffness.structural == 200.0)
     served.session.set("balloon.stiffness.structural", 1e9)
     fresh.get_by_text("It blew up.").wait_for()
     assert not served.session.picture.running

@@ -1,5 +1,6 @@
 """The panel: everything that can be set, in folders."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -16,6 +17,8 @@ from balloon_warp.viewer.session import Picture, Session
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04
 """part of the inflation slider that a key moves it by"""
+QUIET_SECONDS = 0.5
+"""after somebody moved the inflation slider, until it follows the scene again: what is shown lags behind the hand"""
 INFLATIONS = {"k_normal": "inflation (k_normal)", "pressure": "pressure [Pa]", "pump": "pump [mol/s]"}
 
 
@@ -66,6 +69,7 @@ class Controls:
     ):
         self.server, self.session, self.layers = server, session, layers
         self._bound: tuple[int, int] = (0, 0)
+        self._inflated_at = 0.0
         self._values: list[tuple[Value, Any]] = []
         self._ways: dict[str, Any] = {}
         gui = server.gui
@@ -88,14 +92,18 @@ class Controls:
         """Bring the panel up to date with a picture."""
         if self._bound != (picture.load, picture.revision):
             self._bind(picture)
-        elif picture.running and abs(self.inflation.value - picture.inflation) > 1e-3 * self.inflation.max:
-            _put(self.inflation, picture.inflation)  # a scene that inflates by itself
+        elif time.monotonic() - self._inflated_at > QUIET_SECONDS and self._inflation_moved(picture):
+            _put(self.inflation, picture.inflation)  # a scene that inflates by itself, or a key
         self.run.label = "Pause" if picture.running else "Run"
         self.trouble.visible = self.back.visible = bool(picture.trouble)
         if picture.trouble:
             self.trouble.content = f"**It blew up.** {picture.trouble[0].upper()}{picture.trouble[1:]}."
         self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
         self.status.content = _status(picture)
+
+    def _inflation_moved(self, picture: Picture) -> bool:
+        slider = self.inflation
+        return abs(slider.value - picture.inflation) > 1e-3 * (slider.max - slider.min)
 
     def _add_trouble(self) -> None:
         self.trouble = self.server.gui.add_markdown("", visible=False)
@@ -184,6 +192,7 @@ class Controls:
         self.session.wants_forces = self.layers.shown["forces"]
 
     def _inflate(self, value: float) -> None:
+        self._inflated_at = time.monotonic()
         self.session.ask(lambda playground: playground.inflate(float(value)), key="inflate")
 
     def _nudge(self, part: float) -> None:
@@ -192,7 +201,6 @@ class Controls:
         def nudge(playground: Playground) -> None:  # from where it is: the slider may not have followed yet
             value = playground.inflation + part * (slider.max - slider.min)
             playground.inflate(min(max(value, slider.min), slider.max))
-            _put(slider, playground.inflation)
 
         self.session.ask(nudge)
 
