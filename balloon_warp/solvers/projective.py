@@ -18,7 +18,6 @@ from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.spheres import SphereMover
 from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, spring_table, string_table
 from balloon_warp.schedules.traits import beyond_basics, model_traits
-from balloon_warp.solvers.choose import PROJECTIVE
 from balloon_warp.solvers.dense_inverse import DenseInverse
 from balloon_warp.solvers.sparse_factor import SparseFactor
 from balloon_warp.solvers.step_matrices import StepMatrices
@@ -34,7 +33,7 @@ class ProjectiveSolver:
         InputError: the model has physics that it lacks, or a balloon is too large for a GPU, see `DenseInverse`.
     """
 
-    name = PROJECTIVE
+    name = "projective"
     capturable = True
 
     def __init__(self, model: Model, global_step: type[SparseFactor] | type[DenseInverse] | None = None):
