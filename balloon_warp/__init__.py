@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
     from balloon_warp.comparison.compare import compare
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
+    from balloon_warp.frame import Frame
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
     from balloon_warp.mesh import PolygonMesh
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from balloon_warp.outputs.render import render_stage
     from balloon_warp.outputs.usd import StageWriter
     from balloon_warp.scene import Scene, bundled_scenes, load_scene
-    from balloon_warp.simulator import Frame, Simulator
+    from balloon_warp.simulator import Simulator
     from balloon_warp.solids import MassProperties
     from balloon_warp.springs import build_springs
     from balloon_warp.sweep.batch import run_batch
@@ -60,6 +61,7 @@ _HOMES = {
     "advice": ("advise_step",),
     "comparison.compare": ("compare",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
+    "frame": ("Frame",),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),
     "mesh": ("PolygonMesh",),
@@ -68,7 +70,7 @@ _HOMES = {
     "outputs.render": ("render_stage",),
     "outputs.usd": ("StageWriter",),
     "scene": ("Scene", "bundled_scenes", "load_scene"),
-    "simulator": ("Frame", "Simulator"),
+    "simulator": ("Simulator",),
     "solids": ("MassProperties",),
     "springs": ("build_springs",),
     "sweep.batch": ("run_batch",),

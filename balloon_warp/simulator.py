@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
-from balloon_warp.kernels.frame import find_non_finite
+from balloon_warp.frame import Frame
+from balloon_warp.health import HEALTHY, HealthCheck
 from balloon_warp.kernels.timeline import hold_spheres
 from balloon_warp.model import Model, Turn, Vary, build_model, initial_state
 from balloon_warp.model.memory import require_memory, world_bytes
@@ -23,38 +24,6 @@ from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import PROJECTIVE, solver_named
 from balloon_warp.solvers.step_matrices import FACTORIZED
-
-HEALTHY = np.iinfo(np.int32).max
-"""no particle of a world is bad"""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One world as it is displayed or written, on the host."""
-
-    number: int
-    points: list[NDArray[np.float32]]
-    """of each balloon [m], shape (particle_count, 3)"""
-    velocities: list[NDArray[np.float32]]
-    """of each balloon [m/s], shape (particle_count, 3)"""
-    net_forces: list[NDArray[np.float32]]
-    """on each balloon's particles [N], shape (particle_count, 3); empty unless the scene asks for them"""
-    inflation_forces: list[NDArray[np.float32]]
-    """on each balloon's particles [N], shape (particle_count, 3)"""
-    pressures: NDArray[np.float32]
-    """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (balloon_count,)"""
-    gas_amounts: NDArray[np.float64]
-    """in each balloon [mol], shape (balloon_count,)"""
-    sphere_positions: NDArray[np.float32]
-    """[m], shape (sphere_count, 3)"""
-    sphere_velocities: NDArray[np.float32]
-    """[m/s], shape (sphere_count, 3)"""
-    string_anchors: NDArray[np.float32]
-    """[m], shape (string_count, 3)"""
-    ground_height: float
-    """[m], minus infinity where there is no ground"""
-    water_level: float
-    """[m], minus infinity where there is no water"""
 
 
 class Simulator:
@@ -103,10 +72,12 @@ class Simulator:
         self.model = replace(model, **{name: wp.clone(getattr(model, name)) for name in changing})
         self.state = initial_state(model)
         self.schedule = kind(self.model)
+        self._health_check = HealthCheck(self.model)
         self._first_frames = _first_frames(model)
         self.frame_number = 0
-        self.first_bad_particle = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
-        """of each world, the lowest particle that was ever at no finite place, or `HEALTHY`, shape (world_count,)"""
+        self.first_bad = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
+        """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be;
+        or `HEALTHY`, shape (world_count,)"""
 
     def run(self, world: int = 0) -> Iterator[Frame]:
         """The frames of one world: the start, then as many as the scene asks for.
@@ -126,7 +97,7 @@ class Simulator:
             BlowUpError: the simulation left the finite numbers.
         """
         self.advance()
-        bad = self.first_bad_particle.numpy()
+        bad = self.first_bad.numpy()
         if (bad != HEALTHY).any():
             world = int(np.argmax(bad != HEALTHY))
             raise BlowUpError(
@@ -209,6 +180,7 @@ class Simulator:
     def _make_schedule(self) -> None:
         """The schedule of the model as it is now, and nothing left of the last."""
         self.schedule = solver_named(self._asked_schedule, self.model)(self.model)
+        self._health_check = HealthCheck(self.model)
         for cached in ("_frame_graph", "_force_reader"):
             self.__dict__.pop(cached, None)
 
@@ -248,13 +220,7 @@ class Simulator:
 
     def _advance_frame(self) -> None:
         self.schedule.advance_frame(self.state)
-        wp.launch(
-            find_non_finite,
-            self.state.points.shape,
-            inputs=[self.state.points],
-            outputs=[self.first_bad_particle],
-            device=self.model.device,
-        )
+        self._health_check.look(self.state, self.first_bad)
         if self._first_frames is not None:
             wp.launch(
                 hold_spheres,

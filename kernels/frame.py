@@ -66,13 +66,32 @@ def count_frame(frame: wp.array[wp.int32]):
 
 
 @wp.kernel(enable_backward=False)
-def find_non_finite(
+def find_bad(
+    # model
+    particle_mass_share: wp.array[float],
+    particle_balloon: wp.array[wp.int32],
+    balloon_origin: wp.array[wp.int32],
+    balloon_squared_reach: wp.array[float],
+    squared_reach: float,
     # state in
     points: wp.array2d[wp.vec3],
+    sphere_positions: wp.array2d[wp.vec3],
     # state out
-    first_bad_particle: wp.array[wp.int32],
+    first_bad: wp.array[wp.int32],
 ):
-    """A thread a (world, particle): the lowest particle of each world whose position is not finite."""
-    world, particle = wp.tid()
-    if not wp.isfinite(points[world, particle]):
-        wp.atomic_min(first_bad_particle, world, particle)
+    """A thread a (world, particle or sphere): the lowest of each world that is where it cannot be; the spheres are
+    numbered after the particles.
+
+    That is past a reach [m] from the world's origin, or for a particle past one from its balloon's `balloon_origin`.
+    NaN compares as neither less nor more, and so is bad, too. A particle without mass stays where it is.
+    """
+    world, body = wp.tid()
+    if body >= points.shape[1]:
+        if not wp.length_sq(sphere_positions[world, body - points.shape[1]]) <= squared_reach:
+            wp.atomic_min(first_bad, world, body)
+    elif particle_mass_share[body] > 0.0:
+        point = points[world, body]
+        balloon = particle_balloon[body]
+        squared_span = wp.length_sq(point - points[world, balloon_origin[balloon]])
+        if not (squared_span <= balloon_squared_reach[balloon] and wp.length_sq(point) <= squared_reach):
+            wp.atomic_min(first_bad, world, body)

@@ -97,8 +97,8 @@ def measure_worlds(
     points: wp.array2d[wp.vec3],
     sphere_positions: wp.array2d[wp.vec3],
     sums: wp.array3d[BalloonSums],
-    first_bad_particle: wp.array[wp.int32],
-    no_particle: wp.int32,
+    first_bad: wp.array[wp.int32],
+    no_body: wp.int32,
     # out
     measures: wp.array2d[float],
     healthy: wp.array[wp.int32],
@@ -149,7 +149,7 @@ def measure_worlds(
         finite = finite and wp.isfinite(sphere_positions[world, sphere])
     finite = finite and wp.isfinite(volume) and wp.isfinite(area) and wp.isfinite(height)
     finite = finite and wp.isfinite(pressure) and wp.isfinite(stretch) and wp.isfinite(kinetic_energy)
-    if first_bad_particle[world] != no_particle or not finite:
+    if first_bad[world] != no_body or not finite:
         healthy[world] = 0
     if healthy[world] == 1:
         measures[world, 0] = volume

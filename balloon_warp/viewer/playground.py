@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
+from balloon_warp.health import HEALTHY
 from balloon_warp.model import build_model, lay_out, plan_model
 from balloon_warp.model.parameters import METHODS
 from balloon_warp.model.plan import ModelPlan
 from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
-from balloon_warp.simulator import HEALTHY, Simulator
+from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.journal import Journal
 
 MOST_SUBSTEPS = 1000
@@ -224,7 +225,7 @@ class Playground:
         self._rebuild(moment.scene, [None] * len(moment.scene.sphere), moment.substeps)
         for name, values in moment.state.items():
             getattr(self.simulator.state, name).assign(values)
-        self.simulator.first_bad_particle.fill_(HEALTHY)
+        self.simulator.first_bad.fill_(HEALTHY)
         self.simulator.frame_number = moment.frame
         for who in list(self.hands):
             self.release(who)

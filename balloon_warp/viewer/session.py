@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.scene import Scene
-from balloon_warp.simulator import Frame
 from balloon_warp.viewer.pace import Pace
 from balloon_warp.viewer.playground import Moment, Playground
 from balloon_warp.viewer.recording import Recording, write_recording

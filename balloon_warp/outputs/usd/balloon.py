@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, paint
-from balloon_warp.simulator import Frame
 
 MEASURES = ("volume", "area", "pressure")
 """per-frame attributes under `userProperties:`, in m^3, m^2 and Pa"""

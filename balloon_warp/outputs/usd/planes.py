@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import GROUND_COLOR, WATER_COLOR, Color, paint
 from balloon_warp.scene import Scene
-from balloon_warp.simulator import Frame
 
 SIZES = 20.0
 """half the square's side, as a multiple of the scene's size"""

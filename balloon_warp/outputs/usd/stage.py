@@ -7,6 +7,7 @@ from typing import Self
 
 from pxr import Sdf, Usd, UsdGeom
 
+from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd.balloon import BalloonPrim
@@ -16,7 +17,6 @@ from balloon_warp.outputs.usd.planes import PlanePrim, planes_of
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.outputs.usd.tube import TubePrim
-from balloon_warp.simulator import Frame
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
 

@@ -3,13 +3,13 @@
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
+from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.lines import define_lines, write_lines
 from balloon_warp.outputs.usd.material import STRING_COLOR, paint
 from balloon_warp.outputs.usd.presence import show_while_there
 from balloon_warp.outputs.usd.string_curve import POINT_COUNT, string_curve
-from balloon_warp.simulator import Frame
 
 
 def define_string(stage: Usd.Stage, path: Sdf.Path, held: PolygonMesh) -> UsdGeom.BasisCurves:

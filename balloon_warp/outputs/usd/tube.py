@@ -3,10 +3,10 @@
 import numpy as np
 from pxr import Sdf, Usd
 
+from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.lines import define_lines, write_lines
 from balloon_warp.outputs.usd.material import STRING_COLOR, paint
-from balloon_warp.simulator import Frame
 
 
 class TubePrim:

@@ -1,0 +1,88 @@
+"""What is found bad after a frame, and what is not."""
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube
+
+from balloon_warp.health import FARTHEST, HEALTHY, MOST_SPAN, HealthCheck
+from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
+from balloon_warp.simulator import Simulator
+
+CUBE = cube()
+"""of one meter, with 8 particles"""
+
+
+def scene(**balloon: object) -> Scene:
+    return Scene(balloon=[Balloon(mesh=CUBE, **balloon)], sphere=[Sphere(position=(0.0, 4.0, 0.0))] * 2)
+
+
+def found(points: np.ndarray, spheres: np.ndarray, device: str, **balloon: object) -> list[int]:
+    """The first bad particle or sphere of each world."""
+    simulator = Simulator(scene(**balloon), device, world_count=len(points))
+    for array, values in ((simulator.state.points, points), (simulator.state.sphere_positions, spheres)):
+        wp.copy(array, wp.array(values, dtype=wp.vec3, device=device))
+    HealthCheck(simulator.model).look(simulator.state, simulator.first_bad)
+    return simulator.first_bad.numpy().tolist()
+
+
+def places(worlds: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of the particles and spheres at the start."""
+    return np.tile(CUBE.points, (worlds, 1, 1)), np.tile([0.0, 4.0, 0.0], (worlds, 2, 1))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 3e38, 2.0 * MOST_SPAN])
+def test_a_particle_that_is_no_place_or_away_from_its_balloon_is_bad(bad: float, device: str):
+    points, spheres = places(3)
+    points[1, 5, 2] = bad
+    assert found(points, spheres, device) == [HEALTHY, 5, HEALTHY]
+
+
+@pytest.mark.parametrize("bad", [np.nan, -np.inf, 3e38, 2.0 * FARTHEST])
+def test_a_sphere_is_bad_as_a_number_after_the_particles(bad: float, device: str):
+    points, spheres = places(3)
+    spheres[2, 1, 0] = bad
+    assert found(points, spheres, device) == [HEALTHY, HEALTHY, 8 + 1]
+
+
+def test_when_the_particle_that_spans_are_taken_from_is_bad_the_world_is(device: str):
+    points, spheres = places(3)
+    points[0, CUBE.face_vertex_indices[0]] = 2.0 * MOST_SPAN
+    points[2, CUBE.face_vertex_indices[0]] = np.nan
+    assert [bad != HEALTHY for bad in found(points, spheres, device)] == [True, False, True]
+
+
+def test_a_balloon_that_is_far_away_as_a_whole_is_good_until_float32_does_not_resolve_it(device: str):
+    """As one is that rose or fell for minutes; a meter of it is then seven digits from the origin."""
+    points, spheres = places(2)
+    points += np.array([0.5, 2.0])[:, None, None] * FARTHEST
+    assert found(points, spheres, device) == [HEALTHY, 0]
+
+
+def test_a_burst_balloon_is_good(device: str):
+    """Its parts may be thousands of its sizes apart."""
+    points, spheres = places(1)
+    points *= 0.1 * MOST_SPAN
+    assert found(points, spheres, device) == [HEALTHY]
+
+
+def test_fixed_particles_and_unused_vertices_are_good_wherever_they_are(device: str):
+    points, spheres = places(1)
+    points[0, 5] = 10.0 * MOST_SPAN
+    assert found(points, spheres, device, fixed=[5]) == [HEALTHY]
+
+
+def test_free_fall_for_ten_minutes_is_good(device: str):
+    """177 km, of a balloon of a meter, one of a centimeter and a sphere: without a ground and without drag."""
+    falling = {
+        "stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0),
+        "inflation": Inflation(k_normal=0.0),
+        "damping": 0.0,
+    }
+    balloons = [Balloon(mesh=CUBE, scale=scale, **falling) for scale in (1.0, 0.01)]
+    fall = Scene(balloon=balloons, sphere=[Sphere(radius=0.1, position=(0.0, 4.0, 0.0))], frames=600, substeps=1)
+    simulator = Simulator(fall.model_copy(update={"frames_per_second": 1.0}), device)
+    for _ in range(600):
+        simulator.advance()
+    assert simulator.state.points.numpy()[..., 1].max() < -0.5 * 9.81 * 599.0**2
+    assert simulator.first_bad.numpy().tolist() == [HEALTHY]
