@@ -18,7 +18,7 @@ from balloon_warp.outputs.files import whole_file
 class TableWriter:
     """Writes `table.npz` and `table.csv`, which appear when the `with` block ends well.
 
-    Rows go frame by frame, and within a frame world by world.
+    Rows go frame by frame, and within a frame world by world; they may come in any order before their frame is written.
 
     Args:
         folder: where the files go.
@@ -40,8 +40,10 @@ class TableWriter:
     ):
         self.folder, self.frames_per_second = folder, frames_per_second
         self.varied, self.measures, self.world_count = dict(varied), list(measures), world_count
-        self._values = np.zeros((frame_count, world_count, len(measures)), dtype=np.float32)
-        self._health = np.zeros((frame_count, world_count), dtype=np.int32)
+        self.values = np.zeros((frame_count, world_count, len(measures)), dtype=np.float32)
+        """what is measured, of each frame and world, shape (frame_count, world_count, len(measures))"""
+        self.health = np.zeros((frame_count, world_count), dtype=np.int32)
+        """1 or 0 for each frame and world, shape (frame_count, world_count)"""
         self._frames_written = 0
 
     @property
@@ -59,19 +61,14 @@ class TableWriter:
             self._files = files.pop_all()
         return self
 
-    def write(self, measures: NDArray[np.float32], healthy: NDArray[np.int32]) -> None:
-        """Add a frame.
-
-        Args:
-            measures: of each world, shape (world_count, len(self.measures)).
-            healthy: 1 or 0 for each world, shape (world_count,).
-        """
+    def write_frame(self) -> None:
+        """Write the next frame, whose rows are all in `values` and `health`."""
         frame = self._frames_written
-        self._values[frame], self._health[frame] = measures, healthy
         self._frames_written += 1
         # nine digits give back every float32, and repr every float64
         form = f"%d,{frame},{frame / self.frames_per_second!r}%s" + ",%.9g" * len(self.measures) + ",%d\n"
-        rows = zip(range(self.world_count), self._varied_text, measures.tolist(), healthy.tolist(), strict=True)
+        values, health = self.values[frame].tolist(), self.health[frame].tolist()
+        rows = zip(range(self.world_count), self._varied_text, values, health, strict=True)
         self._csv.writelines(form % (world, text, *values, health) for world, text, values, health in rows)
 
     def __exit__(
@@ -98,7 +95,7 @@ class TableWriter:
                     np.lib.format.write_array(file, self._column(name), allow_pickle=False)
 
     def _column(self, name: str) -> NDArray:
-        frames, worlds = self._health.shape
+        frames, worlds = self.health.shape
         match name:
             case "world":
                 return np.tile(np.arange(worlds, dtype=np.int32), frames)
@@ -107,7 +104,7 @@ class TableWriter:
             case "time":
                 return np.repeat(np.arange(frames) / self.frames_per_second, worlds)
             case "health":
-                return self._health.ravel()
+                return self.health.ravel()
         if name in self.varied:
             return np.tile(self.varied[name], frames)
-        return self._values[:, :, self.measures.index(name)].ravel()
+        return self.values[:, :, self.measures.index(name)].ravel()

@@ -18,7 +18,7 @@ from balloon_warp.model.memory import require_memory
 from balloon_warp.sweep.cluster import Cluster, connect
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import table_bytes
-from balloon_warp.sweep.output import BatchOutput, Rows
+from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.shares import ShareResult, cut_into_shares, simulate_share
 from balloon_warp.sweep.task import BatchTask, Outcome
 
@@ -49,16 +49,14 @@ def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_f
         began = time.perf_counter()
         # Where workers differ, the shares are small enough for the least of them.
         shares = cut_into_shares(task.groups, "cuda" if all(name.startswith("cuda") for name in devices) else "cpu")
-        rows: list[list[Rows]] = [[] for _ in shares]
         schedules = set()
         with BatchOutput(task.folder, task.scene, shares, task.chosen, task.vary) as output:
             for number, result in _run_shares(client, cluster, task, shares, device, len(devices), on_frame):
                 schedules.add(result.schedule)
-                rows[number] = [(record.measures, record.healthy) for record in result.records]
                 for record in result.records:
-                    output.write_shapes(number, record)
-            for frame in zip(*rows, strict=True):
-                output.write_measures(frame)
+                    output.add(number, record)
+            for _ in range(task.scene.frames + 1):
+                output.end_frame()
         return Outcome(
             device=", ".join(sorted(set(devices))),
             schedule=", ".join(sorted(schedules)),
@@ -70,9 +68,9 @@ def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_f
 
 
 def _require_table_memory(task: BatchTask) -> None:
-    """The table is in memory twice: as it came from the workers, and as it is written."""
+    """The table is in memory."""
     counts = [len(group.worlds) for group in task.groups]
-    require_memory(wp.get_device("cpu"), counts, [2 * table_bytes(task.scene)] * len(counts))
+    require_memory(wp.get_device("cpu"), counts, [table_bytes(task.scene)] * len(counts))
 
 
 def _worker_devices(client: "Client", cluster: Cluster, device: str | None) -> list[str]:

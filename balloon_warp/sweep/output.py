@@ -17,9 +17,6 @@ from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
 from balloon_warp.sweep.recorder import MEASURES, Record
 
-Rows = tuple[NDArray[np.float32], NDArray[np.int32]]
-"""the measures and the health of some worlds in one frame, as in `Record`"""
-
 STAGE_NAME = "worlds.usdc"
 
 
@@ -53,13 +50,11 @@ class BatchOutput:
         if len(chosen):
             in_grid = [GridGroup(group.plan, group.rows_of(chosen), group.those_of(chosen)) for group in groups]
             self._stage = GridWriter(self.stage_path, in_grid)
-        self._measures = np.zeros((worlds, len(measures)), dtype=np.float32)
-        self._healthy = np.ones(worlds, dtype=np.int32)
 
     @property
     def healthy_count(self) -> int:
-        """Worlds that are still good."""
-        return int(self._healthy.sum())
+        """Worlds that are good at the end."""
+        return int(self._table.health[-1].sum())
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
@@ -70,22 +65,22 @@ class BatchOutput:
         return self
 
     def write(self, records: list[Record]) -> None:
-        """A frame: a record of each group."""
+        """The next frame: a record of each group."""
         for number, record in enumerate(records):
-            self.write_shapes(number, record)
-        self.write_measures([(record.measures, record.healthy) for record in records])
+            self.add(number, record)
+        self.end_frame()
 
-    def write_shapes(self, number: int, record: Record) -> None:
-        """The chosen worlds of one group in one frame."""
+    def add(self, group: int, record: Record) -> None:
+        """A frame of one group."""
+        worlds = self.groups[group].worlds
+        self._table.values[record.number, worlds] = record.measures
+        self._table.health[record.number, worlds] = record.healthy
         if self._stage:
-            self._stage.write(record.number, number, record.points, record.velocities, record.sphere_positions)
+            self._stage.write(record.number, group, record.points, record.velocities, record.sphere_positions)
 
-    def write_measures(self, rows: Sequence[Rows]) -> None:
-        """The table's next frame: the rows of each group."""
-        for group, (measures, healthy) in zip(self.groups, rows, strict=True):
-            self._measures[group.worlds] = measures
-            self._healthy[group.worlds] = healthy
-        self._table.write(self._measures, self._healthy)
+    def end_frame(self) -> None:
+        """Of the next frame all groups are there."""
+        self._table.write_frame()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
