@@ -10,7 +10,15 @@ class MissingExtraError(ImportError):
 
 
 class BlowUpError(RuntimeError):
-    """The simulation left the finite numbers: the message names the frame and the particle. Exit status 1."""
+    """The simulation left the finite numbers: the message says where, why and what helps. Exit status 1.
+
+    Args:
+        report: what became a sentence in the message: a `balloon_warp.diagnosis.BlowUp`, or the sentence itself.
+    """
+
+    def __init__(self, report: object):
+        super().__init__(str(report))
+        self.report = report
 
 
 class WorkersLostError(RuntimeError):

@@ -4,7 +4,18 @@ from balloon_warp.model.build import build_model, lay_out
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Vary
 from balloon_warp.model.plan import ModelPlan, plan_model
-from balloon_warp.model.state import State, initial_state
+from balloon_warp.model.state import State, copy_of, initial_state
 from balloon_warp.model.timeline import Turn
 
-__all__ = ["Model", "ModelPlan", "State", "Turn", "Vary", "build_model", "initial_state", "lay_out", "plan_model"]
+__all__ = [
+    "Model",
+    "ModelPlan",
+    "State",
+    "Turn",
+    "Vary",
+    "build_model",
+    "copy_of",
+    "initial_state",
+    "lay_out",
+    "plan_model",
+]

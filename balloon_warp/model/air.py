@@ -43,6 +43,12 @@ def is_in_air(scene: Scene, parameters: Parameters, turns: Sequence[Turn]) -> bo
     return drags or kinds != {"normal_force"}
 
 
+def air_density(parameters: Parameters) -> NDArray[np.float64]:
+    """Given, or that of dry air as an ideal gas [kg/m^3], shape (W,)."""
+    dry = DRY_AIR_MOLAR_MASS / (GAS_CONSTANT * parameters["air_temperature"] / parameters["air_pressure"])
+    return np.where(parameters["air_density"] < 0.0, dry, parameters["air_density"])
+
+
 def settle_gas(
     scene: Scene, shapes: Sequence[BalloonShape], shifts: NDArray[np.float64], parameters: Parameters
 ) -> Parameters:
@@ -65,10 +71,8 @@ def settle_gas(
     pressures = p_a * ((amounts * molar_volume / volume) ** gamma - 1.0) * holds_gas
     pressures = pressures + parameters["keyframe_values"][:, :, 0] * pressed
 
-    dry = DRY_AIR_MOLAR_MASS / molar_volume
-    air_density = np.where(parameters["air_density"][:, None] < 0.0, dry, parameters["air_density"][:, None])
     gas_density = amounts * parameters["molar_mass"] / volume
-    rise = (air_density - gas_density) * parameters["gravity"][:, None] * holds_gas
+    rise = (air_density(parameters)[:, None] - gas_density) * parameters["gravity"][:, None] * holds_gas
     centers = np.stack([shape.mass_share @ shape.mesh.points for shape in shapes]) + shifts
     loads = np.broadcast_arrays(pressures - rise * (centers @ np.array(scene.up)), rise)
     return parameters | {

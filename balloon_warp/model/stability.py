@@ -10,6 +10,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh.corners import corner_faces
 from balloon_warp.mesh.geometry import face_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.model.air import air_density
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
@@ -27,26 +28,36 @@ _CHUNK = 10_000_000
 """loads looked at together, to bound the memory"""
 
 
-def stable_step(scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters) -> float:
+def stable_step(
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    held: Sequence[int],
+    parameters: Parameters,
+    air_speed: ArrayLike | None = None,
+) -> float:
     """A step [s] that is stable for every balloon in every world.
 
     An undamped network is stable for h < 2 / omega_max, and by Gershgorin's theorem omega_max^2 is at most twice the
     largest sum of spring constants at a particle over its mass. Damping at the rate g [1/s], taken explicitly as the
     listing does, shrinks the bound to the root of omega^2 h^2 + 2 g h = 4. Water acts on each particle as a spring of
     the constant density gravity A, A its share of the balloon's area, which may grow: it is counted twice. Viscous
-    springs, whose damping constants are t times their spring constants, add t omega^2 to the rate.
+    springs, whose damping constants are t times their spring constants, add t omega^2 to the rate. Drag in air, a force
+    1/2 density C_d A u^2, adds its derivative over the mass, density C_d A u / m, with the areas counted twice again.
 
     Forward Euler's bound is what the damping makes up for, h < g / omega^2, if that is less: 0 without damping.
 
     Args:
         held: the particle that each string of the scene holds, numbered within its balloon.
         parameters: of all worlds.
+        air_speed: at which the fastest particle moves through the air [m/s]; the wind's, when missing, as at rest.
     """
     steps = []
+    speed = _wind_speed(parameters) if air_speed is None else np.asarray(air_speed)
     for number, shape in enumerate(shapes):
         constants, particles = _constants(number, scene, held, parameters)
         peak = _peak_sums(constants, np.unique(_unit_sums(shape, particles, bool(parameters["torsion"].any())), axis=0))
-        steps.append(float(np.min(_steps(peak, number, scene, parameters))))
+        drag = _drag_rate(shape, number, speed, parameters)
+        steps.append(float(np.min(_steps(peak, number, scene, parameters, drag))))
     return min(steps)
 
 
@@ -60,7 +71,8 @@ def limiting_particle(
         constants, particles = _constants(number, scene, held, parameters)
         sums = _unit_sums(shape, particles, bool(parameters["torsion"].any())) @ constants[0]
         if len(sums):
-            step = float(_steps(sums.max(), number, scene, parameters)[0])
+            drag = _drag_rate(shape, number, _wind_speed(parameters), parameters)
+            step = float(_steps(sums.max(), number, scene, parameters, drag)[0])
             limits.append((step, number, int(np.flatnonzero(shape.mass_share)[sums.argmax()])))
     return min(limits, default=(np.inf, 0, 0))[1:]
 
@@ -112,12 +124,30 @@ def _constants(
     return constants, [held[string] for string in strings]
 
 
-def _steps(peak: ArrayLike, number: int, scene: Scene, parameters: Parameters) -> NDArray[np.float64]:
+def _wind_speed(parameters: Parameters) -> NDArray[np.float64]:
+    """[m/s], shape (W,)."""
+    return np.linalg.norm(parameters["wind"], axis=-1)
+
+
+def _drag_rate(
+    shape: BalloonShape, number: int, speed: NDArray[np.float64], parameters: Parameters
+) -> NDArray[np.float64]:
+    """By how much of itself drag lowers the speed [m/s] of one balloon's lightest particle for its area [1/s], shape
+    (W,)."""
+    moves = shape.mass_share > 0.0
+    areas = _areas_around_particles(shape.mesh)[moves] / shape.mass_share[moves]
+    pull = air_density(parameters) * parameters["drag_coefficient"][:, number]
+    return 2.0 * areas.max(initial=0.0) * pull * speed / parameters["mass"][:, number]
+
+
+def _steps(
+    peak: ArrayLike, number: int, scene: Scene, parameters: Parameters, drag: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """The stable step [s] of one balloon, shape (W,), from the largest sum of spring constants at a particle over its
-    part of the mass."""
+    part of the mass, and the rate at which the air slows it down [1/s]."""
     mass, viscosity = parameters["mass"][:, number], parameters["viscosity"][:, number]
     squared_frequency = np.maximum(2.0 * np.asarray(peak) / mass, 1.0e-12)
-    rate = parameters["damping"][:, number] / mass + viscosity * squared_frequency
+    rate = parameters["damping"][:, number] / mass + viscosity * squared_frequency + drag
     steps = 4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate)
     return np.minimum(steps, rate / squared_frequency) if scene.solver == "forward_euler" else steps
 

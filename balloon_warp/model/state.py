@@ -69,3 +69,8 @@ def initial_state(model: Model) -> State:
         pressures=rows_of_worlds(model.initial_pressures),
         gas_amounts=rows_of_worlds(model.initial_gas_amounts),
     )
+
+
+def copy_of(state: State) -> State:
+    """Another state that is as it is now."""
+    return State(**{name: wp.clone(array) for name, array in vars(state).items()})

@@ -11,7 +11,10 @@ from balloon_warp.model.parameters import Parameters, require_changeable, scene_
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
 
-STABILITY = {"stiffness", "torsion", "viscosity", "string_stiffness", "mass", "damping", "water_density", "gravity"}
+STABILITY = {
+    *("stiffness", "torsion", "viscosity", "string_stiffness", "mass", "damping", "water_density", "gravity"),
+    *("drag_coefficient", "wind", "air_density", "air_pressure", "air_temperature"),
+}
 """the parameters that the stable step depends on"""
 
 

@@ -3,6 +3,7 @@
 The readable reference that every other schedule is tested against.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import warp as wp
@@ -55,12 +56,18 @@ class ScatterSchedule:
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
+        for _ in self.substeps(state):
+            pass
+
+    def substeps(self, state: State) -> Iterator[int]:
+        """One frame that pauses after each substep, with its number from 0."""
         model = self.model
         self.refresh_inflation(state)
         for substep in range(model.substeps):
             if substep > 0 and model.scene.normals == "fresh":
                 self._aim_inflation(state)
             self._advance_substep(state, substep * model.step_seconds)
+            yield substep
         self._launch(count_frame, 1, state.frame)
 
     def _advance_substep(self, state: State, time_in_frame: float) -> None:

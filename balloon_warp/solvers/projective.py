@@ -1,5 +1,6 @@
 """The `projective` solver: backward Euler by local and global steps (Liu et al. 2013), stable at any step."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import warp as wp
@@ -65,6 +66,11 @@ class ProjectiveSolver:
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
+        for _ in self.substeps(state):
+            pass
+
+    def substeps(self, state: State) -> Iterator[int]:
+        """One frame that pauses after each substep, with its number from 0."""
         model = self.model
         refresh_ramp(model, state)
         self._spheres.begin_frame(state)
@@ -73,6 +79,7 @@ class ProjectiveSolver:
                 self._aims.refresh(state.points, state.inflation_aims)
             self._spheres.move(state)
             self._advance_substep(state, substep * model.step_seconds)
+            yield substep
         self._spheres.end_frame(state)
         wp.launch(count_frame, 1, inputs=[state.frame], device=model.device)
 

@@ -1,0 +1,120 @@
+"""What acts on a particle or a sphere of one world, and how hard."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.model import Model, State
+from balloon_warp.model.parameters import KINDS
+from balloon_warp.schedules.readout import ForceReader
+
+TOUCH = 1.001
+"""of a sphere's radius, within which a particle lies on it"""
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A force, as it was just before the end."""
+
+    by: str
+    """such as "the structural spring to particle 7" """
+    newtons: float
+    stretch: float | None = None
+    """of a spring, its length over its rest length"""
+
+    def __str__(self) -> str:
+        if self.stretch is None:
+            return f"{self.by} pushed it with {self.newtons:.2g} N"
+        length = f"{self.stretch:.3g} times as long as at rest"
+        return f"{self.by} was {length} and {'pulled' if self.stretch > 1.0 else 'pushed'} it with {self.newtons:.2g} N"
+
+
+class Pulls:
+    """The forces in a world that is alone in its model, on the host in double precision.
+
+    Args:
+        state: whose inflation is refreshed.
+    """
+
+    def __init__(self, model: Model, state: State):
+        self.model = model
+        self._points = _row(state.points)
+        self._spheres = _row(state.sphere_positions)
+        pairs = model.spring_particles.numpy().reshape(-1, 2)
+        kinds, stiffness = model.spring_kind.numpy(), _row(model.stiffness)
+        balloons = model.particle_balloon.numpy()
+        constants = stiffness[balloons[pairs[:, 0]], kinds] * model.spring_stiffness_scale.numpy()
+        rest = np.asarray(model.spring_rest_length.numpy(), dtype=np.float64)
+        lengths = np.linalg.norm(self._points[pairs[:, 1]] - self._points[pairs[:, 0]], axis=1)
+        self._pairs, self._kinds = pairs, kinds
+        self._tensions = constants * (lengths - rest)
+        self._stretches = lengths / np.maximum(rest, 1.0e-30)
+        forces = ForceReader(model)
+        forces.refresh_inflation(state)
+        self._inflation = np.linalg.norm(_row(forces.inflation_forces(state)), axis=1)
+
+    @property
+    def strengths(self) -> NDArray[np.float64]:
+        """The hardest pull of a spring, or of the inflation, on each particle [N], shape (particle_count,)."""
+        strengths = self._inflation.copy()
+        for end in (0, 1):
+            np.maximum.at(strengths, self._pairs[:, end], np.abs(self._tensions))
+        return strengths
+
+    def spring_at(self, particle: int) -> Pull | None:
+        """Of its springs the one that pulls or pushes hardest; None if it has none."""
+        springs = np.flatnonzero((self._pairs == particle).any(axis=1))
+        if not len(springs):
+            return None
+        spring = springs[np.abs(self._tensions[springs]).argmax()]
+        other = int(self._pairs[spring].sum()) - particle
+        return Pull(
+            f"the {KINDS[self._kinds[spring]]} spring to particle {self._of_balloon(other)}",
+            float(abs(self._tensions[spring])),
+            float(self._stretches[spring]),
+        )
+
+    def others_at(self, particle: int) -> list[Pull]:
+        """The inflation and taut strings."""
+        model, pulls = self.model, [Pull("inflation", float(self._inflation[particle]))]
+        for number in np.flatnonzero(model.string_particle.numpy() == particle).tolist():
+            distance = float(np.linalg.norm(_row(model.string_anchor)[number] - self._points[particle]))
+            length, stiffness = _row(model.string_length)[number], _row(model.string_stiffness)[number]
+            if distance > length:
+                pulls.append(Pull(f"string {number}", float(stiffness * (distance - length)), distance / length))
+        return pulls
+
+    def touched_by(self, particle: int) -> list[str]:
+        """The spheres that it lies on, and the ground, in words."""
+        model, point = self.model, self._points[particle]
+        distances = np.linalg.norm(self._spheres - point, axis=1)
+        spheres = np.flatnonzero(distances < TOUCH * _row(model.sphere_radius)).tolist()
+        on_ground = point @ np.array(model.scene.up) <= model.ground_height.numpy()[0]
+        return [f"sphere {sphere}" for sphere in spheres] + ["the ground"] * bool(on_ground)
+
+    def contact_at(self, sphere: int) -> Pull | None:
+        """Of the particles that lie on a sphere the one that pushes hardest; None if it is free."""
+        distances = np.linalg.norm(self._points - self._spheres[sphere], axis=1)
+        touching = np.flatnonzero(distances < TOUCH * _row(self.model.sphere_radius)[sphere])
+        if not len(touching):
+            return None
+        particle = int(touching[self._inflation[touching].argmax()])
+        push = float(_row(self.model.sphere_penalty)[sphere] * self._inflation[particle])
+        return Pull(f"particle {self._of_balloon(particle)} in contact with it", push)
+
+    def _of_balloon(self, particle: int) -> str:
+        return name_of_particle(self.model, particle)
+
+
+def name_of_particle(model: Model, particle: int) -> str:
+    """Its number in its balloon, by the order of the file's vertices, and the balloon where there are several."""
+    balloon = int(model.particle_balloon.numpy()[particle])
+    number = str(particle - model.particle_offsets[balloon])
+    return number if model.balloon_count == 1 else f"{number} of {model.shapes[balloon].name}"
+
+
+def _row(array: wp.array) -> NDArray[np.float64]:
+    """The one world's."""
+    return np.array(array.numpy()[0], dtype=np.float64)

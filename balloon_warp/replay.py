@@ -1,0 +1,58 @@
+"""The last frame of a world that blew up, again, substep by substep."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.health import HEALTHY, HealthCheck
+from balloon_warp.model import Model, State, copy_of
+from balloon_warp.origin import Origin
+from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.simulator import Simulator
+
+FRAMES = 2
+"""that are looked at: rounding differs between schedules, and may put off the end by a little"""
+
+
+@dataclass(frozen=True)
+class LastSubstep:
+    """The one in which a world, which is alone here, went bad."""
+
+    model: Model
+    frame: int
+    substep: int
+    """in the frame, from 1"""
+    before: State
+    """all of it finite"""
+    after: State
+    first_bad: int
+    """the lowest particle, or sphere, numbered after the particles, that is where it cannot be; or `HEALTHY` if all are
+    where they can be, and something else is no finite number"""
+
+
+def last_substep(origin: Origin, frame: int) -> LastSubstep | None:
+    """Simulate one world again to the frame before the one in which it blew up, as it was simulated, and then by the
+    readable reference, which can be watched. None if it does not blow up there: its state was written to meanwhile."""
+    simulator = Simulator.from_origin(origin)
+    while simulator.frame_number < frame - 1:
+        simulator.advance()
+    simulator.take_due_turns()
+    model, state = simulator.model, simulator.state
+    # The implicit solver can be watched itself, and takes steps at which the reference would not be stable.
+    substeps = getattr(simulator.schedule, "substeps", None) or ScatterSchedule(model).substeps
+    check, first_bad = HealthCheck(model), wp.full(1, HEALTHY, dtype=wp.int32, device=model.device)
+    before = copy_of(state)
+    for number in range(frame, frame + FRAMES):
+        for substep in substeps(state):
+            check.look(state, first_bad)
+            bad = int(first_bad.numpy()[0])
+            if bad != HEALTHY or not _is_finite(state):
+                return LastSubstep(model, number, substep + 1, before, state, bad)
+            for name, array in vars(before).items():
+                wp.copy(array, getattr(state, name))
+    return None
+
+
+def _is_finite(state: State) -> bool:
+    return all(np.isfinite(array.numpy()).all() for array in vars(state).values())

@@ -1,0 +1,179 @@
+"""The report of a blow-up, where frame, substep, particle, spring and step are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube
+
+from balloon_warp.diagnosis import BlowUp
+from balloon_warp.errors import BlowUpError
+from balloon_warp.health import MOST_SPAN
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.scene import Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.simulator import Simulator
+
+NO_INFLATION = Inflation(k_normal=0.0)
+TOO_MUCH = Inflation(k_normal=9e11)
+BESIDE = Balloon(mesh=cube(), position=(9.0, 0.0, 0.0), inflation=NO_INFLATION)
+
+
+def blow_up(simulator: Simulator, frames: int = 100) -> BlowUp:
+    """The report of the one that comes within so many frames."""
+
+    def run() -> None:
+        for _ in range(frames):
+            simulator.step()
+
+    with pytest.raises(BlowUpError) as failure:
+        run()
+    assert str(failure.value) == str(failure.value.report)
+    return failure.value.report
+
+
+def on_a_spring(**scene: object) -> Scene:
+    """Particle 1 of a kilogram under particle 0, which is fixed, on a spring of a meter."""
+    points = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    mesh = PolygonMesh(points, np.array([2], dtype=np.int32), np.array([0, 1], dtype=np.int32))
+    rubber = Stiffness(structural=1.0, shear=0.0, flexion=0.0)
+    balloon = Balloon(mesh=mesh, mass=1.0, damping=0.5, fixed=[0], stiffness=rubber, inflation=NO_INFLATION)
+    return Scene(balloon=[balloon], substeps=7, frames_per_second=10.0, **scene)
+
+
+def end_of_the_spring(stiffness: float, begin: float, step: float) -> tuple[int, float]:
+    """Substeps until the particle on the spring is farther away than any may be, and how far just before, by the
+    paper's step in double precision; from `begin` on the spring has that stiffness instead of 1 N/m."""
+    height, speed, count = -1.0, 0.0, 0
+    while abs(height) < MOST_SPAN:
+        constant, before = stiffness if count * step > begin - 1e-9 else 1.0, height
+        speed += step * (-9.81 - 0.5 * speed - constant * (height - np.sign(height)))
+        height += step * speed
+        count += 1
+    return count, abs(before)
+
+
+def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_and_a_step_that_is_not(device):
+    """Stiffened behind the back of the scene, which would be refused. The step grows the motion tenfold a substep: the
+    last one is the same whatever the rounding."""
+    simulator = Simulator(on_a_spring(), device)
+    for _ in range(3):
+        simulator.step()
+    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    report = blow_up(simulator)
+    step = 0.1 / 7
+    count, before = end_of_the_spring(6e4, 0.3, step)
+    assert count > 3 * 7 + 4
+    assert (report.world, report.frame, report.substep) == (0, 1 + (count - 1) // 7, 1 + (count - 1) % 7)
+    assert (report.body, report.other, report.touched) == ("particle 1", None, ())
+    assert report.spring is not None
+    assert report.spring.by == "the structural spring to particle 0"
+    assert report.spring.stretch == pytest.approx(before, rel=1e-3)  # of a meter at rest; float32, grown over substeps
+    assert report.spring.newtons == pytest.approx(6e4 * (before - 1.0), rel=1e-3)
+    assert report.step == pytest.approx(step)
+    squared_frequency = 2.0 * 6e4  # by Gershgorin's theorem
+    assert report.stable_step == pytest.approx(4.0 / (np.sqrt(0.5**2 + 4.0 * squared_frequency) + 0.5))
+    assert "substeps a frame, more damping or softer springs help" in str(report)
+
+
+def test_the_substeps_that_it_asks_for_are_enough(device):
+    simulator = Simulator(on_a_spring(), device)
+    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    sentence = str(blow_up(simulator))
+    enough = int(sentence.rpartition(" substeps a frame")[0].rpartition(" ")[2])
+    simulator = Simulator(on_a_spring(), device)
+    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    simulator.go_on_in(replace(simulator.model, substeps=enough))
+    for _ in range(50):
+        simulator.step()
+
+
+def test_what_changes_on_the_way_changes_in_the_replay(device):
+    """The spring is stretched by a change of gravity at frame 5, and by another at 20, long after the start."""
+    pull = [Change(time=0.5, set={"gravity": 20.0}), Change(time=2.0, set={"gravity": 9e9})]
+    report = blow_up(Simulator(on_a_spring(change=pull), device))
+    step = 0.1 / 7
+    falls = np.cumsum(9e9 * step**2 * np.arange(1, 8))  # the spring, of 1 N/m, holds nothing
+    assert (report.frame, report.substep) == (21, 1 + int(np.argmax(falls > MOST_SPAN)))
+    assert report.body == "particle 1"
+
+
+def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
+    report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)]), device))
+    assert (report.frame, report.substep) == (1, 1)
+    assert report.other is not None
+    assert report.other.by == "inflation"
+    assert report.other.newtons == pytest.approx(100.0 * 9e11 / 6.0, rel=1e-5)  # each corner has one face's share
+    assert report.stable_step is not None
+    assert report.stable_step > report.step
+    assert "less force helps" in str(report)
+
+
+def test_a_string_that_pulls_too_hard_is_named(device):
+    """It is too short by the distance from its anchor, and its stiffness too much for the step."""
+    scene = on_a_spring(string=[String(anchor=(0.0, -4.0, 0.0), particle=1, length=1.0, stiffness=2.0)])
+    simulator = Simulator(scene, device)
+    simulator.set_parameters({"string_stiffness": [[1e6]]})
+    report = blow_up(simulator)
+    assert report.other is not None
+    assert report.other.by == "string 0"
+    assert report.other.newtons > 1e5
+
+
+def test_a_sphere_that_flies_off_is_named_with_the_particle_that_pushed_it(device):
+    """It lies on particle 2 of the second balloon's cube, with next to no mass."""
+    place = tuple(cube().points[2] + np.array([0.3, 0.3, 0.3]))
+    ball = Sphere(position=place, radius=0.6, mass=1e-12, penalty=1.0)
+    inflated = Balloon(mesh=cube(), name="box", inflation=Inflation(k_normal=1.0))
+    report = blow_up(Simulator(Scene(balloon=[BESIDE, inflated], sphere=[ball]), device))
+    assert report.body == "sphere 0"
+    assert report.other is not None
+    assert report.other.by == "particle 2 of box in contact with it"
+
+
+def test_of_several_balloons_the_one_is_named(device):
+    bad = Balloon(mesh=cube(), name="box", inflation=TOO_MUCH)
+    report = blow_up(Simulator(Scene(balloon=[BESIDE, bad]), device))
+    assert report.body is not None
+    assert report.body.endswith(" of box")
+    assert report.body < "particle 8"
+
+
+@pytest.mark.parametrize("schedule", ["scatter", "gather", "octets", "lanes", "block", "auto"])
+def test_every_schedule_gives_the_same_report_in_a_batch_and_alone(schedule: str, device: str):
+    if device != "cpu" and schedule in ("octets", "lanes"):
+        pytest.skip("simulates on the CPU")
+    inflation = Inflation(k_normal=[(0.0, 0.0), (1.0 / 60.0, 0.0), (2.0 / 60.0, 9e11)])
+    scene = Scene(balloon=[Balloon(mesh=cube(), inflation=inflation)], solver=SOLVERS[schedule])
+    gravity = [9.0, 9.5, 10.0]
+    alone = blow_up(Simulator(scene.model_copy(update={"gravity": 10.0}), device, schedule=schedule))
+    batch = Simulator(scene, device, 3, {"gravity": gravity}, schedule=schedule)
+    for _ in range(4):
+        batch.advance()
+    among_others = batch.blow_up(2, 2).report
+    assert alone.substep is not None
+    assert among_others == replace(alone, world=2)
+
+
+SOLVERS = dict.fromkeys(["scatter", "gather", "octets", "lanes", "block"], "symplectic_euler") | {"auto": "projective"}
+"""of the schedules; the implicit solver has its own"""
+
+
+def test_a_state_that_somebody_wrote_to_is_reported_without_what_is_not_known(device):
+    simulator = Simulator(Scene(balloon=[BESIDE]), device)
+    simulator.step()
+    velocities = simulator.state.velocities.numpy()
+    velocities[0, 5] = np.inf
+    wp.copy(simulator.state.velocities, wp.array(velocities, dtype=wp.vec3, device=device))
+    report = blow_up(simulator)
+    assert (report.frame, report.substep, report.spring) == (2, None, None)
+
+
+def test_nothing_that_is_not_finite_leaves_a_run(device):
+    """Forward Euler moves the points by the old velocities: these overflow a substep before."""
+    simulator = Simulator(on_a_spring(frames=3, solver="forward_euler"), device)
+    simulator.set_parameters({"gravity": [3e38]})
+    frames = simulator.run()
+    assert next(frames).is_finite
+    with pytest.raises(BlowUpError, match="frame 1, world 0"):
+        next(frames)
