@@ -1,8 +1,7 @@
 """What the page is made of, without a browser."""
 
-import asyncio
-import contextlib
 import socket
+import threading
 import time
 from pathlib import Path
 
@@ -19,7 +18,9 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import Drawing
 from balloon_warp.viewer.pace import MOST_BEHIND, Pace
 from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
-from balloon_warp.viewer.session import MOST_ASKED, Session
+from balloon_warp.viewer.recording import write_recording
+from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.wishes import MOST_ASKED
 
 UP = (0.0, 1.0, 0.0)
 
@@ -159,6 +160,44 @@ def test_wishes_do_not_pile_up(session):
     assert len(hold) < MOST_ASKED
 
 
+def test_who_asks_for_much_does_not_stop_time(session):
+    """Wishes that take a second together are granted over many frames."""
+    frames = []
+
+    def wish(playground) -> None:
+        time.sleep(0.02)
+        frames.append(playground.frame)
+
+    for _ in range(50):
+        session.ask(wish)
+    until(lambda: len(frames) == 50, "all are granted")
+    assert len(set(frames)) > 3
+
+
+def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
+    """The second ends while the first is still being written."""
+    both_ended = threading.Event()
+
+    def write(*arguments) -> list[Path]:
+        both_ended.wait()
+        return write_recording(*arguments)
+
+    monkeypatch.setattr("balloon_warp.viewer.session.write_recording", write)
+    for _ in range(2):
+        session.record(True)
+        until(lambda: session.recording and session.recording.frames, "it records")
+        session.record(False)
+        until(lambda: session.recording is None, "it ends")
+    both_ended.set()
+    until(lambda: len(list(tmp_path.glob("ball_*.toml"))) == 2, "both are written")
+
+
+def test_a_sphere_out_of_bounds_is_refused_in_a_sentence(session):
+    session.ask(lambda playground: playground.throw(np.zeros(3), np.array([0.0, 1e13, 0.0]), 0.2, 1.0))
+    until(lambda: session.notices, "it is said")
+    assert session.notices[0] == "sphere.velocity.1: must be less than 1000000000000 (got 10000000000000.0)"
+
+
 def test_a_recording_is_a_valid_stage(session, tmp_path):
     """Of the frames from its start to its end."""
     until(lambda: session.picture.frame.number > 3, "some frames")
@@ -211,45 +250,6 @@ def served(tmp_path: Path):
     from balloon_warp.viewer.page import Page, _free_port
 
     return Page(Session("ball", ball(), "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
-
-
-def test_malformed_messages_do_not_stop_the_page(tmp_path):
-    """Bytes that are no message, and messages that lie, from a client of its own."""
-    page = served(tmp_path)
-    page.session.watched = True
-    page.start()
-    import msgspec
-    import viser
-    import websockets
-
-    slider = page.controls.inflation
-
-    async def send(content: bytes) -> None:
-        address = page.address.replace("http", "ws")
-        async with websockets.connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as socket:
-            await socket.send(content)
-            await asyncio.sleep(0.1)
-
-    update = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": "as wide as can be"}}
-    messages = [msgspec.msgpack.encode(message) for message in ({"type": "NoSuchMessage"}, update)]
-    for content in (b"nonsense", b"", *messages):
-        with contextlib.suppress(websockets.exceptions.ConnectionClosed):
-            asyncio.run(send(content))
-    page.session.watched = True
-    assert page._thread.is_alive()
-    assert page.session._thread.is_alive()
-    page.stop()
-
-
-@pytest.mark.parametrize("path", ["/../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/assets"])
-def test_the_page_serves_no_file_but_its_own(path, tmp_path):
-    page = served(tmp_path)
-    page.start()
-    with socket.create_connection(("127.0.0.1", page.server.get_port()), timeout=5) as raw:
-        raw.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
-        answer = raw.recv(4096)
-    page.stop()
-    assert answer.startswith(b"HTTP/1.1 404")
 
 
 def test_the_page_is_on_loopback_alone(tmp_path):

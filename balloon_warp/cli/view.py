@@ -1,5 +1,7 @@
 """`balloon-warp view`"""
 
+import ipaddress
+import socket
 import threading
 import webbrowser
 from pathlib import Path
@@ -14,8 +16,6 @@ from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import parse_override
-
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 def view(
@@ -53,7 +53,7 @@ def view(
     page.start()
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"{escape(scene_name(scene))} is at {page.address} (Ctrl+C ends it)")
-    if host not in LOOPBACK:
+    if not _is_loopback(host):
         console.print(
             f"[yellow]warning:[/] whoever reaches port {page.server.get_port()} of this machine can see it, play with "
             f"it and save recordings into {escape(str(folder.resolve()))}; nothing is encrypted, nobody is asked a name"
@@ -64,3 +64,9 @@ def view(
         threading.Event().wait()
     except KeyboardInterrupt:
         page.stop()
+
+
+def _is_loopback(host: str) -> bool:
+    """Whether only this machine reaches an address, or the addresses of a name."""
+    places = socket.getaddrinfo(host, None)
+    return all(ipaddress.ip_address(place[4][0]).is_loopback for place in places)

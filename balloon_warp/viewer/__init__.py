@@ -3,4 +3,5 @@
 session      a thread that advances the simulation in real time, and does what the page asks
 playground   the simulation itself, and what can be done to it; a journal of it all, which replays
 page         what is seen and clicked, over viser
+guard        who may talk to the page, and what is heard
 """

@@ -13,6 +13,7 @@ import viser
 from balloon_warp.errors import InputError
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.controls import Controls
+from balloon_warp.viewer.guard import guarded
 from balloon_warp.viewer.layers import Layers
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.plots import Plots
@@ -39,7 +40,7 @@ class Page:
     def __init__(self, session: Session, host: str = "127.0.0.1", port: int | None = None):
         self.session = session
         port = _free_port(host, port)
-        with contextlib.redirect_stdout(io.StringIO()):  # viser says where it is in its own way
+        with guarded(host, self._control), contextlib.redirect_stdout(io.StringIO()):  # viser says where it is, too
             self.server = viser.ViserServer(host=host, port=port, label="Balloon Warp", verbose=False)
         self.server.request_share_url = _refuse_to_share  # a page's message would open this machine to the internet
         self.server.gui.configure_theme(brand_color=colors.BRAND, show_logo=False, show_share_button=False)
@@ -75,6 +76,10 @@ class Page:
         self.session.stop()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
+
+    def _control(self, uuid: str) -> Any:
+        """The control of the panel that has an id."""
+        return self.server.gui._gui_input_handle_from_uuid.get(uuid)
 
     def _show(self) -> None:
         """The thread that draws: the newest picture, whenever there is one and somebody looks."""
@@ -131,7 +136,7 @@ class Page:
     def _throw(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
         """A sphere that flies from before the camera to what the click points at."""
         size, points, scene = playground.size, playground.points, playground.live
-        radius = float(self.controls.radius.value) * size
+        radius = _within_its_range(self.controls.radius) * size
         hit = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
         if hit is None and scene.ground:
             hit = ground_distance(origin, direction, scene.up, scene.ground.height)
@@ -142,9 +147,9 @@ class Page:
         if scene.ground:  # not from below it
             up = np.array(scene.up)
             start = start + max(scene.ground.height + 1.01 * radius - start @ up, 0.0) * up
-        speed = float(self.controls.throw_speed.value) * size
+        speed = _within_its_range(self.controls.throw_speed) * size
         velocity = throw_at(target, start, speed, scene.gravity, scene.up)
-        playground.throw(start, velocity, radius, float(self.controls.mass.value))
+        playground.throw(start, velocity, radius, _within_its_range(self.controls.mass))
 
     def _tie(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
         """A string from the ground, or from below, to the particle that the click points at."""
@@ -167,6 +172,11 @@ class Page:
             self.session.ask(lambda playground: playground.pull(who, place), key=("pull", who))
         else:
             self.session.ask(lambda playground: playground.release(who))
+
+
+def _within_its_range(slider: Any) -> float:
+    """The value of a slider: what is typed beside it may be past its ends."""
+    return min(max(float(slider.value), slider.min), slider.max)
 
 
 def _refuse_to_share(*_: object, **__: object) -> None:

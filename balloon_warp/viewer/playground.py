@@ -17,6 +17,7 @@ from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
 from balloon_warp.simulator import Simulator
+from balloon_warp.viewer.bodies import as_vector, new_body
 from balloon_warp.viewer.journal import Journal
 
 MOST_SUBSTEPS = 1000
@@ -134,7 +135,7 @@ class Playground:
         Raises:
             InputError: it is too small, too heavy, or somewhere that cannot be.
         """
-        sphere = Sphere(position=_tuple(position), velocity=_tuple(velocity), radius=radius, mass=mass)
+        sphere = new_body(Sphere, position=as_vector(position), velocity=as_vector(velocity), radius=radius, mass=mass)
         self._take_over()
         spheres, kept = [*self.live.sphere, sphere], list(range(len(self.live.sphere)))
         numbers = self.numbers[0]
@@ -150,12 +151,16 @@ class Playground:
         """Tie a string from a place to a particle, numbered over all balloons; returns its number in the live scene.
 
         It is taut, and as strong as the balloon is heavy, when nothing is said.
+
+        Raises:
+            InputError: it would be somewhere that cannot be.
         """
         offsets = self.simulator.model.particle_offsets
         balloon = int(np.searchsorted(offsets, particle, side="right")) - 1
         weight = self.live.balloon[balloon].mass
-        string = String(
-            anchor=_tuple(anchor),
+        string = new_body(
+            String,
+            anchor=as_vector(anchor),
             balloon=balloon,
             particle=particle - offsets[balloon],
             length=length or max(float(np.linalg.norm(self.points[particle] - anchor)), 1e-6),
@@ -299,8 +304,3 @@ class Playground:
         if self.keep_stable and substeps != model.substeps:
             self.simulator.go_on_in(replace(model, substeps=substeps))
             self.journal.change(self.frame, "substeps", substeps)
-
-
-def _tuple(place: NDArray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in place)
-    return x, y, z

@@ -3,7 +3,6 @@ is to be seen it leaves where whoever shows it can take it."""
 
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,16 +18,13 @@ from balloon_warp.scene import Scene
 from balloon_warp.viewer.pace import Pace
 from balloon_warp.viewer.playground import Moment, Playground
 from balloon_warp.viewer.recording import Recording, write_recording
+from balloon_warp.viewer.wishes import Wish, Wishes
 
 SHOWN_SECONDS = 1.0 / 30.0
 """between two pictures of the state"""
 MOMENT_SECONDS = 0.5
 """of simulated time between two states that can be gone back to"""
 MOMENTS = 12
-MOST_ASKED = 1000
-"""wishes that wait at one time; more are not heard"""
-
-Wish = Callable[[Playground], None]
 
 
 @dataclass(frozen=True)
@@ -96,9 +92,8 @@ class Session:
         """of the last recording that ended"""
         self._load, self._revision, self._step_seconds = 1, 1, 0.0
         self._moments: deque[Moment] = deque(maxlen=MOMENTS)
-        self._asked: dict[object, Wish] = {}
-        self._lock = threading.Lock()
-        self._wake, self._stop = threading.Event(), threading.Event()
+        self._recordings = 0
+        self._wishes, self._stop = Wishes(self._refuse), threading.Event()
         self._shown_at = 0.0
         self.picture = self._take_picture()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
@@ -110,7 +105,7 @@ class Session:
     def stop(self) -> None:
         """End, once the frame that is being simulated is done; a recording that goes on is saved."""
         self._stop.set()
-        self._wake.set()
+        self._wishes.came.set()
         if self._thread.is_alive():
             self._thread.join()
         self._end_recording()
@@ -123,12 +118,7 @@ class Session:
         Args:
             key: of several wishes with the same key that wait, only the last is done.
         """
-        with self._lock:
-            if len(self._asked) < MOST_ASKED:
-                key = key if key is not None else object()
-                self._asked.pop(key, None)
-                self._asked[key] = wish
-        self._wake.set()
+        self._wishes.add(wish, key)
 
     def set(self, path: str, value: object) -> None:
         """Ask for a value of the scene to change."""
@@ -216,12 +206,12 @@ class Session:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            self._fulfill()
+            self._wishes.grant(lambda: self.playground)
             if not self.running or not self.watched:
                 self.pace.rest()
                 self.picture = self._take_picture()
-                self._wake.wait(0.25)
-                self._wake.clear()
+                self._wishes.came.wait(0.25)
+                self._wishes.came.clear()
                 continue
             frame_seconds = self.playground.simulator.model.frame_seconds
             time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
@@ -232,19 +222,9 @@ class Session:
                 self._shown_at = now
                 self.picture = self._take_picture()
 
-    def _fulfill(self) -> None:
-        """Do what was asked for."""
-        with self._lock:
-            asked, self._asked = self._asked, {}
-        for wish in asked.values():
-            try:
-                wish(self.playground)
-            except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
-                self.notices.append(str(mistake).partition("\n")[0])
-                self._revision += 1  # whoever asked sees what holds
-            except Exception:  # a mistake of ours must not end what others watch
-                traceback.print_exc()
-                self.notices.append("this did not work; the terminal says why")
+    def _refuse(self, sentence: str) -> None:
+        self.notices.append(sentence)
+        self._revision += 1  # whoever asked sees what holds
 
     def _advance(self) -> None:
         """One frame."""
@@ -267,7 +247,8 @@ class Session:
         if not self.recording:
             return
         recorded, self.recording = self.recording.end(self.playground.journal), None
-        name = _free_name(self.folder, self.name)
+        self._recordings = _free_number(self.folder, self.name, self._recordings + 1)
+        name = f"{self.name}_{self._recordings}"
 
         def write() -> None:
             try:
@@ -304,12 +285,11 @@ class Session:
         )
 
 
-def _free_name(folder: Path, name: str) -> str:
-    """NAME_1, or the first number whose files are not there yet."""
-    number = 1
+def _free_number(folder: Path, name: str, number: int) -> int:
+    """The first from a number on for which there is no file NAME_NUMBER yet."""
     while any((folder / f"{name}_{number}{suffix}").exists() for suffix in (".usdc", ".toml")):
         number += 1
-    return f"{name}_{number}"
+    return number
 
 
 def nearest_particle(points: NDArray[np.floating], place: NDArray[np.floating]) -> int:

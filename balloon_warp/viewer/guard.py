@@ -1,0 +1,145 @@
+"""Who may talk to the page, and how: the one place where bytes from outside meet the server.
+
+viser checks neither where a connection comes from nor what it says. Any site that somebody visits could so open a web
+socket to the page on this machine, play with it and read it; and one message that is none would fill the terminal with
+tracebacks, or everybody's panel with NaN.
+"""
+
+import asyncio
+import contextlib
+import functools
+import http
+import ipaddress
+import logging
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import viser
+import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+from balloon_warp.viewer.messages import MOST_BYTES, understood
+
+MOST_CONNECTIONS = 128
+"""at one time: a browser takes six to load the page, and one to stay"""
+MOST_NONSENSE = 100
+"""messages that are none, until a connection is closed"""
+
+_log = logging.getLogger("balloon_warp.viewer.connections")
+_log.propagate = False  # what strangers send is no news to whoever sits at the terminal
+_log.addHandler(logging.NullHandler())
+
+Handler = Callable[[ServerConnection], Awaitable[None]]
+
+
+@contextlib.contextmanager
+def guarded(host: str, control: Callable[[str], Any]) -> Iterator[None]:
+    """While a `ViserServer` is made in it, that server listens guarded.
+
+    viser leaves no opening for this, so for that moment its way to listen, `websockets.asyncio.server.serve`, is ours.
+
+    Args:
+        host: the address that it listens on.
+        control: the control of the panel that has an id, or None.
+
+    Raises:
+        RuntimeError: the server listens in another way. It is guarded or it is not there.
+    """
+    plain, listening = websockets.asyncio.server.serve, []
+
+    def serve(handler: Handler, *place: Any, process_request: Any, **options: Any) -> Any:
+        listening.append(place)
+        asyncio.get_running_loop().set_exception_handler(_note)
+        return plain(
+            functools.partial(_greet, handler),
+            *place,
+            process_request=functools.partial(_admit, names_of(host), process_request),
+            create_connection=functools.partial(_connection, control),
+            logger=_log,
+            **{**options, "max_size": MOST_BYTES},
+        )
+
+    websockets.asyncio.server.serve = serve
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = plain
+    if not listening:
+        raise RuntimeError(f"viser {viser.__version__} listens in a way that is not guarded")
+
+
+def names_of(host: str) -> set[str]:
+    """What this machine may be called, beside its addresses, by whoever asks for the page: a name that somebody else
+    lets point here (DNS rebinding) is none."""
+    own = socket.gethostname()
+    return {name.lower() for name in ("localhost", host, own, f"{own}.local", socket.getfqdn())}
+
+
+def is_ours(authority: str, names: set[str]) -> bool:
+    """Whether a `Host` header means this machine: one of its names, or an address, which nobody can let point
+    elsewhere."""
+    try:
+        name = urlsplit(f"//{authority}").hostname or ""
+    except ValueError:
+        return False
+    with contextlib.suppress(ValueError):
+        return bool(ipaddress.ip_address(name))
+    return name in names
+
+
+def _admit(names: set[str], serve_file: Any, connection: ServerConnection, request: Request) -> Response | None:
+    """A refusal, a file of the page, or nothing, where a web socket opens."""
+    hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+    if len(hosts) != 1 or not is_ours(hosts[0], names):
+        return connection.respond(
+            http.HTTPStatus.FORBIDDEN, "This page is at an address of this machine, or at the name given as --host.\n"
+        )
+    if origins and [urlsplit(origin).netloc for origin in origins] != hosts:
+        return connection.respond(http.HTTPStatus.FORBIDDEN, "Another site may not talk to this page.\n")
+    response = serve_file(connection, request)
+    if response:
+        response.headers["X-Frame-Options"] = "SAMEORIGIN"  # nor show it as its own, to have it clicked
+    return response
+
+
+async def _greet(handler: Handler, connection: ServerConnection) -> None:
+    """Take in a window of this version of the page; one from before an update hears that it is."""
+    if connection.subprotocol == f"viser-v{viser.__version__}":
+        await handler(connection)
+    else:
+        await connection.close(1002, "This page is of another version; load it again")
+
+
+class _Connection(ServerConnection):
+    """Hears only what makes sense, as long as there is some in it."""
+
+    control: Callable[[str], Any]
+    nonsense = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if len(self.server.handlers) > MOST_CONNECTIONS:
+            self.transport.abort()
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        while True:
+            message = understood(await super().recv(decode=False), self.control)
+            if message is not None:
+                return message
+            self.nonsense += 1
+            if self.nonsense == MOST_NONSENSE:
+                self.transport.abort()  # whoever says it would not take part in a farewell
+
+
+def _connection(control: Callable[[str], Any], *arguments: Any, **options: Any) -> _Connection:
+    connection = _Connection(*arguments, **options)
+    connection.control = control
+    return connection
+
+
+def _note(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """What goes wrong while a message is handled ends that message alone."""
+    _log.error(context["message"], exc_info=context.get("exception"))

@@ -1,0 +1,68 @@
+"""What is asked of a simulation from other threads, until the one that advances it does it between two frames."""
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+
+from balloon_warp.errors import InputError
+from balloon_warp.viewer.playground import Playground
+
+MOST_ASKED = 1000
+"""wishes that wait at one time; more are not heard"""
+GRANTING_SECONDS = 0.1
+"""that wishes may take before a frame is simulated again"""
+
+Wish = Callable[[Playground], None]
+
+
+class Wishes:
+    """First come, first served.
+
+    Args:
+        refused: called with a sentence, where a wish cannot be granted.
+    """
+
+    def __init__(self, refused: Callable[[str], None]):
+        self.came = threading.Event()
+        """set when there are wishes"""
+        self._refused = refused
+        self._waiting: dict[object, Wish] = {}
+        self._lock = threading.Lock()
+        self._failures: set[type[Exception]] = set()
+        """that the terminal was told about"""
+
+    def add(self, wish: Wish, key: object = None) -> None:
+        """One more; of several with the same key that wait, only the last is granted. From any thread."""
+        with self._lock:
+            if len(self._waiting) < MOST_ASKED:
+                key = key if key is not None else object()
+                self._waiting.pop(key, None)
+                self._waiting[key] = wish
+        self.came.set()
+
+    def grant(self, playground: Callable[[], Playground]) -> None:
+        """Do what was asked for. Whoever asks for much does not stop time: the rest waits for the next frame.
+
+        Args:
+            playground: the one that is played with now; a wish may bring another.
+        """
+        until = time.perf_counter() + GRANTING_SECONDS
+        while self._waiting:
+            with self._lock:
+                wish = self._waiting.pop(next(iter(self._waiting)))
+            self._grant(wish, playground())
+            if time.perf_counter() > until:
+                self.came.set()
+                return
+
+    def _grant(self, wish: Wish, playground: Playground) -> None:
+        try:
+            wish(playground)
+        except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
+            self._refused(str(mistake).partition("\n")[0])
+        except Exception as mistake:  # one of ours must not end what others watch
+            if type(mistake) not in self._failures:  # nor fill the terminal
+                self._failures.add(type(mistake))
+                traceback.print_exc()
+            self._refused("this did not work; the terminal says why")
