@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
+from balloon_warp.provenance import hash_of_file
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.batch import BatchSummary, run_batch
-from balloon_warp.sweep.manifest import hash_of_file
 
 
 def repeat_batch(manifest: str | Path, folder: str | Path, device: str | None = None) -> BatchSummary:

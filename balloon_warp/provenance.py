@@ -1,0 +1,58 @@
+"""What an output is made of, for whoever is to make it again: scenes, meshes by their hashes, versions."""
+
+import hashlib
+import platform
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.scene import Scene
+
+LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
+
+
+def describe_scene(scene: Scene) -> dict[str, Any]:
+    """A scene as JSON has it. Of a mesh that came from Python there is the name only."""
+    described = scene.model_dump(mode="json", exclude={"balloon": {"__all__": {"mesh"}}})
+    for said, balloon in zip(described["balloon"], scene.balloon, strict=True):
+        said["mesh"] = mesh_label(balloon.mesh)
+    return described
+
+
+def hash_meshes(meshes: Iterable[str | Path | PolygonMesh]) -> dict[str, str]:
+    """The hash of each, by its label. Before a run: files may change meanwhile."""
+    return {mesh_label(mesh): hash_of_mesh(mesh) for mesh in meshes}
+
+
+def installed_versions() -> dict[str, str]:
+    """Of Python, and of the libraries that a result depends on."""
+    installed = {"python": platform.python_version()}
+    for library in LIBRARIES:
+        try:
+            installed[library] = metadata.version(library)
+        except metadata.PackageNotFoundError:  # an extra, or a source tree
+            continue
+    return installed
+
+
+def hash_of_file(path: Path) -> str:
+    """SHA-256 of its bytes, in hexadecimal digits, as `sha256sum` prints it."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def hash_of_mesh(mesh: str | Path | PolygonMesh) -> str:
+    """SHA-256 of a mesh's file; of one that came from Python, of its arrays, one after the other."""
+    if not isinstance(mesh, PolygonMesh):
+        return hash_of_file(Path(mesh))
+    arrays = (mesh.points, mesh.face_vertex_counts, mesh.face_vertex_indices)
+    return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
+
+
+def mesh_label(mesh: str | Path | PolygonMesh) -> str:
+    """Its file, or the name of one that came from Python."""
+    return mesh.name if isinstance(mesh, PolygonMesh) else str(mesh)
