@@ -98,7 +98,8 @@ def diagnose(origin: Origin, world: int, frame: int, bad: int = HEALTHY) -> Blow
     if last is None:
         model = origin.model
         return BlowUp(world, frame, model.substeps, model.step_seconds, _body(model, bad))
-    model, pulls = last.model, Pulls(last.model, last.before)
+    model = last.model
+    pulls = Pulls(model, last.before, (last.substep - 1) * model.step_seconds)
     when = (world, frame, model.substeps, model.step_seconds)
     substep = last.substep if last.frame == frame else None  # the reference's rounding made it last longer
     if last.first_bad != HEALTHY and last.first_bad >= model.particle_count:

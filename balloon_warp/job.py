@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from balloon_warp.errors import InputError
+from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
+from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.outputs.files import check_writable
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.scene import Scene
@@ -29,8 +30,13 @@ class Summary:
     springs: int
     """in one world"""
     frames: int
+    """that were simulated and written"""
     substeps: int
     """in one frame"""
+    restarts: int
+    """after blow-ups, each with half the step"""
+    blow_up: str | None
+    """why the frames end early"""
     wall_seconds: float
     """of simulating and writing, without the picture"""
     particle_substeps_per_second: float
@@ -47,6 +53,7 @@ def animate(
     picture: str | Path | None = None,
     device: str | None = None,
     schedule: str = "auto",
+    on_blowup: str = "stop",
     on_frame: Callable[[int], None] = lambda number: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
@@ -59,24 +66,42 @@ def animate(
         picture: an image to render from the stage; .png, .gif or .mp4.
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
+            step, at most `MOST_HALVINGS` times.
         on_frame: told the number of each frame when it is written.
-        on_warning: told what is odd about a mesh, in a sentence.
+        on_warning: told what is odd about a mesh, and of a blow-up that does not stop it, in a sentence.
 
     Raises:
         InputError: the scene cannot be simulated or an output cannot be written; nothing is written then.
-        BlowUpError: the simulation left the finite numbers; nothing is written then.
+        BlowUpError: the simulation left the finite numbers, and is to stop then, or did so after the last restart, too;
+            nothing is written then.
     """
     began = time.perf_counter()
+    check_policy(on_blowup)
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
     simulator = Simulator(scene, device, schedule=schedule)
     for shape in simulator.model.shapes:
         for warning in shape.warnings:
             on_warning(warning)
-    with StageWriter(output, simulator.model) as stage:
-        for frame in simulator.run():
-            stage.write(frame)
-            on_frame(frame.number)
+    restarts = 0
+    while True:
+        substeps = simulator.model.substeps  # at the start: the scene may change them
+        try:
+            blow_up = _write_stage(simulator, output, on_blowup, on_frame)
+            break
+        except BlowUpError as failure:
+            if on_blowup != "restart":
+                raise
+            if restarts == MOST_HALVINGS:
+                raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
+            restarts += 1
+            scene = with_half_the_step(scene, substeps)
+            on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
+            simulator = Simulator(scene, device, schedule=schedule)
+    if blow_up:
+        on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
     seconds = time.perf_counter() - began
+    frames = simulator.frame_number - bool(blow_up)
     if picture:
         from balloon_warp.outputs.render import render_stage
 
@@ -91,11 +116,29 @@ def animate(
         worlds=model.world_count,
         particles=model.particle_count,
         springs=model.spring_count,
-        frames=scene.frames,
+        frames=frames,
         substeps=model.substeps,
+        restarts=restarts,
+        blow_up=str(blow_up) if blow_up else None,
         wall_seconds=round(seconds, 3),
-        particle_substeps_per_second=round(model.particle_count * model.substeps * scene.frames / seconds),
+        particle_substeps_per_second=round(model.particle_count * model.substeps * frames / seconds),
     )
+
+
+def _write_stage(
+    simulator: Simulator, output: str | Path, on_blowup: str, on_frame: Callable[[int], None]
+) -> BlowUpError | None:
+    """Simulate all frames and write them; what ended them early, where that is to leave a stage."""
+    with StageWriter(output, simulator.model) as stage:
+        try:
+            for frame in simulator.run():
+                stage.write(frame)
+                on_frame(frame.number)
+        except BlowUpError as failure:
+            if on_blowup != "freeze":
+                raise
+            return failure
+    return None
 
 
 def _check_outputs(scene: Scene, output: Path, picture: Path | None) -> None:

@@ -36,9 +36,10 @@ class Pulls:
 
     Args:
         state: whose inflation is refreshed.
+        time_in_frame: since the start of its frame [s].
     """
 
-    def __init__(self, model: Model, state: State):
+    def __init__(self, model: Model, state: State, time_in_frame: float):
         self.model = model
         self._points = _row(state.points)
         self._spheres = _row(state.sphere_positions)
@@ -53,6 +54,9 @@ class Pulls:
         self._stretches = lengths / np.maximum(rest, 1.0e-30)
         forces = ForceReader(model)
         forces.refresh_inflation(state)
+        ramp = state.inflation_ramp.numpy().copy()
+        ramp[..., 0] += ramp[..., 1] * time_in_frame
+        state.inflation_ramp.assign(ramp)
         self._inflation = np.linalg.norm(_row(forces.inflation_forces(state)), axis=1)
 
     @property

@@ -27,6 +27,8 @@ SUMMARY_KEYS = [
     "springs",
     "frames",
     "substeps",
+    "restarts",
+    "blow_up",
     "wall_seconds",
     "particle_substeps_per_second",
 ]

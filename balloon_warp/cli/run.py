@@ -31,6 +31,14 @@ def run(
     schedule: Annotated[
         str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
     ] = "auto",
+    on_blowup: Annotated[
+        str,
+        typer.Option(
+            "--on-blowup",
+            metavar="stop|freeze|restart",
+            help="If the simulation blows up: write nothing, the frames until then, or all, with half the step.",
+        ),
+    ] = "stop",
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate a scene, or any mesh, and write it as animated USD."""
@@ -49,6 +57,7 @@ def run(
             picture=stage.with_suffix(".png") if picture else None,
             device=device,
             schedule=schedule,
+            on_blowup=on_blowup,
             on_frame=lambda number: progress.update(task, completed=number),
             on_warning=warn,
         )

@@ -1,0 +1,33 @@
+"""What becomes of a simulation that blows up."""
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Scene
+
+POLICIES = ("freeze", "stop", "restart")
+"""keep its last good frame; end everything; begin again with half the step"""
+MOST_HALVINGS = 4
+"""of a step, before it is given up: 16 times the substeps"""
+
+
+def check_policy(on_blowup: str) -> None:
+    """Make sure that there is such a policy.
+
+    Raises:
+        InputError: there is not.
+    """
+    if on_blowup not in POLICIES:
+        raise InputError(f"--on-blowup {on_blowup}: expected {', '.join(POLICIES)}")
+
+
+def with_half_the_step(scene: Scene, substeps: int) -> Scene:
+    """The scene with twice its substeps, now and wherever it changes them.
+
+    Args:
+        substeps: that it has at the start, in a frame.
+    """
+    changes = []
+    for change in scene.change:
+        later = change.set.get("substeps")
+        doubled = {**change.set, "substeps": 2 * later} if isinstance(later, int) else change.set
+        changes.append(change.model_copy(update={"set": doubled}))
+    return scene.model_copy(update={"substeps": 2 * substeps, "change": changes})
