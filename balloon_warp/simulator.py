@@ -1,7 +1,7 @@
 """The simulator: a scene in, frames out."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
@@ -15,7 +15,7 @@ from balloon_warp.errors import BlowUpError
 from balloon_warp.frame import Frame
 from balloon_warp.health import HEALTHY, HealthCheck
 from balloon_warp.kernels.timeline import hold_spheres
-from balloon_warp.model import Model, Turn, Vary, build_model, copy_of, initial_state
+from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state
 from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.model.parameters import METHODS, Parameters
 from balloon_warp.origin import Origin
@@ -181,19 +181,25 @@ class Simulator:
             spheres: for each sphere of the model its number until now, or None if it is new and starts where the model
                 puts it; all as they are, when missing.
         """
-        before, self.state, self._kept = self.state, initial_state(model), None
-        for name, array in vars(before).items():
-            if not name.startswith("sphere_"):
-                wp.copy(getattr(self.state, name), array)
-        for now, until_now in enumerate(range(self.model.sphere_count) if spheres is None else spheres):
-            if until_now is not None:
-                for name in ("sphere_positions", "sphere_velocities", "sphere_forces"):
-                    wp.copy(getattr(self.state, name)[:, now], getattr(before, name)[:, until_now])
+        self._kept = None
+        if spheres is not None:
+            self._carry_over(initial_state(model), spheres)
         if model.scene.solver != self.model.scene.solver:
             self._asked_schedule = "auto"  # what was asked for may be of the other solver
         self.model = model
         self._first_frames = _first_frames(model)
         self._make_schedule()
+
+    def _carry_over(self, state: State, spheres: Sequence[int | None]) -> None:
+        """Go on in another state with what there is in this one; see `go_on_in`."""
+        for name, array in vars(self.state).items():
+            if not name.startswith("sphere_"):
+                wp.copy(getattr(state, name), array)
+                continue
+            for now, until_now in enumerate(spheres):
+                if until_now is not None:
+                    wp.copy(getattr(state, name)[:, now], array[:, until_now])
+        self.state = state
 
     def _make_schedule(self) -> None:
         """The schedule of the model as it is now, and nothing left of the last."""
@@ -215,6 +221,26 @@ class Simulator:
         if self._kept is None or self.frame_number >= self._kept.frame + KEPT_FRAMES:
             model = replace(self.model, turns=list(self._turns))
             self._kept = Origin(model, self._asked_schedule, self.frame_number, copy_of(self.state))
+
+    @property
+    def changing(self) -> dict[str, wp.array]:
+        """All that frames change, by name: the fields of `State`, and `first_bad`."""
+        return {**vars(self.state), "first_bad": self.first_bad}
+
+    def restore(self, saved: Mapping[str, NDArray]) -> None:
+        """Go on, bit for bit, from where another simulator of the same scene, worlds and schedule was.
+
+        Only at the start: what the scene has changed until then, of parameters and methods, is changed again.
+
+        Args:
+            saved: the contents of that one's `changing`.
+        """
+        frame = int(saved["frame"][0])
+        self.frame_number = frame - 1
+        self.take_due_turns()
+        self.frame_number, self._kept = frame, None
+        for name, array in self.changing.items():
+            array.assign(saved[name])
 
     def drop_turns(self) -> None:
         """What the scene would change from here on does not happen."""

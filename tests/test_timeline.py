@@ -241,3 +241,19 @@ def test_the_stage_shows_what_is_there(tmp_path, batch):
     string = UsdGeom.BasisCurves(paths["String_0"])
     anchors = [tuple(string.GetPointsAttr().Get(frame)[0]) for frame in range(5)]
     assert anchors == [(0.0, -1.0, 0.0)] * 3 + [(0.5, -1.0, 0.0)] * 2
+
+
+def test_the_table_follows_a_change_of_method(device, tmp_path):
+    """The table and the stage of a batch, frame by frame, are of the simulation that goes on."""
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=4, change=[Change(time=2 / 60, set={"substeps": 12})])
+    run_batch(scene, tmp_path, 2, export=[1], device=device, schedule="gather")
+    with np.load(tmp_path / "table.npz") as table:
+        heights = table["center_height"].reshape(5, 2)
+    stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
+    simulator = Simulator(scene, device, 2, schedule="gather")
+    for number in range(5):
+        points = simulator.read_frame(1).points[0]
+        ball = next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh) and "World_1" in str(prim.GetPath()))
+        np.testing.assert_array_equal(UsdGeom.Mesh(ball).GetPointsAttr().Get(number), points)
+        assert (np.diff(heights[: number + 1, 1]) < 0.0).all()
+        simulator.step()

@@ -3,7 +3,7 @@
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from balloon_warp.errors import InputError
@@ -38,13 +38,18 @@ def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, of the same suffix, that takes its place when the block ends well.
 
+    It is on the disk before it takes the place, so that a crash of the machine leaves a good file, too.
+
     Raises:
         InputError: the block, or the end of it, failed to write the file.
     """
     temporary = _temporary(path)
     try:
         yield temporary
+        _flush(temporary)
         os.replace(temporary, path)
+        with suppress(OSError):  # what is not a disk may not know how; the file is in its place
+            _flush(path.parent)
     except OSError as error:
         if error.filename is not None and Path(error.filename) != temporary:
             raise  # another file's
@@ -56,6 +61,15 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written: USD failed to save it; is the disk full?") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _temporary(path: Path) -> Path:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.outputs.files import whole_file
+from balloon_warp.outputs.npz import write_npz
 
 
 class TableWriter:
@@ -86,13 +86,9 @@ class TableWriter:
         return lines or [""] * self.world_count
 
     def _save_npz(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Unless the run failed; column by column: one at a time is in memory twice."""
-        if kind:
-            return
-        with zipfile.ZipFile(self._npz, "w") as archive:
-            for name in self.columns:
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-                    np.lib.format.write_array(file, self._column(name), allow_pickle=False)
+        """Unless the run failed; one column at a time is in memory twice."""
+        if kind is None:
+            write_npz(self._npz, ((name, self._column(name)) for name in self.columns))
 
     def _column(self, name: str) -> NDArray:
         frames, worlds = self.health.shape

@@ -1,0 +1,99 @@
+"""What is safe of a job that is not finished: a folder beside its output, from which the job can go on."""
+
+import json
+import secrets
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.files import whole_file
+
+JOB_NAME = "job.json"
+
+
+class PartialFolder:
+    """A folder of files that each appear whole, in the order in which they are written, and that say of what job.
+
+    Args:
+        path: where it is, or will be.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def job(self) -> dict[str, Any] | None:
+        """What the files are of; nothing where there are none.
+
+        Raises:
+            InputError: there is something else.
+        """
+        path = self.path / JOB_NAME
+        try:
+            said = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read: {error}") from None
+        if not isinstance(said, dict):
+            raise InputError(f"{path}: expected an object (got {type(said).__name__})")
+        return said
+
+    def begin(self, job: Mapping[str, Any]) -> None:
+        """Make the folder, for a job; what was there of another is lost.
+
+        Raises:
+            InputError: it cannot be made.
+        """
+        self.remove()
+        try:
+            self.path.mkdir()
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be made: {error.strerror}") from None
+        with self.file(JOB_NAME) as path:
+            path.write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
+
+    def file(self, name: str) -> AbstractContextManager[Path]:
+        """A temporary path, which becomes the file of that name when the `with` block ends well."""
+        return whole_file(self.path / name)
+
+    def remove(self) -> None:
+        """All at once: under another name first, so that a kill leaves no part of it that looks whole."""
+        doomed = self.path.with_name(f".{secrets.token_hex(4)}.partial")
+        try:
+            self.path.rename(doomed)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be removed: {error.strerror}") from None
+        shutil.rmtree(doomed, ignore_errors=True)
+
+
+def as_json(job: Mapping[str, Any]) -> dict[str, Any]:
+    """A job as it is when it was written and read again."""
+    return json.loads(json.dumps(job))
+
+
+def differences(there: Any, here: Any, path: str = "") -> Iterator[str]:
+    """Where two jobs differ, each as a phrase."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        for name in sorted(there.keys() | here.keys()):
+            below = f"{path}.{name}" if path else name
+            if name not in there or name not in here:
+                yield f"{below} is {'here' if name in here else 'there'} only"
+            else:
+                yield from differences(there[name], here[name], below)
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        for number, pair in enumerate(zip(there, here, strict=True)):
+            yield from differences(*pair, f"{path}.{number}")
+    elif there != here:
+        yield f"{path} is {_shown(there)} there and {_shown(here)} here"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    text = json.dumps(value)
+    return text if len(text) <= 80 else text[:77] + "..."
