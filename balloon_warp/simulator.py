@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import warp as wp
@@ -25,6 +25,9 @@ from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import PROJECTIVE, solver_named
 from balloon_warp.solvers.step_matrices import FACTORIZED
+
+if TYPE_CHECKING:
+    from balloon_warp.diagnosis import BlowUp
 
 KEPT_FRAMES = 128
 """between two states that are kept, so that a blow-up can be followed from one; copying a state costs less than a fifth
@@ -106,7 +109,7 @@ class Simulator:
             self.step()
             frame = self.read_frame(world)
             if not frame.is_finite:
-                raise self.blow_up(world, frame.number)
+                raise BlowUpError(self.diagnose(world, frame.number))
             yield frame
 
     def step(self) -> None:
@@ -121,7 +124,7 @@ class Simulator:
         self.advance()
         bad = self.first_bad.numpy()
         if (bad != HEALTHY).any():
-            raise self.blow_up(int(np.argmax(bad != HEALTHY)), self.frame_number)
+            raise BlowUpError(self.diagnose(int(np.argmax(bad != HEALTHY)), self.frame_number))
 
     def advance(self) -> None:
         """Advance every world by one frame, those that blew up, too."""
@@ -208,13 +211,12 @@ class Simulator:
         for cached in ("_frame_graph", "_force_reader"):
             self.__dict__.pop(cached, None)
 
-    def blow_up(self, world: int, frame: int) -> BlowUpError:
-        """What to raise, or to say, of a world that was found bad after a frame: its last frames are simulated again to
-        see why."""
+    def diagnose(self, world: int, frame: int) -> "BlowUp":
+        """Why a world is bad that was found so after a frame: its last frames are simulated again to see."""
         from balloon_warp.diagnosis import diagnose  # only once something is wrong
 
         origin, bad = self._kept or self._start, int(self.first_bad.numpy()[world])
-        return BlowUpError(diagnose(origin.of_world(world), world, frame, bad))
+        return diagnose(origin.of_world(world), world, frame, bad)
 
     def _keep_origin(self) -> None:
         """Every so often, the state from which a blow-up can be found again."""

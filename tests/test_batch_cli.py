@@ -71,10 +71,12 @@ def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monk
 
 def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     assert batch(monkeypatch, "--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
-    said = capsys.readouterr().out.splitlines()
+    captured = capsys.readouterr()
+    said, warned = captured.out.splitlines(), captured.err.splitlines()
     assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
-    assert said[1].startswith("warning: 1 of 3 worlds blew up and stay at their last good frame")
-    assert said[2:] == [f"wrote ball_batch/{name}" for name in ("table.npz", "table.csv", "manifest.json")]
+    assert warned[0].startswith("warning: the simulation blew up in frame 1, world 1, substep 1 of ")
+    assert warned[1:] == ["warning: 1 of 3 worlds blew up and stay at their last good frame: health 0"]
+    assert said[1:] == [f"wrote ball_batch/{name}" for name in ("table.npz", "table.csv", "manifest.json")]
 
 
 def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(

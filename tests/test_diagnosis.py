@@ -150,7 +150,7 @@ def test_every_schedule_gives_the_same_report_in_a_batch_and_alone(schedule: str
     batch = Simulator(scene, device, 3, {"gravity": gravity}, schedule=schedule)
     for _ in range(4):
         batch.advance()
-    among_others = batch.blow_up(2, 2).report
+    among_others = batch.diagnose(2, 2)
     assert alone.substep is not None
     assert among_others == replace(alone, world=2)
 

@@ -42,6 +42,15 @@ def batch(
     schedule: Annotated[
         str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
     ] = "auto",
+    on_blowup: Annotated[
+        str,
+        typer.Option(
+            "--on-blowup",
+            metavar="freeze|restart|stop",
+            help="What becomes of a world that blows up: it stays at its last good frame, begins again with half the "
+            "step, or ends the batch.",
+        ),
+    ] = "freeze",
     gpus: Annotated[int | None, typer.Option(help="Spread the worlds over this many GPUs of this machine.")] = None,
     workers: Annotated[int | None, typer.Option(help="Spread the worlds over this many processes on the CPU.")] = None,
     cluster: Annotated[
@@ -73,6 +82,7 @@ def batch(
             name=name,
             device=device,
             schedule=schedule,
+            on_blowup=on_blowup,
             cluster=spread_over,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
             on_frame=lambda number: progress.update(task, completed=number),
@@ -87,11 +97,13 @@ def batch(
         f"{summary.scene}: {summary.worlds:,} worlds, {summary.particles:,} particles, {summary.frames} frames of "
         f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {device_text} ({summary.schedule})"
     )
+    for sentence in summary.blow_ups:
+        warn(sentence)
+    of_all = f"of {summary.worlds:,} worlds blew up"
+    if summary.restarted_worlds:
+        warn(f"{summary.restarted_worlds:,} {of_all}, but not in shorter steps: health 2")
     if summary.unhealthy_worlds:
-        console.print(
-            f"[yellow]warning:[/] {summary.unhealthy_worlds:,} of {summary.worlds:,} worlds blew up and stay at their "
-            "last good frame; more substeps, more damping or softer springs help"
-        )
+        warn(f"{summary.unhealthy_worlds:,} {of_all} and stay at their last good frame: health 0")
     for path in [*summary.table, *([summary.stage] if summary.stage else []), summary.manifest]:
         console.print(f"wrote {path}")
     if summary.removed_stage:

@@ -1,8 +1,8 @@
 """What a model will be, on the host: nothing of it is on a device yet."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,21 @@ class ModelPlan:
         """A parameter of one world, as a number or lists of numbers."""
         values = self.parameters[name]
         return values[world % len(values)].tolist()
+
+    def of_worlds(self, rows: NDArray[np.integer]) -> Self:
+        """Some of the worlds, with the step that is planned for all."""
+        parameters = {name: values[rows] if len(values) > 1 else values for name, values in self.parameters.items()}
+        return replace(self, world_count=len(rows), parameters=parameters)
+
+    def with_times_the_substeps(self, times: int) -> Self:
+        """The same in shorter steps, wherever the scene says how long they are."""
+
+        def finer(scene: Scene) -> Scene:
+            auto = scene.substeps == "auto"
+            return scene if auto else scene.model_copy(update={"substeps": times * scene.substeps})
+
+        turns = [replace(turn, scene=finer(turn.scene)) for turn in self.turns]
+        return replace(self, scene=finer(self.scene), substeps=times * self.substeps, turns=turns)
 
     @property
     def position_shifts(self) -> NDArray[np.float64]:

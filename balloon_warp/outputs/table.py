@@ -43,7 +43,7 @@ class TableWriter:
         self.values = np.zeros((frame_count, world_count, len(measures)), dtype=np.float32)
         """what is measured, of each frame and world, shape (frame_count, world_count, len(measures))"""
         self.health = np.zeros((frame_count, world_count), dtype=np.int32)
-        """1 or 0 for each frame and world, shape (frame_count, world_count)"""
+        """of each frame and world, shape (frame_count, world_count)"""
         self._frames_written = 0
 
     @property
@@ -56,7 +56,7 @@ class TableWriter:
             files.push(self._save_npz)
             csv_path = files.enter_context(whole_file(self.folder / "table.csv"))
             self._csv = files.enter_context(csv_path.open("w", encoding="utf-8", newline=""))
-            self._csv.write(",".join(self.columns) + "\n")
+            self._write_header()
             self._varied_text = self._describe_worlds()
             self._files = files.pop_all()
         return self
@@ -70,6 +70,18 @@ class TableWriter:
         values, health = self.values[frame].tolist(), self.health[frame].tolist()
         rows = zip(range(self.world_count), self._varied_text, values, health, strict=True)
         self._csv.writelines(form % (world, text, *values, health) for world, text, values, health in rows)
+
+    def write_again(self) -> None:
+        """Write the frames again that were written already: their rows have changed since."""
+        frames, self._frames_written = self._frames_written, 0
+        self._csv.seek(0)
+        self._csv.truncate()
+        self._write_header()
+        for _ in range(frames):
+            self.write_frame()
+
+    def _write_header(self) -> None:
+        self._csv.write(",".join(self.columns) + "\n")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None

@@ -16,6 +16,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.model.memory import require_memory
 from balloon_warp.sweep.cluster import Cluster, connect
+from balloon_warp.sweep.failures import Failures
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import table_bytes
 from balloon_warp.sweep.output import BatchOutput
@@ -41,7 +42,7 @@ def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_f
         on_frame: told how many frames are simulated, on the average of all worlds.
 
     Raises:
-        InputError, MissingExtraError, WorkersLostError: as `run_batch`; nothing is written then.
+        InputError, BlowUpError, MissingExtraError, WorkersLostError: as `run_batch`; nothing is written then.
     """
     _require_table_memory(task)
     with connect(cluster) as client:
@@ -49,10 +50,11 @@ def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_f
         began = time.perf_counter()
         # Where workers differ, the shares are small enough for the least of them.
         shares = cut_into_shares(task.groups, "cuda" if all(name.startswith("cuda") for name in devices) else "cpu")
-        schedules = set()
+        schedules, failures = set(), Failures()
         with BatchOutput(task.folder, task.scene, shares, task.chosen, task.vary) as output:
             for number, result in _run_shares(client, cluster, task, shares, device, len(devices), on_frame):
                 schedules.add(result.schedule)
+                failures.add(result.failures)
                 for record in result.records:
                     output.add(number, record)
             for _ in range(task.scene.frames + 1):
@@ -62,6 +64,7 @@ def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_f
             schedule=", ".join(sorted(schedules)),
             workers=len(devices),
             healthy_worlds=output.healthy_count,
+            failures=failures,
             seconds=time.perf_counter() - began,
             removed_stage=output.removed_stage,
         )
@@ -107,6 +110,7 @@ def _run_shares(
 
     Raises:
         InputError: a share does not fit into a worker's memory.
+        BlowUpError: a world blew up, which is to stop all.
         WorkersLostError: a share lost one worker after the other, or the scheduler is gone.
     """
     topic = f"balloon-warp-{uuid4().hex}"
@@ -116,7 +120,7 @@ def _run_shares(
 
     def send_next() -> None:
         if (number := next(waiting, None)) is not None:
-            share = (shares[number], task.chosen, device, task.schedule, task.world_count)
+            share = (shares[number], task.chosen, device, task.schedule, task.world_count, task.on_blowup)
             future = client.submit(_work, *share, cluster.prepare, topic, number, key=f"{topic}-{number}", pure=False)
             future.add_done_callback(lambda done: events.put((number, done)))
 
@@ -157,6 +161,7 @@ def _work(
     device: str | None,
     schedule: str,
     world_count: int,
+    on_blowup: str,
     prepare: Callable[[], None] | None,
     topic: str,
     number: int,
@@ -175,7 +180,7 @@ def _work(
     with _one_at_a_time:
         if prepare:
             prepare()
-        return simulate_share(share, chosen, device, schedule, world_count, report)
+        return simulate_share(share, chosen, device, schedule, world_count, on_blowup, report)
 
 
 def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,10 @@ class Group:
     plan: ModelPlan
     worlds: NDArray[np.int64]
     """their numbers in the batch, ascending"""
+
+    def part(self, rows: NDArray[np.integer]) -> Self:
+        """Some of its worlds, by their numbers in its plan, ascending."""
+        return replace(self, plan=self.plan.of_worlds(rows), worlds=self.worlds[rows])
 
     def those_of(self, chosen: NDArray[np.integer]) -> NDArray[np.integer]:
         """The chosen worlds of this group, by their numbers in the batch."""

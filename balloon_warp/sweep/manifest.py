@@ -57,7 +57,10 @@ def write_manifest(
         "schedule": outcome.schedule,
         "schedule_asked": task.schedule,
         "workers": outcome.workers,
+        "on_blowup": task.on_blowup,
         "healthy_worlds": outcome.healthy_worlds,
+        "restarted_worlds": {str(world): substeps for world, substeps in outcome.failures.restarted.items()},
+        "blow_ups": [report.as_json() for report in outcome.failures.reports],
         **description,
         "outputs": {name: hash_of_file(task.folder / name) for name in names},
     }

@@ -54,7 +54,7 @@ class BatchOutput:
     @property
     def healthy_count(self) -> int:
         """Worlds that are good at the end."""
-        return int(self._table.health[-1].sum())
+        return int(np.count_nonzero(self._table.health[-1]))
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
@@ -77,6 +77,29 @@ class BatchOutput:
         self._table.health[record.number, worlds] = record.healthy
         if self._stage:
             self._stage.write(record.number, group, record.points, record.velocities, record.sphere_positions)
+
+    def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
+        """Put a record in the place of what was recorded of some worlds of a group in its frame; in the table's text
+        that is once `rewrite_table` is called.
+
+        Args:
+            rows: the worlds, by their numbers in the group.
+            places: of those of them that are chosen, among the group's chosen worlds.
+        """
+        worlds = self.groups[group].worlds[rows]
+        self._table.values[record.number, worlds] = record.measures
+        self._table.health[record.number, worlds] = record.healthy
+        if self._stage:
+            shapes = (record.points, record.velocities, record.sphere_positions)
+            self._stage.write(record.number, group, *shapes, places=places.tolist())
+
+    def rewrite_table(self) -> None:
+        """Write what was replaced."""
+        self._table.write_again()
+
+    def health_of(self, group: int) -> NDArray[np.int32]:
+        """Of the worlds of a group in all frames, shape (frame_count, world_count)."""
+        return self._table.health[:, self.groups[group].worlds]
 
     def end_frame(self) -> None:
         """Of the next frame all groups are there."""

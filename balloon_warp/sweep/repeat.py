@@ -38,6 +38,7 @@ def repeat_batch(manifest: str | Path, folder: str | Path, device: str | None = 
         name=said.get("name", ""),
         device=device or (said["device"] if said["workers"] == 1 else None),
         schedule=said["schedule_asked"],
+        on_blowup=said.get("on_blowup", "freeze"),
         provenance={"repeats": str(manifest)},
     )
 

@@ -1,16 +1,18 @@
 """A batch cut into shares: worlds that one worker simulates together, wherever it is."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from math import ceil, log2
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
-from balloon_warp.model import ModelPlan, lay_out
+from balloon_warp.model import lay_out
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
+from balloon_warp.sweep.failures import Failures, Rows, report_failures, require_health, restart_failures
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.recorder import Record, Recorder
@@ -28,6 +30,7 @@ class ShareResult:
     records: list[Record]
     """a frame each, the start among them"""
     schedule: str
+    failures: Failures
 
 
 def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
@@ -42,7 +45,7 @@ def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
         size = 2 ** ceil(log2(max(world_count / SHARES, GRAIN[device_kind] / group.plan.particle_count, 1.0)))
         begin = 0
         for worlds in np.array_split(group.worlds, ceil(len(group.worlds) / size)):
-            shares.append(Group(_part_of_plan(group.plan, begin, len(worlds)), worlds))
+            shares.append(group.part(np.arange(begin, begin + len(worlds))))
             begin += len(worlds)
     return shares
 
@@ -53,6 +56,7 @@ def simulate_share(
     device: str | None,
     schedule: str,
     world_count: int,
+    on_blowup: str,
     on_frame: Callable[[int], None],
 ) -> ShareResult:
     """Simulate a share from its start to its end.
@@ -62,10 +66,12 @@ def simulate_share(
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         world_count: how many worlds the whole batch has.
+        on_blowup: as in `run_batch`.
         on_frame: told the number of each frame when it is simulated.
 
     Raises:
         InputError: there is no such device or schedule, or the share does not fit into its memory.
+        BlowUpError: a world blew up, which is to stop all.
     """
     scene = share.plan.scene
     model = lay_out(share.plan, pick_device(device))
@@ -78,11 +84,22 @@ def simulate_share(
         if number:
             simulator.advance()
         records.append(recorder.read())
+        if on_blowup == "stop":
+            require_health(simulator, share, records[-1])
         on_frame(number)
-    return ShareResult(records, simulator.schedule.name)
+    health = np.stack([record.healthy for record in records])
+    failures = Failures(report_failures(simulator, share, health))
+    del simulator, recorder  # what begins again has their memory
+    if on_blowup == "restart":
+        bad, put = np.flatnonzero(health[-1] == 0), partial(_replace, records)
+        failures.restarted = restart_failures(share, bad, chosen, model.device, settled, put)
+    return ShareResult(records, settled, failures)
 
 
-def _part_of_plan(plan: ModelPlan, begin: int, world_count: int) -> ModelPlan:
-    end = begin + world_count
-    parameters = {name: values[begin:end] if len(values) > 1 else values for name, values in plan.parameters.items()}
-    return replace(plan, world_count=world_count, parameters=parameters)
+def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> None:
+    """See `restart_failures`."""
+    record = records[part.number]
+    for array, values in ((record.measures, part.measures), (record.healthy, part.healthy)):
+        array[rows] = values
+    for name in ("points", "velocities", "sphere_positions"):
+        getattr(record, name)[places] = getattr(part, name)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.scene import Scene
+from balloon_warp.sweep.failures import Failures
 from balloon_warp.sweep.groups import BatchVary, Group
 
 
@@ -23,6 +24,8 @@ class BatchTask:
     folder: Path
     schedule: str = "auto"
     """as asked for"""
+    on_blowup: str = "freeze"
+    """as in `run_batch`"""
 
     @property
     def world_count(self) -> int:
@@ -38,6 +41,7 @@ class Outcome:
     workers: int
     """processes that simulated"""
     healthy_worlds: int
+    failures: Failures
     seconds: float
     """of simulating and writing"""
     removed_stage: bool

@@ -93,11 +93,17 @@ class GridWriter:
         points: NDArray[np.float32],
         velocities: NDArray[np.float32],
         sphere_positions: NDArray[np.float32],
+        places: Sequence[int] | None = None,
     ) -> None:
-        """Author a frame of one group: arrays of shape (chosen, particle_count, 3) twice, (chosen, sphere_count, 3)."""
+        """Author a frame of one group: arrays of shape (chosen, particle_count, 3) twice, (chosen, sphere_count, 3).
+
+        Args:
+            places: of the worlds that the arrays are of, among the group's; all of them, when missing.
+        """
+        worlds = self._worlds[group]
         with Sdf.ChangeBlock():
-            for place, world in enumerate(self._worlds[group]):
-                world.write(number, points[place], velocities[place], sphere_positions[place])
+            for row, world in enumerate(worlds if places is None else [worlds[place] for place in places]):
+                world.write(number, points[row], velocities[row], sphere_positions[row])
             self._layer.endTimeCode = number
         self._unsaved_bytes += points.nbytes + velocities.nbytes
         if self._unsaved_bytes > SAVE_BYTES:

@@ -1,0 +1,214 @@
+"""Worlds of a batch that blow up, and the others."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import cube
+from numpy.typing import NDArray
+from pxr import Usd
+
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.batch import BatchSummary, run_batch
+from balloon_warp.sweep.cluster import Cluster
+from balloon_warp.sweep.repeat import repeat_batch
+
+FRAMES, WORLDS = 6, 10
+BAD, LAST_GOOD = 3, 3
+"""the world that blows up, and its last good frame"""
+FLOATS = Scene(
+    balloon=[Balloon(mesh=cube(), position=(0.0, 2.0, 0.0), damping=0.0)],
+    sphere=[Sphere(position=(0.2, 5.0, 0.0), radius=0.5)],
+    string=[String(anchor=(0.0, 0.0, 0.0), stiffness=1.0)],
+    ground=Ground(),
+    frames=FRAMES,
+    frames_per_second=30.0,
+)
+ASTRAY = 1.5e9
+"""lift [N/kg]: 1/2 a t^2 passes 1e7 m, the farthest that a balloon of a meter may be, between frames 3 and 4"""
+LIFTS = np.linspace(5.0, 12.0, WORLDS)
+SCHEDULES = {schedule: (FLOATS, schedule) for schedule in ("scatter", "gather", "octets", "lanes", "block")}
+WAYS = SCHEDULES | {"projective": (FLOATS.model_copy(update={"solver": "projective"}), "auto")}
+
+GAINS_ENERGY = Scene(
+    balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0)],
+    sphere=[Sphere(position=(0.0, 4.0, 0.0))],
+    string=[String(anchor=(0.0, -1.0, 0.0))],
+    solver="forward_euler",
+    substeps=3,
+    frames=40,
+)
+VARY = {
+    "balloon.stiffness.structural": [100.0, 3000.0, 100.0, 3000.0, 1000.0, 100.0],
+    "balloon.helium": [0.0, 0.0, 0.0, 0.0, 0.0, 9e9],
+}
+SUBSTEPS = {1: 12, 3: 12, 4: 6}
+"""with which forward Euler takes the stiffer worlds to the end; the last one flies away in any case"""
+
+
+def table(folder: Path) -> dict[str, NDArray]:
+    """The columns, of shape (frame, world)."""
+    with np.load(folder / "table.npz") as columns:
+        worlds = int(columns["world"].max()) + 1
+        return {name: columns[name].reshape(-1, worlds) for name in columns}
+
+
+def rows(folder: Path) -> list[list[str]]:
+    """Each world's lines of the table, without its number."""
+    worlds: dict[str, list[str]] = {}
+    for line in (folder / "table.csv").read_text().splitlines()[1:]:
+        world, _, row = line.partition(",")
+        worlds.setdefault(world, []).append(row)
+    return list(worlds.values())
+
+
+def samples(folder: Path, world: int) -> dict[str, NDArray[np.float64]]:
+    """All numbers of a world in the stage that change with time, by the attribute's path in the world and the time."""
+    stage, found = Usd.Stage.Open(str(folder / "worlds.usdc")), {}
+    root = [prim for prim in stage.GetPrimAtPath("/World").GetChildren() if prim.GetName().startswith("World_")][world]
+    for prim in Usd.PrimRange(root):
+        for attribute in prim.GetAttributes():
+            for time in attribute.GetTimeSamples():
+                value = attribute.Get(time)
+                if not isinstance(value, str):
+                    path = attribute.GetPath().MakeRelativePath(root.GetPath())
+                    found[f"{path} {time:g}"] = np.array(value, dtype=np.float64)
+    return found
+
+
+def assert_finite(folder: Path, worlds: int) -> None:
+    """All numbers that were written."""
+    assert all(np.isfinite(column).all() for column in table(folder).values())
+    with (folder / "table.csv").open(newline="") as file:
+        for line in list(csv.reader(file))[1:]:
+            assert np.isfinite([float(cell) for cell in line]).all()
+    for world in range(worlds):
+        found = samples(folder, world)
+        kinds = {path.partition(" ")[0].rpartition(".")[2] for path in found}
+        assert {"points", "velocities", "extent", "xformOp:translate"} <= kinds
+        assert all(np.isfinite(value).all() for value in found.values())
+
+
+@pytest.fixture(params=WAYS)
+def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
+    """A scene, and the schedule that simulates it."""
+    if device != "cpu" and request.param in ("octets", "lanes"):
+        pytest.skip("simulates on the CPU")
+    if device != "cpu" and request.param == "scatter":
+        pytest.skip("does not repeat on a GPU")
+    return WAYS[request.param]
+
+
+def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path: Path):
+    """To the last bit: the table as text, the stage as numbers."""
+    scene, schedule = way
+    lifts = np.insert(LIFTS, BAD, ASTRAY)
+    with_it, without = tmp_path / "with", tmp_path / "without"
+    options: dict[str, Any] = {"device": device, "schedule": schedule}
+    summary = run_batch(scene, with_it, WORLDS + 1, {"balloon.helium": lifts}, export=range(WORLDS + 1), **options)
+    run_batch(scene, without, WORLDS, {"balloon.helium": LIFTS}, export=range(WORLDS), **options)
+    assert_finite(with_it, WORLDS + 1)
+    others = [world for world in range(WORLDS + 1) if world != BAD]
+    assert [rows(with_it)[world] for world in others] == rows(without)
+    for alone, world in enumerate(others):
+        expected, found = samples(without, alone), samples(with_it, world)
+        assert expected.keys() == found.keys()
+        assert all(np.array_equal(value, found[path]) for path, value in expected.items())
+
+    assert (summary.unhealthy_worlds, summary.restarted_worlds, len(summary.blow_ups)) == (1, 0, 1)
+    assert f"blew up in frame {LAST_GOOD + 1}, world {BAD}" in summary.blow_ups[0]
+    columns = table(with_it)
+    assert columns["health"][:, BAD].tolist() == [1] * (LAST_GOOD + 1) + [0] * (FRAMES - LAST_GOOD)
+    for name, column in columns.items():
+        if name not in ("frame", "time", "health"):
+            assert (column[LAST_GOOD:, BAD] == column[LAST_GOOD, BAD]).all()
+    assert len(set(columns["center_height"][:, BAD].tolist())) == LAST_GOOD + 1
+    found = samples(with_it, BAD)
+    for path, value in found.items():
+        attribute, _, time = path.partition(" ")
+        if float(time) > LAST_GOOD:
+            np.testing.assert_array_equal(value, found[f"{attribute} {LAST_GOOD}"])
+
+
+def batch(folder: Path, on_blowup: str, **options: Any) -> BatchSummary:
+    """Of worlds that blow up, and two that do not."""
+    return run_batch(GAINS_ENERGY, folder, 6, VARY, export=range(6), on_blowup=on_blowup, **options)
+
+
+@pytest.mark.parametrize("schedule", ["gather", "lanes", "block"])
+def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, device: str, tmp_path: Path):
+    if device != "cpu" and schedule == "lanes":
+        pytest.skip("simulates on the CPU")
+    options = {"device": device, "schedule": schedule}
+    summary = batch(tmp_path / "restarted", "restart", **options)
+    assert (summary.unhealthy_worlds, summary.restarted_worlds) == (1, len(SUBSTEPS))
+    assert [sentence.partition("world ")[2][0] for sentence in summary.blow_ups] == ["1", "3", "4"]
+    assert_finite(tmp_path / "restarted", 6)
+    found = rows(tmp_path / "restarted")
+    for substeps in (3, 6, 12):
+        folder = tmp_path / str(substeps)
+        finer = GAINS_ENERGY.model_copy(update={"substeps": substeps})
+        run_batch(finer, folder, 6, VARY, export=range(6), **options)
+        expected = rows(folder)
+        for world in range(5):
+            if SUBSTEPS.get(world, 3) == substeps:
+                health = 2 if world in SUBSTEPS else 1
+                assert found[world] == [row.rpartition(",")[0] + f",{health}" for row in expected[world]]
+                ours, theirs = samples(tmp_path / "restarted", world), samples(folder, world)
+                assert ours.keys() == theirs.keys()
+                assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
+    health = table(tmp_path / "restarted")["health"]
+    assert health[0].tolist() == [1, 2, 1, 2, 2, 2]
+    assert health[-1].tolist() == [1, 2, 1, 2, 2, 0]
+
+
+def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
+    write_obj(tmp_path / "cube.obj", cube())
+    balloon = GAINS_ENERGY.balloon[0].model_copy(update={"mesh": tmp_path / "cube.obj"})
+    scene = GAINS_ENERGY.model_copy(update={"balloon": [balloon]})
+    run_batch(scene, tmp_path / "first", 6, VARY, on_blowup="restart", device="cpu")
+    manifest = json.loads((tmp_path / "first" / "manifest.json").read_text())
+    assert manifest["on_blowup"] == "restart"
+    assert manifest["restarted_worlds"] == {str(world): substeps for world, substeps in SUBSTEPS.items()}
+    assert [report["world"] for report in manifest["blow_ups"]] == [1, 3, 4]
+    assert manifest["blow_ups"][0]["sentence"].startswith("the simulation blew up in frame 14, world 1, substep ")
+    assert manifest["blow_ups"][0]["spring"]["stretch"] > 1e3
+    repeat_batch(tmp_path / "first" / "manifest.json", tmp_path / "again")
+    for name in ("table.csv", "table.npz"):
+        assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_to_stop_leaves_nothing(workers: int | None, tmp_path: Path):
+    where: dict[str, Any] = {"cluster": Cluster(workers=workers)} if workers else {"device": "cpu"}
+    with pytest.raises(BlowUpError, match=r"blew up in frame \d+, world [1345], "):
+        batch(tmp_path / "stopped", "stop", **where)
+    assert list((tmp_path / "stopped").iterdir()) == []
+
+
+def test_another_policy_is_refused(tmp_path: Path):
+    with pytest.raises(InputError, match=r"^--on-blowup pray: expected freeze, stop, restart$"):
+        batch(tmp_path / "prayed", "pray")
+    assert not (tmp_path / "prayed").exists()
+
+
+def test_a_cluster_restarts_what_one_process_does(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setitem(shares.GRAIN, "cpu", 1)  # a share for each world
+    alone = batch(tmp_path / "alone", "restart", device="cpu")
+    together = batch(tmp_path / "together", "restart", cluster=Cluster(workers=2))
+    assert together.blow_ups == alone.blow_ups
+    assert (together.unhealthy_worlds, together.restarted_worlds) == (1, len(SUBSTEPS))
+    for name in ("table.csv", "table.npz"):
+        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "together" / name).read_bytes()
+    for world in range(6):
+        ours, theirs = samples(tmp_path / "alone", world), samples(tmp_path / "together", world)
+        assert ours.keys() == theirs.keys()
+        assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
+    kept = [json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("alone", "together")]
+    assert kept[0]["restarted_worlds"] == kept[1]["restarted_worlds"]
