@@ -3,7 +3,7 @@
     python -m balloon_warp.benchmarks.fuzz --minutes 10
 
 A reader may take a file or refuse it with an `InputError`. Anything else is a failure: another exception, a warning of
-NumPy, a result that makes no sense, half a minute for a file, more memory than is allowed.
+NumPy, a result that makes no sense, ten seconds for a file, more memory than is allowed.
 """
 
 import argparse
@@ -32,8 +32,10 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.scene import load_scene
 
-LONGEST = 30.0
-"""seconds that a file may take"""
+LONGEST = 10.0
+"""seconds of the processor that a file may take"""
+PATIENCE = 30.0
+"""times as long may pass in all: others may have the processor, but nothing may wait for ever"""
 MOST_MEMORY = 4 << 30
 """bytes that reading may add to the address space"""
 ROUND = 200
@@ -142,13 +144,16 @@ def _limited_time() -> Iterator[None]:
     def stop(*_: object) -> None:
         raise TimeoutError(f"a file took more than {LONGEST:g} s")
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    timers = ((signal.ITIMER_PROF, signal.SIGPROF, LONGEST), (signal.ITIMER_REAL, signal.SIGALRM, PATIENCE * LONGEST))
+    before = [signal.signal(number, stop) for _, number, _ in timers]
+    for timer, _, seconds in timers:
+        signal.setitimer(timer, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        for (timer, number, _), handler in zip(timers, before, strict=True):
+            signal.setitimer(timer, 0.0)
+            signal.signal(number, handler)
 
 
 def _limit_memory() -> None:
@@ -157,11 +162,33 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
 
 
-def _fuzz_for(seconds: float, fuzz: Callable[[Path, int, int, Count], None], folder: Path) -> Count:
+def try_table(folder: Path) -> tuple[Count, list[str]]:
+    """Every mesh of the table: how many end how, and what is wrong with any."""
+    wrong = [complaint for case in MESH_CASES if (complaint := try_case(case, folder))]
+    return Counter(case.outcome for case in MESH_CASES), wrong
+
+
+def fuzz_for(seconds: float, what: str, folder: Path) -> tuple[Count, str | None]:
+    """Mutations of "meshes" or "scenes" until the time is over or one fails, in limited memory from here on.
+
+    Returns:
+        what became of them, and what failed; the shortest file that shows it is then copied to here.
+    """
+    _limit_memory()
     count, end = Counter(), time.monotonic() + seconds
-    for number in itertools.takewhile(lambda _: time.monotonic() < end, itertools.count()):
-        fuzz(folder, ROUND, number, count)
-    return count
+    try:
+        for number in itertools.takewhile(lambda _: time.monotonic() < end, itertools.count()):
+            FUZZERS[what](folder, ROUND, number, count)
+    except Exception as failure:
+        # Hypothesis reads the shortest file that fails last.
+        found = max(folder.iterdir(), key=lambda file: file.stat().st_mtime_ns)
+        kept = Path("fuzz_found").with_suffix(found.suffix)
+        shutil.copy(found, kept)
+        return count, f"{type(failure).__name__}: {failure}; see {kept}"
+    return count, None
+
+
+FUZZERS: dict[str, Callable[[Path, int, int, Count], None]] = {"meshes": fuzz_meshes, "scenes": fuzz_scenes}
 
 
 def main() -> None:
@@ -172,28 +199,23 @@ def main() -> None:
     quiet_warp()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        wrong = [complaint for case in MESH_CASES if (complaint := try_case(case, folder))]
-        outcomes = Counter(case.outcome for case in MESH_CASES)
-        print(f"table: {len(MESH_CASES)} meshes, {_shown(outcomes)}; {len(wrong)} otherwise than expected", flush=True)
+        outcomes, wrong = try_table(folder)
+        print(f"table: {outcomes.total()} meshes, {shown(outcomes)}; {len(wrong)} otherwise than expected", flush=True)
         for complaint in wrong:
             print(f"  {complaint}")
-        _limit_memory()
-        for what, fuzz in (("meshes", fuzz_meshes), ("scenes", fuzz_scenes)):
-            try:
-                count = _fuzz_for(30.0 * minutes, fuzz, folder)
-            except Exception as failure:
-                # Hypothesis reads the shortest file that fails last.
-                found = Path(max(folder.iterdir(), key=lambda file: file.stat().st_mtime_ns).name)
-                shutil.copy(folder / found, Path("fuzz_found").with_suffix(found.suffix))
-                print(f"mutated {what}: {type(failure).__name__}: {failure}; see fuzz_found{found.suffix}")
+        for what in FUZZERS:
+            count, failure = fuzz_for(30.0 * minutes, what, folder)
+            if failure:
+                print(f"mutated {what}: {failure}")
                 sys.exit(1)
-            print(f"mutated {what}: {count.total():,} tried, {_shown(count)}; no failure", flush=True)
+            print(f"mutated {what}: {count.total():,} tried, {shown(count)}; no failure", flush=True)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"most memory: {peak:,.0f} MiB")
     sys.exit(1 if wrong else 0)
 
 
-def _shown(count: Count) -> str:
+def shown(count: Count) -> str:
+    """Such as `3 accepted, 5 refused`."""
     return ", ".join(f"{number:,} {outcome}" for outcome, number in sorted(count.items()))
 
 

@@ -66,7 +66,7 @@ def _other_parts(draw: st.DrawFn, content: bytes, pieces: Sequence[bytes]) -> by
     place = draw(st.integers(0, len(parts)))
     kept = parts[place : place + draw(st.sampled_from([0, 1, 1, 2, 20]))]
     new = draw(st.one_of(st.sampled_from(pieces), st.just(separator.join(kept)), st.binary(max_size=4)))
-    times = draw(st.sampled_from([0, 1, 1, 1, 2, 20, 1000]))
+    times = draw(st.sampled_from([0, 1, 1, 1, 2, 20, 3000]))
     parts[place : place + len(kept)] = [new] * (times if times * len(new) < 200_000 else 1)
     if draw(st.booleans()):
         parts.insert(draw(st.integers(0, len(parts))), separator.join(kept))

@@ -1,6 +1,8 @@
 """The fuzzer, for a moment: it finds nothing, and it would."""
 
+import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -33,14 +35,20 @@ def test_a_fault_is_found(
         fuzz.fuzz_meshes(tmp_path, 5, 0, Counter())
 
 
-def test_a_hang_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def hang(path: Path) -> None:
-        while True:
-            pass
+@pytest.mark.parametrize(("hang", "patience"), [(lambda: None, 1e9), (lambda: time.sleep(0.01), 1.0)])
+def test_a_hang_is_found(
+    hang: Callable[[], None], patience: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that computes, and one that waits."""
 
-    monkeypatch.setattr(fuzz, "LONGEST", 0.05)
-    monkeypatch.setattr(fuzz, "load_mesh", hang)
-    with pytest.raises(TimeoutError, match=r"a file took more than 0\.05 s"):
+    def read(path: Path) -> None:
+        while True:
+            hang()
+
+    monkeypatch.setattr(fuzz, "LONGEST", 0.02)
+    monkeypatch.setattr(fuzz, "PATIENCE", patience)
+    monkeypatch.setattr(fuzz, "load_mesh", read)
+    with pytest.raises(TimeoutError, match=r"a file took more than 0\.02 s"):
         fuzz.fuzz_meshes(tmp_path, 1, 0, Counter())
 
 
