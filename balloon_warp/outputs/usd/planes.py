@@ -70,18 +70,22 @@ class PlanePrim:
         self.plane, self.up_axis = plane, model.scene.up_axis
         self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self.half = SIZES * float(np.ptp(points, axis=0).max())
-        self.height = float(getattr(model, plane.height).numpy()[0])
+        self.up = np.array(model.scene.up)
+        height = float(getattr(model, plane.height).numpy()[0])
         path = Sdf.Path(f"/World/{plane.name}")
-        self.prim = define_square(stage, path, plane, self.middle, self.half, self.height, self.up_axis)
+        self.prim = define_square(stage, path, plane, self.middle, self.half, height, self.up_axis)
 
     def write(self, frame: Frame) -> None:
         """Author where it goes, if it does: what stays has no time samples."""
-        height = getattr(frame, self.plane.height)
-        if height != self.height:
+        height, before = getattr(frame, self.plane.height), self._height_at(frame.number - 1)
+        if height != before:
             if frame.number > 0:
-                self._place(self.height, frame.number - 1)  # or it would glide there all the time before
+                self._place(before, frame.number - 1)  # or it would glide there all the time before
             self._place(height, frame.number)
-            self.height = height
+
+    def _height_at(self, time: float) -> float:
+        """As the stage has it, which may have been copied."""
+        return float(np.array(self.prim.GetPointsAttr().Get(time))[0] @ self.up)
 
     def _place(self, height: float, time: float) -> None:
         square = _corners(self.middle, self.half, height, self.up_axis)

@@ -9,6 +9,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
+from balloon_warp.errors import InputError
 from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
@@ -21,8 +22,16 @@ from balloon_warp.outputs.usd.tube import TubePrim
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
 
 
+SAVE_BYTES = 64 * 2**20
+"""time samples that are kept in memory before they are added to the file; when that is depends on the frames alone, and
+so do the bytes"""
+
+
 class StageWriter:
     """Writes frames of one world into a USD stage, which appears at `path` when the `with` block ends well.
+
+    A binary file grows as frames come: saving it again adds to it, and frees the samples' memory. Text is kept until
+    the end, as it would be written anew each time.
 
     Args:
         path: where the stage goes; .usdc, .usda or .usd.
@@ -36,6 +45,8 @@ class StageWriter:
         self.path, self.model = Path(path), model
         check_writable(self.path, STAGE_SUFFIXES)
         self._file = ExitStack()
+        self._grows = self.path.suffix.lower() != ".usda"
+        self._unsaved_bytes = 0
 
     def __enter__(self) -> Self:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
@@ -48,7 +59,46 @@ class StageWriter:
         """Author one frame's time samples."""
         for prim in self._prims:
             prim.write(frame)
-        self.stage.SetEndTimeCode(frame.number)
+        self._end_frame(frame.number)
+
+    def copy_frames(self, part: Path) -> int:
+        """Author the frames that are in a part, which another writer of the same model wrote; the number of the last.
+
+        Raises:
+            InputError: it is not such a part.
+        """
+        source = Sdf.Layer.FindOrOpen(str(part))
+        if not source:
+            raise InputError(f"{part}: USD cannot open it; expected frames of an interrupted run")
+        numbers = range(int(source.startTimeCode), int(source.endTimeCode) + 1)
+        self._copy(source, numbers)
+        return numbers[-1]
+
+    def write_part(self, path: Path, numbers: range) -> None:
+        """Write frames that were written here into a stage of their own, which appears at `path`.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        with StageWriter(path, self.model) as part:
+            part._copy(self.stage.GetRootLayer(), numbers)
+            part.stage.SetStartTimeCode(numbers.start)
+
+    def _copy(self, source: Sdf.Layer, numbers: range) -> None:
+        """Author frames as they are in a layer."""
+        paths = _animated_paths(source)
+        for number in numbers:
+            for path in paths:
+                if (value := source.QueryTimeSample(path, number)) is not None:
+                    self.stage.GetAttributeAtPath(path).Set(value, number)
+            self._end_frame(number)
+
+    def _end_frame(self, number: int) -> None:
+        self.stage.SetEndTimeCode(number)
+        self._unsaved_bytes += 2 * 12 * self.model.particle_count
+        if self._grows and self._unsaved_bytes > SAVE_BYTES:
+            self.stage.GetRootLayer().Save()
+            self._unsaved_bytes = 0
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -87,3 +137,15 @@ class StageWriter:
         """A path for each balloon, after its name, all different."""
         names = prim_names([shape.name for shape in self.model.shapes])
         return [Sdf.Path(f"/World/{name}") for name in names]
+
+
+def _animated_paths(layer: Sdf.Layer) -> list[Sdf.Path]:
+    """Attributes with time samples."""
+    paths: list[Sdf.Path] = []
+
+    def look(path: Sdf.Path) -> None:
+        if path.IsPropertyPath() and layer.GetNumTimeSamplesForPath(path):
+            paths.append(path)
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, look)
+    return paths
