@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
+from balloon_warp.checkpoints import CHECKPOINT_SECONDS, Checkpoints
 from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.interrupts import Interrupts
 from balloon_warp.outputs.files import check_writable
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.scene import Scene
@@ -30,7 +32,9 @@ class Summary:
     springs: int
     """in one world"""
     frames: int
-    """that were simulated and written"""
+    """that the stage has, after the start"""
+    begin: int
+    """the frame after which it went on: 0, or a checkpoint's"""
     substeps: int
     """in one frame"""
     restarts: int
@@ -54,10 +58,16 @@ def animate(
     device: str | None = None,
     schedule: str = "auto",
     on_blowup: str = "stop",
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+    resume: bool = False,
     on_frame: Callable[[int], None] = lambda number: None,
+    on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
     """Simulate a scene and write it.
+
+    What takes long is safe from a kill: now and then its frames and its state go into a folder beside the stage,
+    `OUTPUT.partial`, which is removed once the stage is there. Ctrl-C, too, saves what there is.
 
     Args:
         scene: what to simulate.
@@ -68,13 +78,17 @@ def animate(
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
             step, at most `MOST_HALVINGS` times.
+        checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
+        resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
         on_frame: told the number of each frame when it is written.
+        on_note: told where the run begins, and of an earlier one that was not finished, in a sentence.
         on_warning: told what is odd about a mesh, and of a blow-up that does not stop it, in a sentence.
 
     Raises:
-        InputError: the scene cannot be simulated or an output cannot be written; nothing is written then.
-        BlowUpError: the simulation left the finite numbers, and is to stop then, or did so after the last restart, too;
-            nothing is written then.
+        InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
+        BlowUpError: the simulation left the finite numbers, and is to stop then, or did so after the last restart, too.
+        KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
+        In all cases the stage that was there stays.
     """
     began = time.perf_counter()
     check_policy(on_blowup)
@@ -87,7 +101,9 @@ def animate(
     while True:
         substeps = simulator.model.substeps  # at the start: the scene may change them
         try:
-            blow_up = _write_stage(simulator, output, on_blowup, on_frame)
+            begin, blow_up = _write_stage(
+                simulator, output, on_blowup, checkpoint_seconds, resume and not restarts, on_frame, on_note
+            )
             break
         except BlowUpError as failure:
             if on_blowup != "restart":
@@ -117,28 +133,61 @@ def animate(
         particles=model.particle_count,
         springs=model.spring_count,
         frames=frames,
+        begin=begin,
         substeps=model.substeps,
         restarts=restarts,
         blow_up=str(blow_up) if blow_up else None,
         wall_seconds=round(seconds, 3),
-        particle_substeps_per_second=round(model.particle_count * model.substeps * frames / seconds),
+        particle_substeps_per_second=round(model.particle_count * model.substeps * (frames - begin) / seconds),
     )
 
 
 def _write_stage(
-    simulator: Simulator, output: str | Path, on_blowup: str, on_frame: Callable[[int], None]
-) -> BlowUpError | None:
-    """Simulate all frames and write them; what ended them early, where that is to leave a stage."""
-    with StageWriter(output, simulator.model) as stage:
+    simulator: Simulator,
+    output: str | Path,
+    on_blowup: str,
+    checkpoint_seconds: float,
+    resume: bool,
+    on_frame: Callable[[int], None],
+    on_note: Callable[[str], None],
+) -> tuple[int, BlowUpError | None]:
+    """Simulate all frames and write them: after which frame it began, and what ended them early, where that is to leave
+    a stage."""
+    blow_up = None
+    with StageWriter(output, simulator.model) as stage, Interrupts() as interrupts:
+        checkpoints = Checkpoints(simulator, stage, checkpoint_seconds)
+        begin = _begin(checkpoints, resume, on_note)
+        on_frame(begin)
         try:
             for frame in simulator.run():
                 stage.write(frame)
                 on_frame(frame.number)
+                checkpoints.save_if_due()
+                if interrupts.pending:
+                    checkpoints.save()
+                    interrupts.deliver(f"{checkpoints.playlist} plays what there is, and --resume goes on from it")
         except BlowUpError as failure:
+            if on_blowup == "restart":
+                checkpoints.remove()  # of another step
             if on_blowup != "freeze":
                 raise
-            return failure
-    return None
+            blow_up = failure
+    checkpoints.remove()
+    return begin, blow_up
+
+
+def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None]) -> int:
+    """The frame that a run begins at: the last checkpoint's, if that is wanted and there is one."""
+    leftover, folder = checkpoints.leftover, checkpoints.folder.path
+    if not resume and leftover is not None:
+        on_note(f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on")
+    if not resume:
+        return 0
+    if not checkpoints.resume():
+        on_note(f"there is no checkpoint in {folder}: nothing to resume, so this begins at the start")
+        return 0
+    on_note(f"goes on after frame {leftover}, from {folder}")
+    return checkpoints.simulator.frame_number
 
 
 def _check_outputs(scene: Scene, output: Path, picture: Path | None) -> None:

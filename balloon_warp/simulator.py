@@ -99,13 +99,15 @@ class Simulator:
         return simulator
 
     def run(self, world: int = 0) -> Iterator[Frame]:
-        """The frames of one world: the start, then as many as the scene asks for.
+        """The frames of one world, as many as the scene asks for: the start, then one after the other; after the start,
+        those that are missing.
 
         Raises:
             BlowUpError: the simulation left the finite numbers.
         """
-        yield self.read_frame(world)
-        for _ in range(self.model.scene.frames):
+        if self.frame_number == 0:
+            yield self.read_frame(world)
+        while self.frame_number < self.model.scene.frames:
             self.step()
             frame = self.read_frame(world)
             if not frame.is_finite:

@@ -37,7 +37,7 @@ def frame_progress() -> Iterator[Progress]:
     ) as progress:
         try:
             yield progress
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             task = progress.tasks[-1]
             far = f"after frame {task.completed:.0f} of {task.total:.0f}" if task.total else "before its first frame"
-            raise StoppedError(f"{task.description} was stopped {far}; nothing was written") from None
+            raise StoppedError(f"{task.description} was stopped {far}; {str(stop) or 'nothing was written'}") from None

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
-from balloon_warp.cli.warn import warn
+from balloon_warp.cli.warn import note, warn
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
 
@@ -39,6 +39,17 @@ def run(
             help="If the simulation blows up: write nothing, the frames until then, or all, with half the step.",
         ),
     ] = "stop",
+    checkpoint: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            metavar="SECONDS",
+            help="How often a long run is saved, in OUTPUT.partial, from where --resume goes on; 0 for never.",
+        ),
+    ] = 30.0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from where a run that was stopped or killed was saved.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate a scene, or any mesh, and write it as animated USD."""
@@ -58,16 +69,21 @@ def run(
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,
+            checkpoint_seconds=checkpoint,
+            resume=resume,
             on_frame=lambda number: progress.update(task, completed=number),
+            on_note=note,
             on_warning=warn,
         )
     if as_json:
         print(json.dumps(summary.as_json()))
         return
     console = Console(highlight=False, soft_wrap=True)
+    resumed = f", the last {summary.frames - summary.begin}" if summary.begin else ""
+    where = f"on {summary.device} ({summary.schedule})"
     console.print(
         f"{summary.scene}: {summary.particles:,} particles, {summary.springs:,} springs, {summary.frames} frames of "
-        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {summary.device} ({summary.schedule})",
+        f"{summary.substeps} substeps{resumed} in {summary.wall_seconds:.1f} s {where}",
         markup=False,
     )
     for path in (summary.output, summary.picture):

@@ -70,22 +70,15 @@ class PlanePrim:
         self.plane, self.up_axis = plane, model.scene.up_axis
         self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self.half = SIZES * float(np.ptp(points, axis=0).max())
-        self.up = np.array(model.scene.up)
+        self._moves = any(plane.height in turn.values for turn in model.turns)
         height = float(getattr(model, plane.height).numpy()[0])
         path = Sdf.Path(f"/World/{plane.name}")
         self.prim = define_square(stage, path, plane, self.middle, self.half, height, self.up_axis)
 
     def write(self, frame: Frame) -> None:
-        """Author where it goes, if it does: what stays has no time samples."""
-        height, before = getattr(frame, self.plane.height), self._height_at(frame.number - 1)
-        if height != before:
-            if frame.number > 0:
-                self._place(before, frame.number - 1)  # or it would glide there all the time before
-            self._place(height, frame.number)
-
-    def _height_at(self, time: float) -> float:
-        """As the stage has it, which may have been copied."""
-        return float(np.array(self.prim.GetPointsAttr().Get(time))[0] @ self.up)
+        """Author where it is, if the scene moves it: what stays has no time samples."""
+        if self._moves:
+            self._place(getattr(frame, self.plane.height), frame.number)
 
     def _place(self, height: float, time: float) -> None:
         square = _corners(self.middle, self.half, height, self.up_axis)

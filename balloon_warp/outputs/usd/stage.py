@@ -5,11 +5,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Tf, Usd, UsdGeom
 
+from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
-from balloon_warp.errors import InputError
 from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
@@ -65,11 +65,12 @@ class StageWriter:
         """Author the frames that are in a part, which another writer of the same model wrote; the number of the last.
 
         Raises:
-            InputError: it is not such a part.
+            InputError: it cannot be read.
         """
-        source = Sdf.Layer.FindOrOpen(str(part))
-        if not source:
-            raise InputError(f"{part}: USD cannot open it; expected frames of an interrupted run")
+        try:
+            source = Sdf.Layer.OpenAsAnonymous(str(part))
+        except Tf.ErrorException:
+            raise InputError(f"{part}: USD cannot open it; expected frames of a run that was stopped") from None
         numbers = range(int(source.startTimeCode), int(source.endTimeCode) + 1)
         self._copy(source, numbers)
         return numbers[-1]

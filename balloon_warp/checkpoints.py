@@ -1,0 +1,144 @@
+"""What is safe of a run that is not finished: its frames so far, and the state from which it goes on."""
+
+import time
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.npz import write_npz
+from balloon_warp.outputs.partial import PartialFolder, as_json, differences
+from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.outputs.usd.playlist import write_playlist
+from balloon_warp.provenance import describe_scene, hash_meshes, installed_versions
+from balloon_warp.simulator import Simulator
+
+CHECKPOINT_SECONDS = 30.0
+"""of the wall's clock between two checkpoints: what a kill costs at most"""
+PLAYLIST, STILL = "frames.usda", "still.usdc"
+
+
+def partial_path(output: Path) -> Path:
+    """The folder of a run that is not finished, beside its output."""
+    return output.with_name(f"{output.name}.partial")
+
+
+def describe_run(simulator: Simulator) -> dict[str, Any]:
+    """What the bits of a run depend on, as JSON has it."""
+    scene, model = simulator.model.scene, simulator.model
+    return as_json(
+        {
+            "scene": describe_scene(scene),
+            "meshes": hash_meshes(balloon.mesh for balloon in scene.balloon),
+            "substeps": model.substeps,
+            "schedule": simulator.schedule.name,
+            "device": model.device.name if model.device.is_cuda else "cpu",
+            "versions": installed_versions(),
+        }
+    )
+
+
+class Checkpoints:
+    """Keeps a run safe as it goes. A checkpoint is a stage of the frames since the last, `frames_BEGIN.usdc`, and then
+    the state after them, `state_FRAME.npz`; `frames.usda` plays all of them.
+
+    Args:
+        simulator: at the start of the run, or where `resume` takes it.
+        stage: that the frames are written to.
+        seconds: between two checkpoints; 0 for none but the last of a run that is stopped.
+    """
+
+    def __init__(self, simulator: Simulator, stage: StageWriter, seconds: float = CHECKPOINT_SECONDS):
+        self.simulator, self.stage, self.seconds = simulator, stage, seconds
+        self.folder = PartialFolder(partial_path(stage.path))
+        self._job, self._begun = describe_run(simulator), False
+        self._parts: list[int] = []
+        """the first frame of each part in the folder"""
+        self._safe = 0
+        """how many frames are in the folder"""
+        self._saved_at = time.monotonic()
+
+    @property
+    def leftover(self) -> int | None:
+        """The frame that an earlier run was saved at, of whatever scene; nothing where there is none."""
+        frames = sorted(int(path.stem.removeprefix("state_")) for path in self.folder.path.glob("state_*.npz"))
+        return frames[-1] if frames else None
+
+    def resume(self) -> bool:
+        """Go on from the last checkpoint, if there is one: frames into the stage, the state into the simulator.
+
+        Raises:
+            InputError: it is one of another run, or is damaged.
+        """
+        if (frame := self.leftover) is None:
+            return False
+        there = self.folder.job()
+        if different := list(differences(there, self._job)):
+            more = f" and {len(different) - 1} more" if len(different) > 1 else ""
+            raise InputError(
+                f"--resume: {self.folder.path} is of another run: {different[0]}{more}; expected the same "
+                "scene, versions and device, or no --resume to start anew"
+            )
+        while self._safe <= frame:
+            self._parts.append(self._safe)
+            self._safe = self.stage.copy_frames(self._part(self._safe)) + 1
+        state = self._state(frame)
+        try:
+            with np.load(state) as saved:
+                self.simulator.restore(saved)
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
+            raise InputError(f"{state}: cannot be read: {error}; expected a checkpoint") from None
+        self._begun = True
+        return True
+
+    def save_if_due(self) -> None:
+        """After a frame is written: save it, if the last time is long ago.
+
+        Raises:
+            InputError: the folder cannot be written to; what is in it stays.
+        """
+        if self.seconds and time.monotonic() - self._saved_at >= self.seconds:
+            self.save()
+
+    def save(self) -> None:
+        """Save all frames that are written, and the state.
+
+        Raises:
+            InputError: as `save_if_due`.
+        """
+        frame = self.simulator.frame_number
+        if not self._begun:
+            self.folder.begin(self._job)
+            with StageWriter(self.folder.path / STILL, self.simulator.model):
+                self._begun = True  # and no frame
+        if self._safe <= frame:
+            self.stage.write_part(self._part(self._safe), range(self._safe, frame + 1))
+            with self.folder.file(self._state(frame).name) as path:
+                write_npz(path, ((name, array.numpy()) for name, array in self.simulator.changing.items()))
+            for state in self.folder.path.glob("state_*.npz"):
+                if state != self._state(frame):
+                    state.unlink()
+            self._parts.append(self._safe)
+            self._safe = frame + 1
+            with self.folder.file(PLAYLIST) as path:
+                parts = [(begin, self._part(begin).name) for begin in self._parts]
+                write_playlist(path, STILL, parts, frame, self.simulator.model.scene)
+        self._saved_at = time.monotonic()
+
+    def remove(self) -> None:
+        """Once the whole output is there; leave what an earlier run left."""
+        if self._begun:
+            self.folder.remove()
+
+    @property
+    def playlist(self) -> Path:
+        """The stage that plays all that is safe."""
+        return self.folder.path / PLAYLIST
+
+    def _part(self, begin: int) -> Path:
+        return self.folder.path / f"frames_{begin:06d}.usdc"
+
+    def _state(self, frame: int) -> Path:
+        return self.folder.path / f"state_{frame:06d}.npz"

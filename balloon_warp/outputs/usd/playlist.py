@@ -1,0 +1,31 @@
+"""A stage that plays the parts of a run, one after the other, as value clips."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pxr import Sdf, Usd, Vt
+
+from balloon_warp.outputs.usd.metadata import describe_stage
+from balloon_warp.scene import Scene
+
+
+def write_playlist(path: Path, still: str, parts: Sequence[tuple[int, str]], last: int, scene: Scene) -> None:
+    """Write the stage.
+
+    Args:
+        path: where to, beside the other files.
+        still: the name of the stage that has all but the frames.
+        parts: the first frame of each part, and its name.
+        last: the last frame of the last one.
+        scene: what the stage shows.
+    """
+    stage = Usd.Stage.CreateNew(str(path))
+    stage.GetRootLayer().subLayerPaths = [f"./{still}"]
+    describe_stage(stage, scene)
+    stage.SetEndTimeCode(last)
+    clips = Usd.ClipsAPI(stage.GetDefaultPrim())
+    clips.SetClipPrimPath(str(stage.GetDefaultPrim().GetPath()))
+    clips.SetClipAssetPaths([Sdf.AssetPath(f"./{name}") for _, name in parts])
+    clips.SetClipActive(Vt.Vec2dArray([(first, number) for number, (first, _) in enumerate(parts)]))
+    clips.SetClipTimes(Vt.Vec2dArray([(0, 0), (last, last)]))
+    stage.GetRootLayer().Save()

@@ -1,0 +1,170 @@
+"""A run that is stopped or killed, and goes on: to the same bytes as one that was left alone."""
+
+import os
+import shutil
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+from pxr import Usd
+
+from balloon_warp.errors import InputError
+from balloon_warp.job import animate
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs.usd import stage as usd_stage
+from balloon_warp.scene import Balloon, Change, Ground, Scene, Sphere, String
+
+FRAMES, STOPPED_AT = 12, 7
+ALWAYS = 1e-9
+"""seconds between checkpoints: one after each frame"""
+SCENE = Scene(
+    frames=FRAMES,
+    net_forces=True,
+    balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0))],
+    sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3, start=0.05, end=0.15)],
+    string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
+    ground=Ground(),
+    change=[Change(time=0.06, set={"ground.height": 0.1}), Change(time=0.14, set={"normals": "fresh"})],
+)
+POINTS = "/World/mesh.points"
+SCENES = {"euler": SCENE, "projective": SCENE.model_copy(update={"solver": "projective", "change": SCENE.change[:1]})}
+
+
+class CrashError(Exception):
+    """As a kill is: nothing is done about it."""
+
+
+def crash(frame: int) -> None:
+    if frame == STOPPED_AT:
+        raise CrashError
+
+
+def press_ctrl_c(frame: int) -> None:
+    if frame == STOPPED_AT:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def stop(scene: Scene, output: Path, how: Callable[[int], None] = crash, **options: Any) -> Path:
+    """Run until frame `STOPPED_AT`; the folder that is left."""
+    options = {"checkpoint_seconds": ALWAYS, **options}
+    with pytest.raises((CrashError, KeyboardInterrupt)):
+        animate(scene, output, on_frame=how, **options)
+    return output.with_name(f"{output.name}.partial")
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("save_bytes", [0, 2**26])
+@pytest.mark.parametrize("suffix", [".usdc", ".usda"])
+def test_the_bytes_are_those_of_a_run_that_was_never_stopped(
+    name: str, save_bytes: int, suffix: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(usd_stage, "SAVE_BYTES", save_bytes)
+    whole, output = tmp_path / f"whole{suffix}", tmp_path / f"out{suffix}"
+    animate(SCENES[name], whole, device=device)
+    folder = stop(SCENES[name], output, device=device)
+    assert not output.exists()
+    summary = animate(SCENES[name], output, device=device, resume=True)
+    assert summary.begin == STOPPED_AT - 1  # it crashed before frame 7 was saved
+    assert output.read_bytes() == whole.read_bytes()
+    assert not folder.exists()
+
+
+def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path: Path):
+    whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
+    animate(SCENE, whole)
+    output.write_bytes(b"good")
+    with pytest.raises(KeyboardInterrupt, match=r"out\.usdc\.partial/frames\.usda plays .* --resume"):
+        animate(SCENE, output, on_frame=press_ctrl_c)
+    assert output.read_bytes() == b"good"
+    part, all_frames = (Usd.Stage.Open(str(path)) for path in (tmp_path / "out.usdc.partial/frames.usda", whole))
+    assert (part.GetStartTimeCode(), part.GetEndTimeCode()) == (0, STOPPED_AT)
+    for prim in all_frames.Traverse():
+        for attribute in prim.GetAttributes():
+            there = part.GetAttributeAtPath(attribute.GetPath())
+            for time in range(STOPPED_AT + 1):
+                np.testing.assert_array_equal(np.array(there.Get(time)), np.array(attribute.Get(time)), str(attribute))
+    summary = animate(SCENE, output, resume=True)
+    assert summary.begin == STOPPED_AT
+    assert output.read_bytes() == whole.read_bytes()
+
+
+def test_several_parts_are_played_one_after_the_other(tmp_path: Path):
+    folder = stop(SCENE, tmp_path / "out.usdc")
+    assert len(list(folder.glob("frames_*.usdc"))) == STOPPED_AT
+    assert len(list(folder.glob("state_*.npz"))) == 1
+    animate(SCENE, tmp_path / "whole.usdc")
+    together, whole = (Usd.Stage.Open(str(path)) for path in (folder / "frames.usda", tmp_path / "whole.usdc"))
+    for time in range(STOPPED_AT):
+        alone = Usd.Stage.Open(str(folder / f"frames_{time:06d}.usdc"))
+        assert (alone.GetStartTimeCode(), alone.GetEndTimeCode()) == (time, time)
+        expected = np.array(whole.GetAttributeAtPath(POINTS).Get(time))
+        for stage in (together, alone):
+            np.testing.assert_array_equal(np.array(stage.GetAttributeAtPath(POINTS).Get(time)), expected)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1e6])
+def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, tmp_path: Path):
+    assert not stop(SCENE, tmp_path / "out.usdc", checkpoint_seconds=seconds).exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_scene_is_refused(tmp_path: Path):
+    output = tmp_path / "out.usdc"
+    folder = stop(SCENE, output)
+    with pytest.raises(InputError, match=r"out\.usdc\.partial is of another run: scene\.gravity is 9\.81 there and 3"):
+        animate(SCENE.model_copy(update={"gravity": 3.0}), output, resume=True)
+    assert folder.exists()
+
+
+def test_another_mesh_is_refused(tmp_path: Path):
+    mesh, output = tmp_path / "ball.obj", tmp_path / "out.usdc"
+    scene = SCENE.model_copy(update={"balloon": [Balloon(mesh=mesh, position=(0.0, 1.2, 0.0))]})
+    write_obj(mesh, quad_sphere(3))
+    stop(scene, output)
+    write_obj(mesh, quad_sphere(3, 0.6))
+    with pytest.raises(InputError, match=r"is of another run: meshes\..*ball\.obj is "):
+        animate(scene, output, resume=True)
+
+
+def test_a_run_that_was_stopped_is_mentioned_and_gives_way_to_the_first_checkpoint(tmp_path: Path):
+    output, notes = tmp_path / "out.usdc", []
+    folder = stop(SCENE, output)
+    other = SCENE.model_copy(update={"gravity": 3.0})
+    animate(other, output, on_note=notes.append)
+    assert notes == [f"{folder} has frames 0 to 6 of an earlier run, from which --resume would have gone on"]
+    assert folder.exists()
+    stop(other, output)
+    assert animate(other, output, resume=True).begin == STOPPED_AT - 1
+
+
+def test_nothing_to_resume_is_the_start(tmp_path: Path):
+    output, notes = tmp_path / "out.usdc", []
+    assert animate(SCENE, output, resume=True, on_note=notes.append).begin == 0
+    assert "nothing to resume" in notes[0]
+
+
+@pytest.mark.parametrize("name", ["frames_000003.usdc", "state_000006.npz", "job.json"])
+def test_a_damaged_checkpoint_is_refused(name: str, tmp_path: Path):
+    output = tmp_path / "out.usdc"
+    damaged = stop(SCENE, output) / name
+    damaged.write_bytes(damaged.read_bytes()[:40])
+    with pytest.raises(InputError, match=name):
+        animate(SCENE, output, resume=True)
+    assert not output.exists()
+
+
+def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_harms_nothing(tmp_path: Path):
+    output = tmp_path / "out.usdc"
+    output.write_bytes(b"good")
+
+    def take_away(frame: int) -> None:
+        if frame == STOPPED_AT:
+            shutil.rmtree(tmp_path / "out.usdc.partial")
+
+    with pytest.raises(InputError, match=r"out\.usdc\.partial does not exist"):
+        animate(SCENE, output, checkpoint_seconds=ALWAYS, on_frame=take_away)
+    assert output.read_bytes() == b"good"
