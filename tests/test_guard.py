@@ -442,6 +442,7 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
     try:
         printed = [process.stdout.readline()]
         assert printed[0].startswith("ball is at http://")
+        printed += [process.stdout.readline()] if host == "0.0.0.0" else []
         listening = [each.laddr for each in psutil.Process(process.pid).net_connections() if each.status == "LISTEN"]
         assert [address.port for address in listening] == [port] * len(listening)
         assert {address.ip for address in listening} - {"::1"} == {heard_at}
@@ -461,4 +462,5 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
         f"warning: whoever reaches port {port} of this machine can see it, play with it and save recordings into "
         f"{tmp_path.resolve()}; nothing is encrypted, nobody is asked a name\n"
     )
-    assert rest == (warning if host == "0.0.0.0" else "")
+    assert printed[1:] == ([warning] if host == "0.0.0.0" else [])
+    assert rest == ""

@@ -113,6 +113,7 @@ def slide(window, label: str, value: float, heard: Callable[[], bool]) -> None:
     """Type a value beside a slider; again, as people do, where a late word from the server takes its place."""
     field = window.locator(f"xpath=//label[normalize-space()='{label}']/following::input[not(@type='hidden')][1]")
     for _ in range(5):
+        field.fill("")  # or the same number is no change
         field.fill(str(value))
         field.press("Enter")
         with contextlib.suppress(AssertionError):

@@ -50,20 +50,27 @@ def view(
         for warning in shape.warnings:
             warn(warning)
     page = Page(session, host, port)
-    page.start()
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(f"{escape(scene_name(scene))} is at {page.address} (Ctrl+C ends it)")
-    if not _is_loopback(host):
-        console.print(
-            f"[yellow]warning:[/] whoever reaches port {page.server.get_port()} of this machine can see it, play with "
-            f"it and save recordings into {escape(str(folder.resolve()))}; nothing is encrypted, nobody is asked a name"
-        )
-    if open_page:
-        webbrowser.open(page.address)
     try:
+        page.start()
+        _say_where(page.address, scene_name(scene))
+        if not _is_loopback(host):
+            _say_who_may_come(page.server.get_port(), folder.resolve())
+        if open_page:
+            webbrowser.open(page.address)
         threading.Event().wait()
     except KeyboardInterrupt:
         page.stop()
+
+
+def _say_where(address: str, name: str) -> None:
+    Console(highlight=False, soft_wrap=True).print(f"{escape(name)} is at {address} (Ctrl+C ends it)")
+
+
+def _say_who_may_come(port: int, folder: Path) -> None:
+    Console(highlight=False, soft_wrap=True).print(
+        f"[yellow]warning:[/] whoever reaches port {port} of this machine can see it, play with it and save recordings "
+        f"into {escape(str(folder))}; nothing is encrypted, nobody is asked a name"
+    )
 
 
 def _is_loopback(host: str) -> bool:

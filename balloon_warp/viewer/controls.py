@@ -1,6 +1,5 @@
 """The panel: everything that can be set, in folders."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -17,8 +16,6 @@ from balloon_warp.viewer.session import Picture, Session
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04
 """part of the inflation slider that a key moves it by"""
-QUIET_SECONDS = 0.5
-"""after somebody moved the inflation slider, until it follows the scene again: what is shown lags behind the hand"""
 INFLATIONS = {"k_normal": "inflation (k_normal)", "pressure": "pressure [Pa]", "pump": "pump [mol/s]"}
 
 
@@ -69,7 +66,6 @@ class Controls:
     ):
         self.server, self.session, self.layers = server, session, layers
         self._bound: tuple[int, int] = (0, 0)
-        self._inflated_at = 0.0
         self._values: list[tuple[Value, Any]] = []
         self._ways: dict[str, Any] = {}
         gui = server.gui
@@ -90,10 +86,11 @@ class Controls:
 
     def follow(self, picture: Picture) -> None:
         """Bring the panel up to date with a picture."""
-        if self._bound != (picture.load, picture.revision):
-            self._bind(picture)
-        elif time.monotonic() - self._inflated_at > QUIET_SECONDS and self._inflation_moved(picture):
-            _put(self.inflation, picture.inflation)  # a scene that inflates by itself, or a key
+        if picture.granted == self.session.asked:  # else hands are ahead of what is shown, and must not be pulled back
+            if self._bound != (picture.load, picture.revision):
+                self._bind(picture)
+            elif self._inflation_moved(picture):
+                _put(self.inflation, picture.inflation)  # a scene that inflates by itself, or a key
         self.run.label = "Pause" if picture.running else "Run"
         self.trouble.visible = self.back.visible = bool(picture.trouble)
         if picture.trouble:
@@ -192,7 +189,6 @@ class Controls:
         self.session.wants_forces = self.layers.shown["forces"]
 
     def _inflate(self, value: float) -> None:
-        self._inflated_at = time.monotonic()
         self.session.ask(lambda playground: playground.inflate(float(value)), key="inflate")
 
     def _nudge(self, part: float) -> None:
@@ -226,9 +222,7 @@ class Controls:
 
     def _bind(self, picture: Picture) -> None:
         """Values and ranges as the scene has them now."""
-        fresh = self._bound[0] != picture.load
-        self._bound = (picture.load, picture.revision)
-        scene = picture.scene
+        scene, fresh = picture.scene, self._bound[0] != picture.load
         if fresh:
             inflation = scene.balloon[0].inflation
             self.inflation.label = INFLATIONS[inflation.keyframed]
@@ -244,15 +238,16 @@ class Controls:
         for field, choices in CHOICES.items():
             names = {choice: name for name, choice in choices.items()}
             _put(self._ways[field], names[getattr(scene, field)])
-        if self.scenes.value != picture.name:
-            _put(self.scenes, picture.name)
+        _put(self.scenes, picture.name)
+        self._bound = (picture.load, picture.revision)
 
 
 def _on_change(handle: Any, act: Callable[[Any], None]) -> None:
-    """Act on what somebody sets in a page, not on what we put there."""
+    """Act on what somebody sets in a page, not on what we put there. At once, on the thread that heard it: later there
+    might be another value, that we put there."""
 
     @handle.on_update
-    def _(event: Any) -> None:
+    async def _(event: Any) -> None:
         if event.client is not None:
             act(handle.value)
 

@@ -35,6 +35,8 @@ class Picture:
     """how many scenes were loaded until now: another number, another model"""
     revision: int
     """changes whenever values of the scene changed otherwise than by being set"""
+    granted: int
+    """how many wishes it shows; what was asked since, it does not"""
     name: str
     model: Model
     scene: Scene
@@ -119,6 +121,11 @@ class Session:
             key: of several wishes with the same key that wait, only the last is done.
         """
         self._wishes.add(wish, key)
+
+    @property
+    def asked(self) -> int:
+        """how many wishes there were until now"""
+        return self._wishes.asked
 
     def set(self, path: str, value: object) -> None:
         """Ask for a value of the scene to change."""
@@ -267,6 +274,7 @@ class Session:
         return Picture(
             load=self._load,
             revision=self._revision,
+            granted=self._wishes.granted,
             name=self.name,
             model=simulator.model,
             scene=playground.live,

@@ -26,6 +26,8 @@ class Wishes:
     def __init__(self, refused: Callable[[str], None]):
         self.came = threading.Event()
         """set when there are wishes"""
+        self.asked, self.granted = 0, 0
+        """how many came until now, and how many until nobody waited any more"""
         self._refused = refused
         self._waiting: dict[object, Wish] = {}
         self._lock = threading.Lock()
@@ -39,6 +41,7 @@ class Wishes:
                 key = key if key is not None else object()
                 self._waiting.pop(key, None)
                 self._waiting[key] = wish
+                self.asked += 1
         self.came.set()
 
     def grant(self, playground: Callable[[], Playground]) -> None:
@@ -48,13 +51,18 @@ class Wishes:
             playground: the one that is played with now; a wish may bring another.
         """
         until = time.perf_counter() + GRANTING_SECONDS
-        while self._waiting:
-            with self._lock:
-                wish = self._waiting.pop(next(iter(self._waiting)))
+        while wish := self._next():
             self._grant(wish, playground())
             if time.perf_counter() > until:
                 self.came.set()
                 return
+
+    def _next(self) -> Wish | None:
+        with self._lock:
+            if self._waiting:
+                return self._waiting.pop(next(iter(self._waiting)))
+            self.granted = self.asked
+            return None
 
     def _grant(self, wish: Wish, playground: Playground) -> None:
         try:
