@@ -74,14 +74,20 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 @pytest.fixture(scope="module")
 def window(browser, served) -> Iterator:
-    window = open_window(browser, served)
+    """Nothing that it needs comes from elsewhere."""
+    fetched: list[str] = []
+    window = open_window(browser, served, fetched)
     yield window
     window.close()
+    assert fetched
+    assert [url for url in fetched if not url.startswith((f"{served.address}/", "data:", "blob:"))] == []
 
 
-def open_window(browser, served: Page):
+def open_window(browser, served: Page, fetched: list[str] | None = None):
     before = len(served.server.get_clients())
     window = browser.new_page(viewport={"width": 900, "height": 600})
+    if fetched is not None:
+        window.on("request", lambda request: fetched.append(request.url))
     window.goto(served.address)
     wait_until(lambda: len(served.server.get_clients()) == before + 1, "the window joins")
     window.get_by_text("Reset", exact=True).wait_for()
