@@ -3,12 +3,14 @@
     python -m balloon_warp.benchmarks.kills --count 200
 
 A file that a killed process leaves must be, byte by byte, the good one of before or the whole new one. Anything else is
-damaged: a part, a mixture, none at all.
+damaged: a part, a mixture, none at all. What was saved until then must open, and the process that goes on from it must
+write the same bytes as one that was left alone; or it is damaged, too.
 """
 
 import argparse
 import multiprocessing
 import random
+import shutil
 import statistics
 import sys
 import tempfile
@@ -17,6 +19,8 @@ from collections import Counter
 from collections.abc import Mapping
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+
+from pxr import Usd
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.cli.quiet import quiet_warp
@@ -27,9 +31,16 @@ FRAMES_BEFORE, FRAMES = 2, 60
 """of the good output, and of what is to replace it"""
 LONGER = 1.25
 """times what an undisturbed process takes to write: the last moment of a kill"""
+CHECKPOINT_SECONDS = 0.02
+"""between two checkpoints: many of the kills come while one is written"""
 WORLDS = 8
 KINDS = ("run", "batch")
-WORD = {"kept": "kept the old output", "replaced": "had the new one", "between": "had some files of each, all whole"}
+WORD = {
+    "kept": "kept the old output",
+    "replaced": "had the new one",
+    "between": "had some files of each, all whole",
+    "resumed": "had saved some frames and went on from there to the same bytes",
+}
 
 Files = Mapping[str, bytes | None]
 """contents of an output's files by their names; None where there is no such file"""
@@ -54,7 +65,7 @@ def kill_at_random(kind: str, count: int, folder: Path, seed: int = 0) -> Counte
         seed: of the moments, which are uniform over the time in which a process writes.
 
     Returns:
-        how many outputs were "kept", "replaced", "between" or "damaged".
+        how many outputs were "kept", "replaced", "between" or "damaged", and how many of those were "resumed".
     """
     write_obj(folder / "ball.obj", quad_sphere(6, 1.0))
     output = folder / kind
@@ -71,10 +82,31 @@ def kill_at_random(kind: str, count: int, folder: Path, seed: int = 0) -> Counte
         time.sleep(moments.uniform(0.0, seconds))
         process.kill()
         process.join()
-        outcomes[judge(_read(output, before), before, after)] += 1
+        outcome = judge(_read(output, before), before, after)
+        saved = _saved(kind, output)
+        if saved and outcome != "damaged":
+            outcomes["resumed"] += 1
+        if saved and not _goes_on(kind, output, after):
+            outcome = "damaged"
+        outcomes[outcome] += 1
         for left in output.glob(".*.partial*"):
-            left.unlink()
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
     return outcomes
+
+
+def _saved(kind: str, output: Path) -> bool:
+    """Whether there is a checkpoint."""
+    return any(output.rglob("state_*.npz" if kind == "run" else "rows_*.npz"))
+
+
+def _goes_on(kind: str, output: Path, after: Files) -> bool:
+    """Whether what is saved opens, and leads to the output."""
+    for stage in output.rglob("*partial/[!.]*.usd*"):
+        if not Usd.Stage.Open(str(stage)):
+            return False
+    process = _start(kind, output, FRAMES, resume=True)
+    process.join()
+    return process.exitcode == 0 and _read(output, after) == after
 
 
 def _written(kind: str, output: Path, frames: int) -> dict[str, bytes | None]:
@@ -94,22 +126,24 @@ def _seconds_to_write(kind: str, output: Path) -> float:
     return time.monotonic() - began
 
 
-def _start(kind: str, output: Path, frames: int) -> BaseProcess:
+def _start(kind: str, output: Path, frames: int, resume: bool = False) -> BaseProcess:
     server = multiprocessing.get_context("forkserver")  # loads what all need once
     server.set_forkserver_preload(["balloon_warp.job", "balloon_warp.sweep.batch"])
-    process = server.Process(target=_write, args=(kind, output, frames))
+    process = server.Process(target=_write, args=(kind, output, frames, resume))
     process.start()
     return process
 
 
-def _write(kind: str, output: Path, frames: int) -> None:
+def _write(kind: str, output: Path, frames: int, resume: bool) -> None:
     """Runs in the process that is killed."""
     quiet_warp()
     scene: Scene = load_scene(output.parent / "ball.obj", [("frames", frames)])
     if kind == "run":
         from balloon_warp.job import animate
 
-        animate(scene, output / "ball.usdc", device="cpu", schedule="gather")
+        often = CHECKPOINT_SECONDS if frames == FRAMES else 0.0
+        stage = output / "ball.usdc"
+        animate(scene, stage, device="cpu", schedule="gather", checkpoint_seconds=often, resume=resume)
     else:
         from balloon_warp.sweep.batch import run_batch
 
