@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-import warp as wp
+from conserved import energy, motion, put
 from meshes import mesh_of, quad_sphere
 
 from balloon_warp.errors import InputError
@@ -36,21 +36,7 @@ def two_particles(solver: Solver, substeps: int, device: str) -> Simulator:
 
 
 def stretch(simulator: Simulator, factor: float) -> None:
-    points = wp.array(factor * simulator.state.points.numpy(), dtype=wp.vec3, device=simulator.model.device)
-    wp.copy(simulator.state.points, points)
-
-
-def energy(simulator: Simulator) -> float:
-    """Of the motion and the springs [J], from the scene's own numbers."""
-    shape, balloon = simulator.model.shapes[0], simulator.model.scene.balloon[0]
-    points, velocities = (
-        array.numpy()[0].astype(np.float64) for array in (simulator.state.points, simulator.state.velocities)
-    )
-    kinds = np.array([balloon.stiffness.structural, balloon.stiffness.shear, balloon.stiffness.flexion])
-    first, second = points[shape.springs.pairs].swapaxes(0, 1)
-    strain = np.linalg.norm(second - first, axis=1) - shape.springs.rest_lengths
-    masses = balloon.mass * shape.mass_share
-    return float(0.5 * (kinds[shape.springs.kind] @ strain**2 + masses @ (velocities**2).sum(axis=1)))
+    put(simulator, factor * motion(simulator)[0])
 
 
 def energies(simulator: Simulator, frames: int) -> np.ndarray:
@@ -128,7 +114,6 @@ def test_forward_euler_with_autos_substeps_loses_energy(device):
         substeps = Simulator(scene, "cpu").model.substeps // divisor
         simulator = Simulator(scene.model_copy(update={"substeps": substeps}), device)
         noise = np.random.default_rng(3).normal(scale=1e-3, size=simulator.state.points.shape + (3,))
-        moving = simulator.state.points.numpy() + noise
-        wp.copy(simulator.state.points, wp.array(moving, dtype=wp.vec3, device=device))
+        put(simulator, motion(simulator)[0] + noise[0])
         found = energies(simulator, frames=6)
         assert (found[-1] > found[0]) == grows
