@@ -16,6 +16,8 @@ FARTHEST = 1.0e7
 whole. From rest, what is a meter large gets there by falling freely for 24 minutes."""
 LEAST_SIZE = 1.0
 """[m], of that largest thing: small balloons may fall or rise as long as large ones"""
+PARTICLES_A_THREAD = 4
+"""on a GPU"""
 LARGEST_ROOT = 1.0e19
 """whose square is a float32"""
 
@@ -29,7 +31,9 @@ class HealthCheck:
     """
 
     def __init__(self, model: Model):
-        self._shape = (model.world_count, model.particle_count + model.sphere_count)
+        largest = max(shape.mesh.vertex_count for shape in model.shapes)
+        lanes = 1 if model.device.is_cpu else -(-largest // PARTICLES_A_THREAD)
+        self._shape = (model.world_count, model.balloon_count, lanes)
         origins, sizes, farthest = [], [LEAST_SIZE], [0.0]
         for shape, first in zip(model.shapes, model.particle_offsets, strict=False):
             used = shape.mesh.points[shape.mesh.face_vertex_indices]
@@ -39,11 +43,12 @@ class HealthCheck:
         spheres = model.initial_sphere_positions.numpy()
         reach = FARTHEST * max(sizes) + max([*farthest, float(np.abs(spheres).max(initial=0.0))])
         self._tables = [
-            model.particle_mass_share,
-            model.particle_balloon,
+            wp.array(model.particle_offsets, dtype=wp.int32, device=model.device),
             wp.array(origins, dtype=wp.int32, device=model.device),
             wp.array(np.square(MOST_SPAN * np.array(sizes[1:])), dtype=float, device=model.device),
             min(reach, LARGEST_ROOT) ** 2,
+            model.particle_mass_share,
+            lanes,
         ]
 
     def look(self, state: State, first_bad: wp.array) -> None:

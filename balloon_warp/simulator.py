@@ -29,9 +29,9 @@ from balloon_warp.solvers.step_matrices import FACTORIZED
 if TYPE_CHECKING:
     from balloon_warp.diagnosis import BlowUp
 
-KEPT_FRAMES = 128
-"""between two states that are kept, so that a blow-up can be followed from one; copying a state costs less than a fifth
-of a frame, and so a thousandth of all"""
+KEPT_FRAMES = 256
+"""between two states of a single world that are kept, so that a blow-up can be followed from one: a copy costs less
+than half a frame, and so less than a five-hundredth of all"""
 
 
 class Simulator:

@@ -68,30 +68,37 @@ def count_frame(frame: wp.array[wp.int32]):
 @wp.kernel(enable_backward=False)
 def find_bad(
     # model
-    particle_mass_share: wp.array[float],
-    particle_balloon: wp.array[wp.int32],
+    balloon_particles: wp.array[wp.int32],
     balloon_origin: wp.array[wp.int32],
     balloon_squared_reach: wp.array[float],
     squared_reach: float,
+    particle_mass_share: wp.array[float],
+    lanes: wp.int32,
     # state in
     points: wp.array2d[wp.vec3],
     sphere_positions: wp.array2d[wp.vec3],
     # state out
     first_bad: wp.array[wp.int32],
 ):
-    """A thread a (world, particle or sphere): the lowest of each world that is where it cannot be; the spheres are
-    numbered after the particles.
+    """A thread a (world, balloon, lane), which takes each so-manyth particle: the lowest of each world that is where it
+    cannot be. The first balloon's threads look at the spheres, too, which are numbered after the particles.
 
-    That is past a reach [m] from the world's origin, or for a particle past one from its balloon's `balloon_origin`.
-    NaN compares as neither less nor more, and so is bad, too. A particle without mass stays where it is.
+    That is past a reach [m] from the world's origin for a sphere and for the balloon's `balloon_origin`, and past one
+    from there for its other particles. NaN compares as neither less nor more, and so is bad, too. A particle without
+    mass stays where it is.
     """
-    world, body = wp.tid()
-    if body >= points.shape[1]:
-        if not wp.length_sq(sphere_positions[world, body - points.shape[1]]) <= squared_reach:
-            wp.atomic_min(first_bad, world, body)
-    elif particle_mass_share[body] > 0.0:
-        point = points[world, body]
-        balloon = particle_balloon[body]
-        squared_span = wp.length_sq(point - points[world, balloon_origin[balloon]])
-        if not (squared_span <= balloon_squared_reach[balloon] and wp.length_sq(point) <= squared_reach):
-            wp.atomic_min(first_bad, world, body)
+    world, balloon, lane = wp.tid()
+    row = points[world]
+    first = balloon_origin[balloon]
+    origin = row[first]
+    if not wp.length_sq(origin) <= squared_reach and particle_mass_share[first] > 0.0:
+        wp.atomic_min(first_bad, world, first)
+    limit = balloon_squared_reach[balloon]
+    for particle in range(balloon_particles[balloon] + lane, balloon_particles[balloon + 1], lanes):
+        if not wp.length_sq(row[particle] - origin) <= limit:
+            if particle_mass_share[particle] > 0.0:
+                wp.atomic_min(first_bad, world, particle)
+    if balloon == 0:
+        for sphere in range(lane, sphere_positions.shape[1], lanes):
+            if not wp.length_sq(sphere_positions[world, sphere]) <= squared_reach:
+                wp.atomic_min(first_bad, world, points.shape[1] + sphere)

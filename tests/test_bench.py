@@ -206,3 +206,14 @@ def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch
     explicit, large, small = solvers.measure_solvers(wp.get_device("cpu"))
     assert (large.method, large.substeps, large.iterations) == ("projective", 1, 4)
     assert 0.0 < explicit.error < small.error < 0.5 * large.error
+
+
+def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame():
+    """A batch keeps no states."""
+    from balloon_warp.benchmarks.health import cost_of
+
+    alone, batch = (
+        cost_of(Case("tiny", "gather", worlds, cells=2, substeps=4), wp.get_device("cpu")) for worlds in (1, 3)
+    )
+    assert min(alone.frame, alone.look, alone.copy, batch.frame, batch.look) > 0.0
+    assert batch.copy == 0.0
