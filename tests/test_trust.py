@@ -1,0 +1,89 @@
+"""The command that counts: what it tries, and that no failure is lost."""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from balloon_warp.benchmarks import kills, trust
+from balloon_warp.benchmarks.trust import Count, counted, efforts_of
+
+GOOD = Count("good", 3, {"accepted": 3}, [])
+
+
+def die() -> Count:
+    os._exit(3)
+
+
+def fail() -> Count:
+    raise ZeroDivisionError("planted")
+
+
+def harm() -> Count:
+    return Count("harm", 5, {"same": 4, "damaged": 1}, ["1 damaged"])
+
+
+def test_the_table_of_meshes_is_counted():
+    count = trust.bad_meshes()
+    assert count.tried == sum(count.outcomes.values()) > 60
+    assert not count.failures
+
+
+def test_all_kinds_are_tried():
+    """The reader's files, each kind of output, the cluster and the viewer."""
+    names = [trust._name(effort) for effort in efforts_of(trust.FULL)]
+    assert names[0] == "bad meshes"
+    assert {name.partition(" ")[0] for name in names[1:]} == {"mutated", "killed", "viewer"}
+    assert sum(name.startswith("killed ") for name in names) == len(kills.KINDS) + 1
+
+
+def test_what_dies_or_fails_is_a_failure_and_not_the_end():
+    died, failed, harmed = counted([die, fail, harm])
+    assert died.failures[0].startswith("BrokenProcessPool: ")
+    assert failed.failures == ["ZeroDivisionError: planted"]
+    assert harmed == harm()
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+@pytest.mark.parametrize(("counts", "status"), [([GOOD], 0), ([GOOD, harm()], 1)])
+def test_a_failure_is_the_status(
+    options: list[str],
+    counts: list[Count],
+    status: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.setattr(trust, "counted", lambda efforts: iter(counts))
+    monkeypatch.setattr(sys, "argv", ["trust", "--quick", *options])
+    with pytest.raises(SystemExit) as end:
+        trust.main()
+    assert end.value.code == status
+    said = capsys.readouterr().out
+    if options:
+        assert json.loads(said)["failures"] == status
+        assert json.loads(said)["counts"][-1]["what"] == counts[-1].what
+    else:
+        assert said.splitlines()[-1] == ("1 failed" if status else "nothing failed")
+        assert ("FAILED: 1 damaged" in said) == bool(status)
+
+
+def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path: Path):
+    pytest.importorskip("distributed", reason="needs the extra `cluster`")
+    from balloon_warp.benchmarks.worker_kills import kill_workers
+
+    assert kill_workers(1, tmp_path) == {"same": 1}
+
+
+def test_nonsense_does_not_stop_the_viewer(monkeypatch: pytest.MonkeyPatch):
+    """And a viewer that stands still would be found: one that nobody may let go on."""
+    pytest.importorskip("viser", reason="needs the extra `view`")
+    from balloon_warp.benchmarks import viewer_nonsense
+    from balloon_warp.viewer.session import Session
+
+    assert viewer_nonsense.send_nonsense(200) == {viewer_nonsense.WENT_ON: 1}
+    monkeypatch.setattr(viewer_nonsense, "PATIENCE", 0.5)
+    monkeypatch.setattr(Session, "run", lambda *_: None)
+    monkeypatch.setattr(Session, "start", lambda *_: None)
+    assert viewer_nonsense.send_nonsense(1) == {viewer_nonsense.STOOD_STILL: 1}
