@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.health import HEALTHY
 from balloon_warp.model import Model
 from balloon_warp.model.parameters import scene_parameters
-from balloon_warp.model.stability import AUTO_MARGIN, stable_step
+from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS, stable_step
 from balloon_warp.origin import Origin
 from balloon_warp.pulls import Pull, Pulls, name_of_particle
 from balloon_warp.replay import LastSubstep, last_substep
@@ -70,9 +70,10 @@ class BlowUp:
             return "with forward Euler and no damping no step is stable; symplectic Euler's are"
         if self.step > self.stable_step:
             enough = ceil(self.step * self.substeps / (AUTO_MARGIN * self.stable_step))
+            helps = f"{enough:,} substeps a frame" if enough <= MOST_SUBSTEPS else "less force"
             return (
                 f"the step of {self.step:.2e} s is longer than the {self.stable_step:.2e} s that were stable then: "
-                f"{enough:,} substeps a frame, more damping or softer springs help"
+                f"{helps}, more damping or softer springs help"
             )
         return (
             f"the step of {self.step:.2e} s is stable for its springs, up to {self.stable_step:.2e} s: "

@@ -1,5 +1,10 @@
 """The errors that a user can cause. The command line prints their one sentence and no traceback."""
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from balloon_warp.diagnosis import BlowUp
+
 
 class InputError(ValueError):
     """Bad input: the message names the file or field, what was found, and what was expected. Exit status 2."""
@@ -13,10 +18,10 @@ class BlowUpError(RuntimeError):
     """The simulation left the finite numbers: the message says where, why and what helps. Exit status 1.
 
     Args:
-        report: what became a sentence in the message: a `balloon_warp.diagnosis.BlowUp`, or the sentence itself.
+        report: what the message is the text of.
     """
 
-    def __init__(self, report: object):
+    def __init__(self, report: "BlowUp | str"):
         super().__init__(str(report))
         self.report = report
 

@@ -43,10 +43,10 @@ class Pulls:
         self.model = model
         self._points = _row(state.points)
         self._spheres = _row(state.sphere_positions)
-        pairs = model.spring_particles.numpy().reshape(-1, 2)
-        kinds, stiffness = model.spring_kind.numpy(), _row(model.stiffness)
-        balloons = model.particle_balloon.numpy()
-        constants = stiffness[balloons[pairs[:, 0]], kinds] * model.spring_stiffness_scale.numpy()
+        pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
+        kinds = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
+        balloons = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
+        constants = _row(model.stiffness)[balloons[pairs[:, 0]], kinds] * model.spring_stiffness_scale.numpy()
         rest = np.asarray(model.spring_rest_length.numpy(), dtype=np.float64)
         lengths = np.linalg.norm(self._points[pairs[:, 1]] - self._points[pairs[:, 0]], axis=1)
         self._pairs, self._kinds = pairs, kinds

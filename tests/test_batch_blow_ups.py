@@ -48,6 +48,7 @@ VARY = {
     "balloon.stiffness.structural": [100.0, 3000.0, 100.0, 3000.0, 1000.0, 100.0],
     "balloon.helium": [0.0, 0.0, 0.0, 0.0, 0.0, 9e9],
 }
+EXPORT = [1, 2, 4, 5]
 SUBSTEPS = {1: 12, 3: 12, 4: 6}
 """with which forward Euler takes the stiffer worlds to the end; the last one flies away in any case"""
 
@@ -68,10 +69,10 @@ def rows(folder: Path) -> list[list[str]]:
     return list(worlds.values())
 
 
-def samples(folder: Path, world: int) -> dict[str, NDArray[np.float64]]:
-    """All numbers of a world in the stage that change with time, by the attribute's path in the world and the time."""
+def samples(folder: Path, place: int) -> dict[str, NDArray[np.float64]]:
+    """What changes with time of the so-manyth world of the stage, by the attribute's path in it and the time."""
     stage, found = Usd.Stage.Open(str(folder / "worlds.usdc")), {}
-    root = [prim for prim in stage.GetPrimAtPath("/World").GetChildren() if prim.GetName().startswith("World_")][world]
+    root = [prim for prim in stage.GetPrimAtPath("/World").GetChildren() if prim.GetName().startswith("World_")][place]
     for prim in Usd.PrimRange(root):
         for attribute in prim.GetAttributes():
             for time in attribute.GetTimeSamples():
@@ -82,14 +83,14 @@ def samples(folder: Path, world: int) -> dict[str, NDArray[np.float64]]:
     return found
 
 
-def assert_finite(folder: Path, worlds: int) -> None:
+def assert_finite(folder: Path, exported: int) -> None:
     """All numbers that were written."""
     assert all(np.isfinite(column).all() for column in table(folder).values())
     with (folder / "table.csv").open(newline="") as file:
         for line in list(csv.reader(file))[1:]:
             assert np.isfinite([float(cell) for cell in line]).all()
-    for world in range(worlds):
-        found = samples(folder, world)
+    for place in range(exported):
+        found = samples(folder, place)
         kinds = {path.partition(" ")[0].rpartition(".")[2] for path in found}
         assert {"points", "velocities", "extent", "xformOp:translate"} <= kinds
         assert all(np.isfinite(value).all() for value in found.values())
@@ -138,7 +139,7 @@ def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way
 
 def batch(folder: Path, on_blowup: str, **options: Any) -> BatchSummary:
     """Of worlds that blow up, and two that do not."""
-    return run_batch(GAINS_ENERGY, folder, 6, VARY, export=range(6), on_blowup=on_blowup, **options)
+    return run_batch(GAINS_ENERGY, folder, 6, VARY, export=EXPORT, on_blowup=on_blowup, **options)
 
 
 @pytest.mark.parametrize("schedule", ["gather", "lanes", "block"])
@@ -149,20 +150,22 @@ def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, d
     summary = batch(tmp_path / "restarted", "restart", **options)
     assert (summary.unhealthy_worlds, summary.restarted_worlds) == (1, len(SUBSTEPS))
     assert [sentence.partition("world ")[2][0] for sentence in summary.blow_ups] == ["1", "3", "4"]
-    assert_finite(tmp_path / "restarted", 6)
+    assert_finite(tmp_path / "restarted", len(EXPORT))
     found = rows(tmp_path / "restarted")
     for substeps in (3, 6, 12):
         folder = tmp_path / str(substeps)
         finer = GAINS_ENERGY.model_copy(update={"substeps": substeps})
-        run_batch(finer, folder, 6, VARY, export=range(6), **options)
+        run_batch(finer, folder, 6, VARY, export=EXPORT, **options)
         expected = rows(folder)
         for world in range(5):
             if SUBSTEPS.get(world, 3) == substeps:
                 health = 2 if world in SUBSTEPS else 1
                 assert found[world] == [row.rpartition(",")[0] + f",{health}" for row in expected[world]]
-                ours, theirs = samples(tmp_path / "restarted", world), samples(folder, world)
-                assert ours.keys() == theirs.keys()
-                assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
+                if world in EXPORT:
+                    place = EXPORT.index(world)
+                    ours, theirs = samples(tmp_path / "restarted", place), samples(folder, place)
+                    assert ours.keys() == theirs.keys()
+                    assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
     health = table(tmp_path / "restarted")["health"]
     assert health[0].tolist() == [1, 2, 1, 2, 2, 2]
     assert health[-1].tolist() == [1, 2, 1, 2, 2, 0]
@@ -206,8 +209,8 @@ def test_a_cluster_restarts_what_one_process_does(monkeypatch: pytest.MonkeyPatc
     assert (together.unhealthy_worlds, together.restarted_worlds) == (1, len(SUBSTEPS))
     for name in ("table.csv", "table.npz"):
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "together" / name).read_bytes()
-    for world in range(6):
-        ours, theirs = samples(tmp_path / "alone", world), samples(tmp_path / "together", world)
+    for place in range(len(EXPORT)):
+        ours, theirs = samples(tmp_path / "alone", place), samples(tmp_path / "together", place)
         assert ours.keys() == theirs.keys()
         assert all(np.array_equal(value, theirs[path]) for path, value in ours.items())
     kept = [json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("alone", "together")]

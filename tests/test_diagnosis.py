@@ -11,10 +11,11 @@ from balloon_warp.diagnosis import BlowUp
 from balloon_warp.errors import BlowUpError
 from balloon_warp.health import MOST_SPAN
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene import Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)
+SLACK = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 TOO_MUCH = Inflation(k_normal=9e11)
 BESIDE = Balloon(mesh=cube(), position=(9.0, 0.0, 0.0), inflation=NO_INFLATION)
 
@@ -28,8 +29,10 @@ def blow_up(simulator: Simulator, frames: int = 100) -> BlowUp:
 
     with pytest.raises(BlowUpError) as failure:
         run()
-    assert str(failure.value) == str(failure.value.report)
-    return failure.value.report
+    report = failure.value.report
+    assert isinstance(report, BlowUp)
+    assert str(failure.value) == str(report)
+    return report
 
 
 def on_a_spring(**scene: object) -> Scene:
@@ -44,7 +47,7 @@ def on_a_spring(**scene: object) -> Scene:
 def end_of_the_spring(stiffness: float, begin: float, step: float) -> tuple[int, float]:
     """Substeps until the particle on the spring is farther away than any may be, and how far just before, by the
     paper's step in double precision; from `begin` on the spring has that stiffness instead of 1 N/m."""
-    height, speed, count = -1.0, 0.0, 0
+    height, before, speed, count = -1.0, -1.0, 0.0, 0
     while abs(height) < MOST_SPAN:
         constant, before = stiffness if count * step > begin - 1e-9 else 1.0, height
         speed += step * (-9.81 - 0.5 * speed - constant * (height - np.sign(height)))
@@ -74,6 +77,33 @@ def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_a
     squared_frequency = 2.0 * 6e4  # by Gershgorin's theorem
     assert report.stable_step == pytest.approx(4.0 / (np.sqrt(0.5**2 + 4.0 * squared_frequency) + 0.5))
     assert "substeps a frame, more damping or softer springs help" in str(report)
+
+
+def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
+    """A second one goes sideways to particle 2, half as stiff."""
+    points = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [5.0, -1.0, 0.0]])
+    net = PolygonMesh(points, np.array([2, 2], dtype=np.int32), np.array([1, 2, 0, 1], dtype=np.int32))
+    rubber = Stiffness(structural=1.0, shear=0.0, flexion=0.0, gradient=(1.0, 0.0), gradient_axis="X")
+    balloon = on_a_spring().balloon[0].model_copy(update={"mesh": net, "fixed": [0, 2], "stiffness": rubber})
+    simulator = Simulator(on_a_spring().model_copy(update={"balloon": [balloon]}), device)
+    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    report = blow_up(simulator)
+    assert report.body == "particle 1"
+    assert report.spring is not None
+    assert report.spring.by == "the structural spring to particle 0"
+
+
+def test_the_stable_step_counts_drag_at_the_speed_of_the_moment(device):
+    """A cube of 6 m^2 at a hundred thousand kilometers a second: a corner has an eighth of area and mass."""
+    box = Balloon(mesh=cube(), mass=1.0, damping=0.0, drag_coefficient=0.5, stiffness=SLACK, inflation=NO_INFLATION)
+    simulator = Simulator(Scene(balloon=[box], atmosphere=Atmosphere(density=1.2), substeps=4), device)
+    velocities = np.tile([1e8, 0.0, 0.0], (1, 8, 1))
+    wp.copy(simulator.state.velocities, wp.array(velocities, dtype=wp.vec3, device=device))
+    report = blow_up(simulator)
+    assert (report.frame, report.substep) == (1, 1)
+    rate = 1.2 * 0.5 * 2.0 * 6.0 * 1e8  # the area counts twice
+    assert report.stable_step == pytest.approx(2.0 / rate, rel=1e-5)
+    assert "less force, more damping" in str(report)
 
 
 def test_the_substeps_that_it_asks_for_are_enough(device):
@@ -107,6 +137,32 @@ def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
     assert report.stable_step is not None
     assert report.stable_step > report.step
     assert "less force helps" in str(report)
+
+
+def test_inflation_is_that_of_the_substep(device):
+    """It rises in the second frame, of four substeps: the second of them has a quarter of it."""
+    rises = Inflation(k_normal=[(0.0, 0.0), (1.0 / 60.0, 0.0), (2.0 / 60.0, 9e11)])
+    report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device))
+    assert (report.frame, report.substep) == (2, 2)
+    assert report.other is not None
+    assert report.other.newtons == pytest.approx(100.0 * 9e11 / 4.0 / 6.0, rel=1e-5)
+
+
+def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, monkeypatch):
+    """States are kept at the start of frames 1, 9 and 17; it blows up in frame 21."""
+    monkeypatch.setattr("balloon_warp.simulator.KEPT_FRAMES", 8)
+    rises = Inflation(k_normal=[(0.0, 0.0), (20.5 / 60.0, 0.0), (21.5 / 60.0, 9e11)])
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device)
+    frames: list[int] = []
+    advance = Simulator.advance
+
+    def counted(self: Simulator) -> None:
+        frames.append(self.frame_number + 1)
+        advance(self)
+
+    monkeypatch.setattr(Simulator, "advance", counted)
+    assert blow_up(simulator).frame == 21
+    assert frames == [*range(1, 22), *range(17, 21)]
 
 
 def test_a_string_that_pulls_too_hard_is_named(device):

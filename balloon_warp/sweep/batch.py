@@ -168,9 +168,7 @@ def _simulate_here(task: BatchTask, device: str | None, on_frame: Callable[[int]
     with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
         _simulate_frames(task, simulators, output, on_frame)
         if output.healthy_count < task.world_count:
-            for number, each in enumerate(zip(simulators, task.groups, strict=True)):
-                failures.add(Failures(report_failures(*each, output.health_of(number))))
-            del each
+            failures = _report_all(task, output, simulators)
             simulators.clear()  # what begins again has their memory
             if task.on_blowup == "restart":
                 failures.add(_restart_all(task, output, target, schedules))
@@ -203,6 +201,14 @@ def _simulate_frames(
                     require_health(*each)
             writer.submit(output.write, records)
             on_frame(number)
+
+
+def _report_all(task: BatchTask, output: BatchOutput, simulators: Sequence[Simulator]) -> Failures:
+    """Why worlds blew up."""
+    failures = Failures()
+    for number, each in enumerate(zip(simulators, task.groups, strict=True)):
+        failures.add(Failures(report_failures(*each, output.health_of(number))))
+    return failures
 
 
 def _restart_all(task: BatchTask, output: BatchOutput, device: wp.Device, schedules: Sequence[str]) -> Failures:
