@@ -7,6 +7,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.outputs.partial import PartialFolder, as_json, differences
@@ -23,6 +24,18 @@ PLAYLIST, STILL = "frames.usda", "still.usdc"
 def partial_path(output: Path) -> Path:
     """The folder of a run that is not finished, beside its output."""
     return output.with_name(f"{output.name}.partial")
+
+
+def halvings_until(folder: Path, substeps: int) -> int:
+    """How often a run that is not finished had begun again with half the step.
+
+    Args:
+        folder: of its checkpoints.
+        substeps: with which it began at first; where none of its halves fits it, it is another run, and 0 is returned.
+    """
+    reached = (PartialFolder(folder).job() or {}).get("substeps")
+    halves = [substeps * 2**halvings for halvings in range(MOST_HALVINGS + 1)]
+    return halves.index(reached) if reached in halves else 0
 
 
 def describe_run(simulator: Simulator) -> dict[str, Any]:

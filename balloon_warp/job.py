@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
-from balloon_warp.checkpoints import CHECKPOINT_SECONDS, Checkpoints
+from balloon_warp.checkpoints import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.outputs.files import check_writable
@@ -98,19 +98,22 @@ def animate(
         for warning in shape.warnings:
             on_warning(warning)
     restarts = 0
+    if resume and on_blowup == "restart":
+        restarts = halvings_until(partial_path(Path(output)), simulator.model.substeps)
+    for _ in range(restarts):
+        scene = with_half_the_step(scene, simulator.model.substeps)
+        simulator = Simulator(scene, device, schedule=schedule)
     while True:
         substeps = simulator.model.substeps  # at the start: the scene may change them
         try:
-            begin, blow_up = _write_stage(
-                simulator, output, on_blowup, checkpoint_seconds, resume and not restarts, on_frame, on_note
-            )
+            begin, blow_up = _write_stage(simulator, output, on_blowup, checkpoint_seconds, resume, on_frame, on_note)
             break
         except BlowUpError as failure:
             if on_blowup != "restart":
                 raise
             if restarts == MOST_HALVINGS:
                 raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
-            restarts += 1
+            restarts, resume = restarts + 1, False
             scene = with_half_the_step(scene, substeps)
             on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
             simulator = Simulator(scene, device, schedule=schedule)
