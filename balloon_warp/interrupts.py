@@ -30,7 +30,7 @@ class Interrupts:
         """Whether a signal has come."""
         return self._come is not None
 
-    def deliver(self, message: str) -> None:
+    def deliver(self, message: str = "") -> None:
         """Do what the signal would have done, if one has come.
 
         Raises:

@@ -138,17 +138,18 @@ def _write(kind: str, output: Path, frames: int, resume: bool) -> None:
     """Runs in the process that is killed."""
     quiet_warp()
     scene: Scene = load_scene(output.parent / "ball.obj", [("frames", frames)])
+    often = CHECKPOINT_SECONDS if frames == FRAMES else 0.0
     if kind == "run":
         from balloon_warp.job import animate
 
-        often = CHECKPOINT_SECONDS if frames == FRAMES else 0.0
         stage = output / "ball.usdc"
         animate(scene, stage, device="cpu", schedule="gather", checkpoint_seconds=often, resume=resume)
     else:
         from balloon_warp.sweep.batch import run_batch
 
         vary = {"gravity": [0.5 * world for world in range(WORLDS)]}
-        run_batch(scene, output, WORLDS, vary, export=[0, 3], device="cpu", schedule="lanes")
+        how = {"export": [0, 3], "device": "cpu", "schedule": "lanes"}
+        run_batch(scene, output, WORLDS, vary, **how, checkpoint_seconds=often, resume=resume)
 
 
 def _start_to_write(kind: str, output: Path) -> BaseProcess:

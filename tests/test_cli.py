@@ -178,8 +178,9 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, comm
     finally:
         process.kill()
     assert process.returncode == status
-    saved = r"out\.usdc\.partial/frames\.usda plays what there is, and --resume goes on from it"
-    left = saved if command == "run" else "nothing was written"
+    left = r"out\.usdc\.partial/frames\.usda plays what there is, and --resume goes on from it"
+    if command == "batch":  # the first frame may not have begun
+        left = r"(out/partial has what there is, and --resume goes on from it|nothing was written)"
     assert re.fullmatch(rf"error: ball was stopped after frame \d+ of 1000000; {left}\n", said[1])
     assert said[0] == ""
     assert [path.name for path in ball.iterdir() if path.suffix != ".partial" and path.is_file()] == ["ball.obj"]

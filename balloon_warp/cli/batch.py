@@ -10,7 +10,7 @@ from rich.console import Console
 
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
-from balloon_warp.cli.warn import warn
+from balloon_warp.cli.warn import note, warn
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import parse_override
 
@@ -57,6 +57,17 @@ def batch(
         str | None,
         typer.Option(metavar="tcp://HOST:PORT", help="Spread the worlds over the workers of a Dask scheduler."),
     ] = None,
+    checkpoint: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            metavar="SECONDS",
+            help="How often a long batch is saved, in OUTPUT/partial, from where --resume goes on; 0 for never.",
+        ),
+    ] = 30.0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from where a batch that was stopped or killed was saved.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
@@ -84,8 +95,11 @@ def batch(
             schedule=schedule,
             on_blowup=on_blowup,
             cluster=spread_over,
+            checkpoint_seconds=checkpoint,
+            resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
             on_frame=lambda number: progress.update(task, completed=number),
+            on_note=note,
             on_warning=warn,
         )
     if as_json:

@@ -12,11 +12,12 @@ WAITING = 2
 
 class Background:
     """Runs jobs one after the other; the `with` block ends when all are done. A job's error is raised where the next
-    job is submitted, or at the end."""
+    job is submitted, or at the end; what was queued behind it is not done."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="writer")
         self._jobs: deque[Future[None]] = deque()
+        self._failed = False
 
     def __enter__(self) -> Self:
         return self
@@ -25,12 +26,24 @@ class Background:
         """Queue a job; waits while `WAITING` are queued already."""
         if len(self._jobs) > WAITING:
             self._jobs.popleft().result()
-        self._jobs.append(self._thread.submit(job, *arguments))
+        self._jobs.append(self._thread.submit(self._run, job, *arguments))
+
+    def wait(self) -> None:
+        """Until all that is queued is done."""
+        while self._jobs:
+            self._jobs.popleft().result()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._thread.shutdown(wait=True, cancel_futures=error is not None)
+        self._thread.shutdown(wait=True)
         if error is None:
-            for job in self._jobs:
-                job.result()
+            self.wait()
+
+    def _run(self, job: Callable[..., None], *arguments: Any) -> None:
+        if not self._failed:
+            try:
+                job(*arguments)
+            except BaseException:
+                self._failed = True
+                raise

@@ -41,12 +41,24 @@ class PartialFolder:
             raise InputError(f"{path}: expected an object (got {type(said).__name__})")
         return said
 
+    def require_own(self) -> None:
+        """Make sure that what is there, if anything, is ours to replace.
+
+        Raises:
+            InputError: it is something else of the same name.
+        """
+        if self.path.exists() and not (self.path / JOB_NAME).is_file():
+            begun = self.path.is_dir() and all(path.name.startswith(".") for path in self.path.iterdir())
+            if not begun:
+                raise InputError(f"{self.path}: is in the way of checkpoints; expected nothing of that name")
+
     def begin(self, job: Mapping[str, Any]) -> None:
         """Make the folder, for a job; what was there of another is lost.
 
         Raises:
-            InputError: it cannot be made.
+            InputError: it cannot be made, or there is something else.
         """
+        self.require_own()
         self.remove()
         try:
             self.path.mkdir()

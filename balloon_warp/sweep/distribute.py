@@ -2,9 +2,9 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import CancelledError
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
+from balloon_warp.interrupts import Interrupts
 from balloon_warp.model.memory import require_memory
+from balloon_warp.sweep.checkpoints import BatchCheckpoints
 from balloon_warp.sweep.cluster import Cluster, connect
-from balloon_warp.sweep.failures import Failures
 from balloon_warp.sweep.groups import Group
+from balloon_warp.sweep.journal import ShareJournal
 from balloon_warp.sweep.memory import table_bytes
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.shares import ShareResult, cut_into_shares, simulate_share
@@ -28,44 +30,66 @@ if TYPE_CHECKING:
 
 REPORT_SECONDS = 0.1
 """between two words of a worker about the frame that it is at"""
+LOOK_SECONDS = 0.5
+"""after which we look up from waiting"""
 AHEAD = 2
 """shares that are out, for each worker: one at work and one that follows; more would only fill the memory"""
 
 _one_at_a_time = threading.Lock()  # a worker may have many threads, but it has one device
 
 
-def distribute_batch(task: BatchTask, cluster: Cluster, device: str | None, on_frame: Callable[[int], None]) -> Outcome:
+def distribute_batch(
+    task: BatchTask,
+    cluster: Cluster,
+    device: str | None,
+    checkpoints: BatchCheckpoints,
+    on_frame: Callable[[int], None],
+) -> Outcome:
     """Simulate a batch on workers, and write its files here, as if it had been simulated here.
 
     Args:
         device: the Warp device of each worker; its GPU where it has one, when missing.
+        checkpoints: of shares that are done; those that were when the last one was written are not done again.
         on_frame: told how many frames are simulated, on the average of all worlds.
 
     Raises:
-        InputError, BlowUpError, MissingExtraError, WorkersLostError: as `run_batch`; nothing is written then.
+        InputError, BlowUpError, MissingExtraError, WorkersLostError, KeyboardInterrupt: as `run_batch`.
     """
     _require_table_memory(task)
     with connect(cluster) as client:
         devices = _worker_devices(client, cluster, device)
         began = time.perf_counter()
         # Where workers differ, the shares are small enough for the least of them.
-        shares = cut_into_shares(task.groups, "cuda" if all(name.startswith("cuda") for name in devices) else "cpu")
-        schedules, failures = set(), Failures()
-        with BatchOutput(task.folder, task.scene, shares, task.chosen, task.vary) as output:
-            for number, result in _run_shares(client, cluster, task, shares, device, len(devices), on_frame):
-                schedules.add(result.schedule)
-                failures.add(result.failures)
-                for record in result.records:
-                    output.add(number, record)
+        kind = "cuda" if all(name.startswith("cuda") for name in devices) else "cpu"
+        shares = cut_into_shares(task.groups, kind)
+        with (
+            BatchOutput(task.folder, task.scene, shares, task.chosen, task.vary) as output,
+            Interrupts() as interrupts,
+        ):
+            journal = ShareJournal(task, output, checkpoints, kind)
+            try:
+                for done in _run_shares(
+                    client, cluster, task, shares, journal.schedules, device, len(devices), on_frame
+                ):
+                    if done:
+                        journal.add(*done)
+                    if checkpoints.due or interrupts.pending:
+                        journal.save()
+                    interrupts.deliver()
+            except WorkersLostError as loss:
+                journal.save()
+                interrupts.deliver()  # what ends this process may have ended the workers first
+                raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
             for _ in range(task.scene.frames + 1):
                 output.end_frame()
         return Outcome(
             device=", ".join(sorted(set(devices))),
-            schedule=", ".join(sorted(schedules)),
+            schedule=", ".join(sorted(set(journal.schedules.values()))),
             workers=len(devices),
             healthy_worlds=output.healthy_count,
-            failures=failures,
+            failures=journal.failures,
             seconds=time.perf_counter() - began,
+            resumed=journal.resumed,
             removed_stage=output.removed_stage,
         )
 
@@ -96,14 +120,17 @@ def _run_shares(
     cluster: Cluster,
     task: BatchTask,
     shares: Sequence[Group],
+    without: Collection[int],
     device: str | None,
     worker_count: int,
     on_frame: Callable[[int], None],
-) -> Iterator[tuple[int, ShareResult]]:
-    """Simulate the shares, and give each one's number and result as it comes. What a lost worker had is done again.
+) -> Iterator[tuple[int, ShareResult] | None]:
+    """Simulate the shares, and give each one's number and result as it comes, and nothing now and then meanwhile. What
+    a lost worker had is done again.
 
     Args:
         task: what the shares are of.
+        without: the numbers of those that are done already.
         device: the Warp device of each worker; its GPU where it has one, when missing.
         worker_count: how many workers there are.
         on_frame: told how many frames are simulated, on the average of all worlds.
@@ -116,7 +143,8 @@ def _run_shares(
     topic = f"balloon-warp-{uuid4().hex}"
     events: SimpleQueue[tuple[int, int | Future]] = SimpleQueue()  # a share, and its frame or its end
     client.subscribe_topic(topic, lambda event: events.put(event[1]))
-    waiting = iter(range(len(shares)))
+    missing = {number for number in range(len(shares)) if number not in without}
+    waiting = iter(sorted(missing))
 
     def send_next() -> None:
         if (number := next(waiting, None)) is not None:
@@ -126,17 +154,21 @@ def _run_shares(
 
     for _ in range(AHEAD * worker_count):
         send_next()
-    frames = np.zeros(len(shares), dtype=np.int64)
-    weights = np.array([len(share.worlds) for share in shares]) / sum(len(share.worlds) for share in shares)
-    missing = len(shares)
+    frames = np.array([0 if number in missing else task.scene.frames for number in range(len(shares))])
+    weights = np.array([len(share.worlds) for share in shares]) / task.world_count
     while missing:
-        number, news = events.get()
+        try:
+            number, news = events.get(timeout=LOOK_SECONDS)
+        except Empty:
+            yield None
+            continue
         if isinstance(news, int):
             frames[number] = news
+            yield None
         else:
             result = _result(news)
             frames[number] = len(result.records) - 1
-            missing -= 1
+            missing.remove(number)
             send_next()
             yield number, result
         on_frame(int(frames @ weights + 1.0e-6))
@@ -149,10 +181,10 @@ def _result(future: "Future") -> ShareResult:
         return future.result()
     except KilledWorker as error:
         raise WorkersLostError(
-            f"a share of the batch ended {error.allowed_failures + 1} workers, one after the other; nothing is written"
+            f"a share of the batch ended {error.allowed_failures + 1} workers, one after the other"
         ) from None
     except CancelledError:
-        raise WorkersLostError("the scheduler is gone; nothing is written") from None
+        raise WorkersLostError("the scheduler is gone") from None
 
 
 def _work(

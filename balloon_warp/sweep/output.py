@@ -42,25 +42,25 @@ class BatchOutput:
         measures = [*MEASURES, *(f"sphere_{number}_height" for number in range(len(scene.sphere)))]
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
-        self._table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, measures, worlds)
+        self.table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, measures, worlds)
         self.stage_path = folder / STAGE_NAME
         self.removed_stage = False
         """whether the stage of an earlier batch was there and this one has none"""
-        self._stage = None
+        self.stage = None
         if len(chosen):
             in_grid = [GridGroup(group.plan, group.rows_of(chosen), group.those_of(chosen)) for group in groups]
-            self._stage = GridWriter(self.stage_path, in_grid)
+            self.stage = GridWriter(self.stage_path, in_grid)
 
     @property
     def healthy_count(self) -> int:
         """Worlds that are good at the end."""
-        return int(np.count_nonzero(self._table.health[-1]))
+        return int(np.count_nonzero(self.table.health[-1]))
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
-            files.enter_context(self._table)
-            if self._stage:
-                files.enter_context(self._stage)
+            files.enter_context(self.table)
+            if self.stage:
+                files.enter_context(self.stage)
             self._files = files.pop_all()
         return self
 
@@ -73,10 +73,10 @@ class BatchOutput:
     def add(self, group: int, record: Record) -> None:
         """A frame of one group."""
         worlds = self.groups[group].worlds
-        self._table.values[record.number, worlds] = record.measures
-        self._table.health[record.number, worlds] = record.healthy
-        if self._stage:
-            self._stage.write(record.number, group, record.points, record.velocities, record.sphere_positions)
+        self.table.values[record.number, worlds] = record.measures
+        self.table.health[record.number, worlds] = record.healthy
+        if self.stage:
+            self.stage.write(record.number, group, record.points, record.velocities, record.sphere_positions)
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
         """Put a record in the place of what was recorded of some worlds of a group in its frame; in the table's text
@@ -87,29 +87,29 @@ class BatchOutput:
             places: of those of them that are chosen, among the group's chosen worlds.
         """
         worlds = self.groups[group].worlds[rows]
-        self._table.values[record.number, worlds] = record.measures
-        self._table.health[record.number, worlds] = record.healthy
-        if self._stage:
+        self.table.values[record.number, worlds] = record.measures
+        self.table.health[record.number, worlds] = record.healthy
+        if self.stage:
             shapes = (record.points, record.velocities, record.sphere_positions)
-            self._stage.write(record.number, group, *shapes, places=places.tolist())
+            self.stage.write(record.number, group, *shapes, places=places.tolist())
 
     def rewrite_table(self) -> None:
         """Write what was replaced."""
-        self._table.write_again()
+        self.table.write_again()
 
     def health_of(self, group: int) -> NDArray[np.int32]:
         """Of the worlds of a group in all frames, shape (frame_count, world_count)."""
-        return self._table.health[:, self.groups[group].worlds]
+        return self.table.health[:, self.groups[group].worlds]
 
     def end_frame(self) -> None:
         """Of the next frame all groups are there."""
-        self._table.write_frame()
+        self.table.write_frame()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._files.__exit__(kind, error, traceback)
-        if kind is None and not self._stage and self.stage_path.exists():
+        if kind is None and not self.stage and self.stage_path.exists():
             self.stage_path.unlink()
             self.removed_stage = True
 

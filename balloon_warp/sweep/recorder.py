@@ -1,5 +1,6 @@
 """What is read from a batch after each frame: a row of measures for each world, and the shape of the chosen ones."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -77,6 +78,17 @@ class Recorder:
             velocities=_copy(self._velocities),
             sphere_positions=_copy(self._sphere_positions),
         )
+
+    @property
+    def changing(self) -> dict[str, wp.array]:
+        """What it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
+        kept = ("measures", "healthy", "points", "velocities", "sphere_positions")
+        return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
+
+    def restore(self, saved: Mapping[str, NDArray]) -> None:
+        """Go on from where another recorder of the same worlds was, from the contents of its `changing`."""
+        for name, array in self.changing.items():
+            array.assign(saved[name])
 
     @cached_property
     def _graph(self) -> Any:

@@ -44,5 +44,7 @@ class Outcome:
     failures: Failures
     seconds: float
     """of simulating and writing"""
+    resumed: float
+    """the part of the work that an earlier batch had done, 0 to 1"""
     removed_stage: bool
     """whether the folder had the stage of an earlier batch, and this batch has none"""

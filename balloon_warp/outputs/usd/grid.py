@@ -9,8 +9,9 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd
+from pxr import Sdf, Tf, Usd
 
+from balloon_warp.errors import InputError
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.files import whole_file
 from balloon_warp.outputs.usd.grid_layout import ROOM, grid_shifts, horizontal_axes, world_bounds
@@ -45,6 +46,7 @@ class GridWriter:
 
     def __init__(self, path: Path, groups: Sequence[GridGroup]):
         self.path, self.groups = path, groups
+        self._frame_bytes = [2 * 12 * group.plan.particle_count * len(group.rows) for group in groups]
         self._unsaved_bytes = 0
 
     def __enter__(self) -> Self:
@@ -104,8 +106,43 @@ class GridWriter:
         with Sdf.ChangeBlock():
             for row, world in enumerate(worlds if places is None else [worlds[place] for place in places]):
                 world.write(number, points[row], velocities[row], sphere_positions[row])
-            self._layer.endTimeCode = number
-        self._unsaved_bytes += points.nbytes + velocities.nbytes
+        self._end_frame(number, points.nbytes + velocities.nbytes)
+
+    def copy_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
+        """Author frames of some groups as they are in a part that a writer of the same groups wrote.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        try:
+            source = Sdf.Layer.OpenAsAnonymous(str(path))
+        except Tf.ErrorException:
+            raise InputError(f"{path}: USD cannot open it; expected a part of a batch's stage") from None
+        self._copy(source, numbers, groups)
+
+    def write_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
+        """Write frames that are in this stage into one of their own, which appears at `path`.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        with GridWriter(path, self.groups) as part:
+            part._copy(self._layer, numbers, groups)
+            part._layer.startTimeCode = numbers.start
+
+    def _copy(self, source: Sdf.Layer, numbers: range, groups: Sequence[int]) -> None:
+        """In the order in which frames are written."""
+        for number in numbers:
+            for group in groups:
+                with Sdf.ChangeBlock():
+                    for world in self._worlds[group]:
+                        world.copy(source, number)
+                self._end_frame(number, self._frame_bytes[group])
+
+    def _end_frame(self, number: int, size: int) -> None:
+        """What is authored may now be saved: when it is depends on the frames alone, so that the bytes do."""
+        self._layer.endTimeCode = max(number, self._layer.endTimeCode)
+        self._unsaved_bytes += size
         if self._unsaved_bytes > SAVE_BYTES:
             self._layer.Save()
             self._unsaved_bytes = 0

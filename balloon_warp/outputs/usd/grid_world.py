@@ -3,6 +3,7 @@
 Authored in Sdf, on the layer itself: the stage's own functions look up the composed prim at each call.
 """
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,12 @@ class GridWorld:
         for path, body in self._lasting:
             seen = is_there(self.plan.scene, body, int(time))
             self.layer.SetTimeSample(path, time, UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible)
+
+    def copy(self, source: Sdf.Layer, time: float) -> None:
+        """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
+        balloons, strings = (chain.from_iterable(paths) for paths in (self._balloons, self._strings))
+        for path in chain(balloons, self._spheres, strings, (path for path, _ in self._lasting)):
+            self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
     def _string_curve(self, number: int, points: NDArray[np.float32], time: float) -> NDArray[np.float32]:
         string = self.plan.scene.string[number]

@@ -1,0 +1,156 @@
+"""What is safe of a batch that is not finished: parts of its table and its stage, and the state they end with."""
+
+import time
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.npz import write_npz
+from balloon_warp.outputs.partial import PartialFolder, as_json, differences
+from balloon_warp.provenance import installed_versions
+from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.parts import Part, read_part, write_part
+from balloon_warp.sweep.task import BatchTask
+
+PARTIAL_NAME = "partial"
+
+
+class BatchCheckpoints:
+    """Keeps a batch safe as it goes. A checkpoint is a part of the table, `rows_NUMBER.npz`, that of the stage which
+    goes with it, `worlds_NUMBER.usdc`, and where each group's simulation goes on, `state_FRAME_GROUP.npz`.
+
+    Each file appears whole, a part's rows last: a part without them is no part, and a state that no rows lead up to is
+    not gone on from.
+
+    Args:
+        task: the batch.
+        description: of it, as of `describe_batch`.
+        seconds: between two checkpoints; 0 for none but the last of a batch that is stopped.
+        resume: whether to go on from those that are there.
+        on_note: told what is there, in a sentence.
+    """
+
+    def __init__(
+        self,
+        task: BatchTask,
+        description: Mapping[str, Any],
+        seconds: float,
+        resume: bool,
+        on_note: Callable[[str], None],
+    ):
+        self.seconds, self.resume, self.on_note = seconds, resume, on_note
+        self.folder = PartialFolder(task.folder / PARTIAL_NAME)
+        self._job: dict[str, Any] = {
+            **description,
+            "substeps": task.groups[0].plan.substeps,
+            "on_blowup": task.on_blowup,
+            "versions": installed_versions(),
+        }
+        self._begun = False
+        """whether the folder is of this batch"""
+        self._parts = 0
+        self._saved_at = time.monotonic()
+
+    def take_up(self, output: BatchOutput, **how: Any) -> Iterator[Part]:
+        """Put what is safe into the output, part by part, in the order in which it was saved.
+
+        Args:
+            how: where and by what schedule the batch is simulated: what its bits depend on beside its description.
+
+        Raises:
+            InputError: it is of another batch, or is damaged, or something else is in its place.
+        """
+        self._job = as_json({**self._job, **how})
+        self.folder.require_own()
+        path, is_there = self.folder.path, self._rows(0).exists()
+        if not self.resume:
+            if is_there:
+                self.on_note(f"{path} has part of an earlier batch, from which --resume would have gone on")
+            return
+        if not is_there:
+            self.on_note(f"there is no checkpoint in {path}: nothing to resume, so this begins at the start")
+            return
+        if different := list(differences(self.folder.job(), self._job)):
+            more = f", and {len(different) - 1} more" if len(different) > 1 else ""
+            raise InputError(
+                f"--resume: {path} is of another batch: {different[0]}{more}; expected the same worlds, versions and "
+                "device, or no --resume to start anew"
+            )
+        self._begun = True
+        while self._rows(self._parts).exists():
+            yield read_part(output, self._rows(self._parts), self._stage(self._parts))
+            self._parts += 1
+
+    def restore(self, frame: int, group: int, *restores: Callable[[Mapping[str, NDArray]], None]) -> None:
+        """Hand over the arrays of a group that were saved with a frame.
+
+        Raises:
+            InputError: they are not there, or damaged.
+        """
+        path = self._state(frame, group)
+        try:
+            with np.load(path) as saved:
+                for restore in restores:
+                    restore(saved)
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise InputError(f"{path}: cannot be read: {error}; expected a checkpoint") from None
+
+    @property
+    def due(self) -> bool:
+        """Whether the last checkpoint was long ago."""
+        return self.seconds > 0.0 and time.monotonic() - self._saved_at >= self.seconds
+
+    @property
+    def advice(self) -> str:
+        """To whoever is left without the output."""
+        if not self._begun:
+            return "nothing was written"
+        return f"{self.folder.path} has what there is, and --resume goes on from it"
+
+    def save_state(self, frame: int, group: int, arrays: Iterable[tuple[str, NDArray]]) -> None:
+        """Save where the simulation of a group is, before the rows that lead up to it.
+
+        Raises:
+            InputError: it cannot be written; what was there stays.
+        """
+        self._begin()
+        with self.folder.file(self._state(frame, group).name) as path:
+            write_npz(path, arrays)
+
+    def save_part(self, output: BatchOutput, part: Part) -> None:
+        """Save a part of what is in the output; states of earlier frames are not needed any more.
+
+        Raises:
+            InputError: it cannot be written; what was there stays.
+        """
+        self._begin()
+        write_part(output, part, self._rows(self._parts), self._stage(self._parts))
+        self._parts += 1
+        for state in self.folder.path.glob("state_*.npz"):
+            if int(state.stem.split("_")[1]) < part.frames[-1]:
+                state.unlink(missing_ok=True)
+
+    def remove(self) -> None:
+        """Once the whole output is there; what another batch left stays."""
+        if self._begun:
+            self.folder.remove()
+
+    def _begin(self) -> None:
+        if not self._begun:
+            self.folder.begin(self._job)
+            self._begun = True
+        self._saved_at = time.monotonic()
+
+    def _rows(self, part: int) -> Path:
+        return self.folder.path / f"rows_{part:06d}.npz"
+
+    def _stage(self, part: int) -> Path:
+        return self.folder.path / f"worlds_{part:06d}.usdc"
+
+    def _state(self, frame: int, group: int) -> Path:
+        return self.folder.path / f"state_{frame:06d}_{group:04d}.npz"

@@ -1,0 +1,143 @@
+"""A batch in this process: all worlds at once, on one device."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.device import pick_device
+from balloon_warp.interrupts import Interrupts
+from balloon_warp.model import lay_out
+from balloon_warp.outputs.background import WAITING, Background
+from balloon_warp.simulator import Simulator
+from balloon_warp.solvers.choose import settled_solver
+from balloon_warp.sweep.checkpoints import BatchCheckpoints
+from balloon_warp.sweep.failures import Failures, report_failures, require_health, restart_failures
+from balloon_warp.sweep.memory import require_batch_memory
+from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.parts import Part
+from balloon_warp.sweep.recorder import Recorder
+from balloon_warp.sweep.task import BatchTask, Outcome
+
+
+def simulate_here(
+    task: BatchTask, device: str | None, checkpoints: BatchCheckpoints, on_frame: Callable[[int], None]
+) -> Outcome:
+    """Simulate a batch and write its table and its stage.
+
+    Args:
+        device: a Warp device; the GPU where there is one, when missing.
+        checkpoints: what is kept safe meanwhile, and gone on from.
+        on_frame: told the number of each frame when it is simulated.
+
+    Raises:
+        InputError, BlowUpError, KeyboardInterrupt: as `run_batch`.
+    """
+    began = time.perf_counter()
+    target = pick_device(device)
+    models = [lay_out(group.plan, target) for group in task.groups]
+    schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
+    require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
+    simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
+    failures = Failures()
+    with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
+        begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
+        if output.healthy_count < task.world_count:
+            failures = _report_all(task, output, simulators)
+            simulators.clear()  # what begins again has their memory
+            if task.on_blowup == "restart":
+                failures.add(_restart_all(task, output, target, schedules))
+    return Outcome(
+        device=str(target),
+        schedule=", ".join(sorted(set(schedules))),
+        workers=1,
+        healthy_worlds=output.healthy_count,
+        failures=failures,
+        seconds=time.perf_counter() - began,
+        resumed=max(begin - 1, 0) / task.scene.frames,
+        removed_stage=output.removed_stage,
+    )
+
+
+def _simulate_frames(
+    task: BatchTask,
+    simulators: Sequence[Simulator],
+    output: BatchOutput,
+    checkpoints: BatchCheckpoints,
+    on_frame: Callable[[int], None],
+) -> int:
+    """All frames of all groups, which are written meanwhile; the first that was not there already."""
+    recorders = [
+        Recorder(simulator, group.rows_of(task.chosen))
+        for simulator, group in zip(simulators, task.groups, strict=True)
+    ]
+    with Background() as writer, Interrupts() as interrupts:
+        begin = saved = _take_up(checkpoints, output, simulators, recorders)
+        for number in range(begin, task.scene.frames + 1):
+            for simulator in simulators if number else ():
+                simulator.advance()
+            records = [recorder.read() for recorder in recorders]
+            if task.on_blowup == "stop":
+                for each in zip(simulators, task.groups, records, strict=True):
+                    require_health(*each)
+            writer.submit(output.write, records)
+            on_frame(number)
+            if checkpoints.due or interrupts.pending:
+                for group, pair in enumerate(zip(simulators, recorders, strict=True)):
+                    checkpoints.save_state(number, group, _arrays(*pair))
+                part = Part(range(saved, number + 1), range(len(simulators)))
+                writer.submit(checkpoints.save_part, output, part)
+                saved = number + 1
+            if interrupts.pending:
+                writer.wait()
+                interrupts.deliver()
+    return begin
+
+
+def _take_up(
+    checkpoints: BatchCheckpoints, output: BatchOutput, simulators: Sequence[Simulator], recorders: Sequence[Recorder]
+) -> int:
+    """Take up what an earlier batch saved, where that is wanted; the first frame that is missing."""
+    device = simulators[0].model.device
+    begin = 0
+    for part in checkpoints.take_up(
+        output,
+        simulated="in one process",
+        device=device.name if device.is_cuda else "cpu",
+        schedules=[simulator.schedule.name for simulator in simulators],
+    ):
+        begin = part.frames.stop
+        for _ in part.frames:
+            output.end_frame()
+    if begin:
+        for group, (simulator, recorder) in enumerate(zip(simulators, recorders, strict=True)):
+            checkpoints.restore(begin - 1, group, simulator.restore, recorder.restore)
+        checkpoints.on_note(f"goes on after frame {begin - 1}, from {checkpoints.folder.path}")
+    return begin
+
+
+def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDArray]]:
+    """All that a frame depends on of those before it; one at a time is on the host."""
+    for name, array in {**simulator.changing, **recorder.changing}.items():
+        yield name, array.numpy()
+
+
+def _report_all(task: BatchTask, output: BatchOutput, simulators: Sequence[Simulator]) -> Failures:
+    """Why worlds blew up."""
+    failures = Failures()
+    for number, each in enumerate(zip(simulators, task.groups, strict=True)):
+        failures.add(Failures(report_failures(*each, output.health_of(number))))
+    return failures
+
+
+def _restart_all(task: BatchTask, output: BatchOutput, device: wp.Device, schedules: Sequence[str]) -> Failures:
+    """Simulate the worlds that blew up again in shorter steps, and put that in their place."""
+    failures = Failures()
+    for number, (group, schedule) in enumerate(zip(task.groups, schedules, strict=True)):
+        bad, put = np.flatnonzero(output.health_of(number)[-1] == 0), partial(output.replace, number)
+        failures.add(Failures([], restart_failures(group, bad, task.chosen, device, schedule, put)))
+    output.rewrite_table()
+    return failures

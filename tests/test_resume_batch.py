@@ -1,0 +1,455 @@
+"""A batch that was stopped or killed goes on to the same files, byte by byte, as one that was not."""
+
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import cube, quad_sphere
+from pxr import Sdf, Usd, UsdGeom
+
+from balloon_warp import Cluster, InputError, Scene, load_scene, run_batch
+from balloon_warp.diagnosis import BlowUp
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs.background import Background
+from balloon_warp.outputs.usd import grid
+from balloon_warp.pulls import Pull
+from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.failures import Failures
+from balloon_warp.sweep.journal import FAILURES
+from balloon_warp.sweep.output import STAGE_NAME
+
+FRAMES, WORLDS = 6, 5
+OFTEN = 1e-9
+"""seconds between checkpoints: one after every frame"""
+NAMES = ("table.npz", "table.csv", STAGE_NAME)
+
+
+def scene(**fields) -> Scene:
+    """A small scene with one of each."""
+    fields = {
+        "balloon": [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0)],
+        "sphere": [Sphere(position=(0, 4, 0), radius=0.3, start=0.03)],
+        "string": [String(anchor=(0, 0, 0), length=1.5)],
+        "ground": Ground(),
+        "frames": FRAMES,
+        "substeps": 40,
+    } | fields
+    return Scene(**fields)
+
+
+@pytest.fixture(params=["gather", "lanes", "block", "octets"])
+def schedule(request: pytest.FixtureRequest, device: str) -> str:
+    if device != "cpu" and request.param in ("octets", "lanes"):
+        pytest.skip("simulates on the CPU")
+    return request.param
+
+
+@pytest.fixture
+def vary(tmp_path: Path) -> dict:
+    """Two meshes, which make two groups, and a push that the last world blows up of."""
+    paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
+    for path, mesh in zip(paths, (quad_sphere(2), quad_sphere(3)), strict=True):
+        write_obj(path, mesh)
+    return {
+        "balloon.mesh": [paths[world % 2] for world in range(WORLDS)],
+        "balloon.inflation.k_normal": [0.2, 0.3, 0.4, 0.5, 9e11],
+    }
+
+
+def stop_after(last: int) -> Callable[[int], None]:
+    """What kills a batch once that frame is simulated, and none of it is saved yet."""
+
+    def stop(frame: int) -> None:
+        if frame == last:
+            raise RuntimeError("stopped")
+
+    return stop
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in NAMES if (folder / name).exists()}
+
+
+def test_it_goes_on_to_the_same_bytes(
+    vary: dict, schedule: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Stopped twice, at a frame before and one after the last world blew up; the stage is saved every few frames."""
+    monkeypatch.setattr(grid, "SAVE_BYTES", 10_000)
+    how = {"export": [1, 4], "device": device, "schedule": schedule}
+    run_batch(scene(), tmp_path / "whole", WORLDS, vary, **how)
+    for last in (2, 5):
+        with pytest.raises(RuntimeError, match="stopped"):
+            run_batch(
+                scene(),
+                tmp_path / "parts",
+                WORLDS,
+                vary,
+                **how,
+                checkpoint_seconds=OFTEN,
+                resume=True,
+                on_frame=stop_after(last),
+            )
+    assert contents(tmp_path / "parts") == {}
+    frames, notes = [], []
+    summary = run_batch(
+        scene(), tmp_path / "parts", WORLDS, vary, **how, resume=True, on_frame=frames.append, on_note=notes.append
+    )
+    assert frames == [5, 6]
+    assert notes == [f"goes on after frame 4, from {tmp_path / 'parts' / 'partial'}"]
+    assert summary.resumed == pytest.approx(4 / FRAMES, abs=1e-3)
+    assert summary.unhealthy_worlds == 1
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == sorted([*NAMES, "manifest.json"])
+
+
+def test_what_was_saved_opens(tmp_path: Path):
+    """Each part by itself: its rows in NumPy, its worlds as a stage, with the frames that it says."""
+    with pytest.raises(RuntimeError):
+        run_batch(
+            scene(),
+            tmp_path,
+            3,
+            {"gravity": [1, 5, 9]},
+            export=[2],
+            device="cpu",
+            checkpoint_seconds=OFTEN,
+            on_frame=stop_after(4),
+        )
+    run_batch(scene(), tmp_path / "whole", 3, {"gravity": [1, 5, 9]}, export=[2], device="cpu")
+    stages = sorted((tmp_path / "partial").glob("worlds_*.usdc"))
+    tables = sorted((tmp_path / "partial").glob("rows_*.npz"))
+    assert len(stages) == len(tables) == 4
+    whole = Usd.Stage.Open(str(tmp_path / "whole" / "worlds.usdc"))
+    path = next(
+        str(prim.GetPath()) for prim in whole.Traverse() if "World_2" in str(prim.GetPath()) and prim.IsA(UsdGeom.Mesh)
+    )
+    with np.load(tmp_path / "whole" / "table.npz") as table:
+        volumes = table["volume"].reshape(FRAMES + 1, 3)
+    for number, (stage_path, rows) in enumerate(zip(stages, tables, strict=True)):
+        stage = Usd.Stage.Open(str(stage_path))
+        assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (number, number)
+        points = [UsdGeom.Mesh(each.GetPrimAtPath(path)).GetPointsAttr().Get(number) for each in (stage, whole)]
+        np.testing.assert_array_equal(*points)
+        with np.load(rows) as saved:
+            assert saved["frames"].tolist() == [number]
+            assert saved["worlds"].tolist() == [0, 1, 2]
+            np.testing.assert_array_equal(saved["values"][0, :, saved["columns"] == "volume"][0], volumes[number])
+    assert [path.name for path in (tmp_path / "partial").glob("state_*")] == ["state_000003_0000.npz"]
+
+
+def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path: Path):
+    def look(frame: int) -> None:
+        assert not (tmp_path / "partial").exists()
+
+    run_batch(scene(), tmp_path, 2, device="cpu", on_frame=look)
+    run_batch(scene(), tmp_path, 2, device="cpu", checkpoint_seconds=0.0, on_frame=look)
+
+
+@pytest.fixture
+def stopped(tmp_path: Path) -> Path:
+    """A folder with a batch that was stopped after frame 3, and saved after frame 2."""
+    folder = tmp_path / "stopped"
+    with pytest.raises(RuntimeError):
+        run_batch(
+            scene(), folder, 2, {"gravity": [1, 9]}, device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(3)
+        )
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        ({"vary": {"gravity": [1, 8]}}, "vary.gravity.1 is 9.0 there and 8.0 here"),
+        ({"world_count": 3, "vary": {"gravity": [1, 9, 9]}}, "vary.gravity is a list of 2 there and a list of 3 here"),
+        ({"export": [0]}, "export is a list of 0 there and a list of 1 here"),
+        ({"schedule": "gather"}, 'schedules.0 is "lanes" there and "gather" here'),
+        ({"scene": scene(frames=9)}, "scene.frames is 6 there and 9 here"),
+        ({"scene": scene(balloon=[Balloon(mesh=cube())])}, "meshes."),
+    ],
+)
+def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
+    before = {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()}
+    arguments = {"scene": scene(), "folder": stopped, "world_count": 2, "vary": {"gravity": [1, 9]}} | change
+    with pytest.raises(InputError) as refusal:
+        run_batch(**arguments, device="cpu", resume=True, on_frame=stop_after(0))
+    assert str(refusal.value).startswith(f"--resume: {stopped / 'partial'} is of another batch: {difference}")
+    assert len(str(refusal.value).splitlines()) == 1
+    assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
+
+
+def test_other_versions_are_refused(stopped: Path):
+    """What simulates may have changed with them."""
+    job = stopped / "partial" / "job.json"
+    said = json.loads(job.read_text())
+    said["versions"]["warp-lang"] = "0.1"
+    job.write_text(json.dumps(said))
+    with pytest.raises(InputError, match=r'batch: versions.warp-lang is "0\.1" there and "'):
+        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+
+
+@pytest.mark.parametrize("name", ["rows_000001.npz", "state_000002_0000.npz", "job.json"])
+def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
+    path = stopped / "partial" / name
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(InputError, match=rf"{name}: cannot be read: ") as refusal:
+        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path: Path):
+    """A kill came between the two."""
+    partial = stopped / "partial"
+    (partial / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
+    notes: list[str] = []
+    run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
+    run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
+    assert notes == [f"goes on after frame 2, from {partial}"]
+    assert contents(stopped) == contents(tmp_path / "whole")
+
+
+def test_what_an_earlier_batch_left_is_told_and_stays_until_the_first_checkpoint(stopped: Path):
+    notes: list[str] = []
+    job = (stopped / "partial" / "job.json").read_bytes()
+    run_batch(scene(frames=2), stopped, 2, device="cpu", on_note=notes.append)
+    assert notes == [f"{stopped / 'partial'} has part of an earlier batch, from which --resume would have gone on"]
+    assert (stopped / "partial" / "job.json").read_bytes() == job
+    with pytest.raises(RuntimeError):
+        run_batch(scene(frames=2), stopped, 2, device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(1))
+    assert (stopped / "partial" / "job.json").read_bytes() != job
+    assert len(list((stopped / "partial").glob("rows_*"))) == 1
+
+
+def test_something_else_of_that_name_is_told_before_the_batch(tmp_path: Path):
+    (tmp_path / "partial").mkdir()
+    (tmp_path / "partial" / "thesis.txt").write_text("not ours")
+    with pytest.raises(InputError, match=r"partial: is in the way of checkpoints; expected nothing of that name$"):
+        run_batch(scene(), tmp_path, 2, device="cpu", on_frame=stop_after(0))
+    assert (tmp_path / "partial" / "thesis.txt").read_text() == "not ours"
+
+
+def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path: Path):
+    """Its folder is gone, or it reaches a limit: one sentence; the last good checkpoint is gone on from."""
+    with pytest.raises(InputError, match=r"partial/.*: cannot be written: ") as refusal:
+        run_batch(
+            scene(),
+            tmp_path / "gone",
+            2,
+            device="cpu",
+            checkpoint_seconds=OFTEN,
+            on_frame=lambda frame: shutil.rmtree(tmp_path / "gone" / "partial", ignore_errors=True),
+        )
+    assert len(str(refusal.value).splitlines()) == 1
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"(state|rows)_.*: cannot be written: ") as refusal:
+            run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, checkpoint_seconds=OFTEN)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert len(str(refusal.value).splitlines()) == 1
+    notes: list[str] = []
+    run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
+    assert notes == [f"goes on after frame 2, from {stopped / 'partial'}"]
+    run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
+    assert contents(stopped) == contents(tmp_path / "whole")
+
+
+def test_nothing_to_resume_begins_at_the_start(tmp_path: Path):
+    notes: list[str] = []
+    summary = run_batch(scene(), tmp_path, 2, device="cpu", resume=True, on_note=notes.append)
+    assert notes == [
+        f"there is no checkpoint in {tmp_path / 'partial'}: nothing to resume, so this begins at the start"
+    ]
+    assert summary.resumed == 0.0
+
+
+def test_what_blew_up_in_a_share_is_kept_with_it():
+    spring = Pull("the structural spring to particle 7", 3.5, stretch=np.inf)
+    blow_up = BlowUp(5, 2, 40, 1e-4, "particle 7", 3, np.inf, spring, touched=("the ground",), stable_step=2e-5)
+    failures = Failures([blow_up], {3: 80, 11: 160})
+    assert FAILURES.validate_python(json.loads(json.dumps(FAILURES.dump_python(failures)))) == failures
+
+
+def test_a_failed_job_takes_what_is_behind_it_along():
+    """No part of a batch is saved whose frames could not be written."""
+    done: list[int] = []
+    gate = threading.Event()
+
+    def fail() -> None:
+        gate.wait()
+        raise OSError("disk full")
+
+    def run() -> None:
+        with Background() as background:
+            background.submit(fail)
+            background.submit(done.append, 1)
+            gate.set()
+
+    with pytest.raises(OSError, match="disk full"):
+        run()
+    assert done == []
+
+
+LONG = 200
+"""frames of a batch that is ended while it simulates"""
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("ball")
+    write_obj(folder / "ball.obj", quad_sphere(6))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(ball: Path) -> dict[str, bytes]:
+    """What a batch writes that was never stopped."""
+    go_on(ball, ball / "whole", resume=False)
+    return contents(ball / "whole")
+
+
+def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) -> list[str]:
+    """Simulate it in this process, or from here on a cluster; what it says of where it begins."""
+    notes: list[str] = []
+    run_batch(
+        load_scene(str(ball / "ball.obj"), [("frames", LONG)]),
+        folder,
+        8,
+        {"gravity": np.linspace(1, 9, 8)},
+        export=[1, 6],
+        device="cpu",
+        schedule="lanes",
+        cluster=Cluster(address) if address else None,
+        on_note=notes.append,
+        **{"resume": True, **options},
+    )
+    return notes
+
+
+def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
+    """Start the same as a process of its own, and send it a signal once it has saved something: status and words."""
+    fine = "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = 1; from balloon_warp.cli import main; main()"
+    command = [sys.executable, "-c", fine, "batch", str(ball / "ball.obj"), "-o", str(folder), *words]
+    process = subprocess.Popen(
+        [*command, "--worlds", "8", "--vary", "gravity=1:9", "--grid", "--export", "1,6", "--schedule", "lanes"]
+        + ["--set", f"frames={LONG}", "--checkpoint", "0.01"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    try:
+        for _ in range(1200):
+            if list(folder.glob("partial/rows_*")) or process.poll() is not None:
+                break
+            time.sleep(0.05)
+        process.send_signal(number)
+        said = process.communicate(timeout=60)[1]
+    finally:
+        process.kill()
+    return process.returncode, said
+
+
+def test_a_killed_process_is_gone_on_from(ball: Path, whole: dict[str, bytes], tmp_path: Path):
+    assert end(ball, tmp_path / "out", signal.SIGKILL, "--device", "cpu") == (-signal.SIGKILL, "")
+    assert contents(tmp_path / "out") == {}
+    notes = go_on(ball, tmp_path / "out")
+    assert re.fullmatch(r"goes on after frame \d+, from .*out/partial", *notes)
+    assert contents(tmp_path / "out") == whole
+    assert not (tmp_path / "out" / "partial").exists()
+
+
+def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
+    ball: Path, whole: dict[str, bytes], tmp_path: Path
+):
+    status, said = end(ball, tmp_path / "out", signal.SIGTERM, "--device", "cpu")
+    assert status == 128 + signal.SIGTERM
+    sentence = (
+        r"error: ball was stopped after frame (\d+) of 200; .*out/partial has what there is, and --resume goes on"
+    )
+    assert (found := re.fullmatch(rf"{sentence} from it\n", said)), said
+    assert contents(tmp_path / "out") == {}
+    assert go_on(ball, tmp_path / "out") == [f"goes on after frame {found[1]}, from {tmp_path / 'out' / 'partial'}"]
+    assert contents(tmp_path / "out") == whole
+
+
+def press_ctrl_c_once(begun: Callable[[int], bool]) -> Callable[[int], None]:
+    """At the first frame of which that is true."""
+    pressed: list[int] = []
+
+    def press(frame: int) -> None:
+        if not pressed and begun(frame):
+            pressed.append(frame)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return press
+
+
+def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
+    """Without any checkpoint before it; nothing after that frame is simulated."""
+    frames: list[int] = []
+    press = press_ctrl_c_once(lambda frame: frame == 3)
+
+    def look(frame: int) -> None:
+        frames.append(frame)
+        press(frame)
+
+    how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
+    with pytest.raises(KeyboardInterrupt, match=r"partial has what there is, and --resume goes on from it$"):
+        run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=0.0, on_frame=look)
+    assert frames == [0, 1, 2, 3]
+    run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_frame=frames.append)
+    assert frames == [*range(FRAMES + 1)]
+    run_batch(scene(), tmp_path / "whole", 2, **how)
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """A scheduler of two workers."""
+    pytest.importorskip("distributed", reason="needs the extra `cluster`")
+    from balloon_warp.sweep.cluster import start_workers
+
+    with start_workers([{}, {}]) as workers:
+        yield str(workers.scheduler_address)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_cluster_goes_on_without_the_shares_that_are_done(
+    ball: Path,
+    whole: dict[str, bytes],
+    address: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+):
+    """Eight shares of a world each."""
+    monkeypatch.setitem(shares.GRAIN, "cpu", 1)
+    out = tmp_path / "out"
+    if number == signal.SIGKILL:
+        end(ball, out, number, "--cluster", address, "--device", "cpu")
+    else:
+        press = press_ctrl_c_once(lambda frame: any(out.glob("partial/rows_*")))
+        with pytest.raises(KeyboardInterrupt, match=r"partial has what there is, and --resume goes on from it$"):
+            go_on(ball, out, address, on_frame=press, checkpoint_seconds=OFTEN)
+    assert contents(out) == {}
+    notes = go_on(ball, out, address)
+    assert re.fullmatch(r"goes on with [1-7] of 8 shares done, from .*out/partial", *notes)
+    found = contents(out)
+    stages = [Sdf.Layer.OpenAsAnonymous(str(folder / STAGE_NAME)).ExportToString() for folder in (out, ball / "whole")]
+    assert stages[0] == stages[1]  # sample by sample: the shares came in another order
+    assert {name: found[name] for name in NAMES[:2]} == {name: whole[name] for name in NAMES[:2]}
+    assert not (out / "partial").exists()
