@@ -28,11 +28,16 @@ class HealthCheck:
     It reads the points that the frame has just written, once, and nothing else that grows with the number of worlds: no
     spring's length, no velocity. A velocity that is not finite makes a place that is not, a substep later; so do gas
     and pressure. What is written is looked at on the host again: see `Frame.is_finite`.
+
+    Args:
+        model: what is simulated.
+        lanes: threads that share a balloon; as many as suit the device, when missing.
     """
 
-    def __init__(self, model: Model):
-        largest = max(shape.mesh.vertex_count for shape in model.shapes)
-        lanes = 1 if model.device.is_cpu else -(-largest // PARTICLES_A_THREAD)
+    def __init__(self, model: Model, lanes: int | None = None):
+        if lanes is None:
+            largest = max(shape.mesh.vertex_count for shape in model.shapes)
+            lanes = 1 if model.device.is_cpu else -(-largest // PARTICLES_A_THREAD)
         self._shape = (model.world_count, model.balloon_count, lanes)
         origins, sizes, farthest = [], [LEAST_SIZE], [0.0]
         for shape, first in zip(model.shapes, model.particle_offsets, strict=False):

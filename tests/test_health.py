@@ -18,11 +18,15 @@ def scene(**balloon: object) -> Scene:
 
 
 def found(points: np.ndarray, spheres: np.ndarray, device: str, **balloon: object) -> list[int]:
-    """The first bad particle or sphere of each world."""
+    """The first bad particle or sphere of each world; the same by one thread, and by more than there are particles."""
     simulator = Simulator(scene(**balloon), device, world_count=len(points))
     for array, values in ((simulator.state.points, points), (simulator.state.sphere_positions, spheres)):
         wp.copy(array, wp.array(values, dtype=wp.vec3, device=device))
     HealthCheck(simulator.model).look(simulator.state, simulator.first_bad)
+    for lanes in (1, 3, 20):
+        first_bad = wp.full(len(points), HEALTHY, dtype=wp.int32, device=device)
+        HealthCheck(simulator.model, lanes).look(simulator.state, first_bad)
+        np.testing.assert_array_equal(first_bad.numpy(), simulator.first_bad.numpy())
     return simulator.first_bad.numpy().tolist()
 
 

@@ -229,8 +229,8 @@ def test_a_range_without_a_whole_frame_shows_the_next(tmp_path: Path):
     assert render_stage(path, tmp_path / "a.png", **SMALL) == [1]
 
 
-@pytest.mark.parametrize("data", ["text", {"pictureFrame": "soon"}, {"pictureFrame": 0.5}])
-def test_what_names_no_picture_frame_is_passed_over(stage: Path, data: object, tmp_path: Path):
+@pytest.mark.parametrize("data", ["text", {"pictureFrame": "soon"}, {"pictureFrame": 0.5}, {"pictureFrame": 48}])
+def test_what_names_no_picture_frame_that_is_there_is_passed_over(stage: Path, data: object, tmp_path: Path):
     opened = Usd.Stage.Open(str(stage))
     opened.GetRootLayer().customLayerData = {"balloonWarp": data}
     opened.GetRootLayer().Save()

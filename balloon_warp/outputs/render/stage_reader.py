@@ -59,10 +59,10 @@ class RenderStage:
 
     @property
     def picture_frame(self) -> int:
-        """The frame for a single picture: the one that the stage names, else the last."""
+        """The frame for a single picture: the one that the stage names, or the last where there is none so late."""
         ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
         named = ours.get("pictureFrame") if isinstance(ours, dict) else None
-        return named if isinstance(named, int) else self.last_frame
+        return min(named, self.last_frame) if isinstance(named, int) else self.last_frame
 
     def read_prims(self, frame: int) -> None:
         """Find what is drawn, as it is at a frame.
