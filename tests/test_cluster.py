@@ -3,6 +3,8 @@
 import functools
 import os
 import signal
+import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,6 +19,7 @@ from pxr import Sdf
 
 from balloon_warp import Cluster, InputError, MissingExtraError, Scene, WorkersLostError, run_batch
 from balloon_warp.cli import main
+from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
@@ -161,6 +164,37 @@ def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_garbage_at_its_ports_does_not_end_a_batch(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
+    """At the scheduler's, the workers' and their nannies', from anybody on this machine."""
+    heavy = scene(frames=30, substeps=400)
+    run_batch(heavy, tmp_path / "alone", 4, export=[0, 3], device="cpu")
+    capfd.readouterr()
+    strewn, local = [], Cluster(workers=2, prepare=quiet_warp)
+
+    def strew(frame: int) -> None:
+        for place in [] if strewn else listening():
+            for garbage in (b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 4096, struct.pack("<QQ", 8, 1 << 62), b"\0" * 64, b""):
+                with socket.create_connection(place, timeout=60) as stranger:
+                    stranger.sendall(garbage)
+                strewn.append(place)
+
+    run_batch(heavy, tmp_path / "both", 4, export=[0, 3], cluster=local, on_frame=strew)
+    assert len(set(strewn)) >= 3  # a scheduler and two workers
+    assert_same_files(tmp_path / "both", tmp_path / "alone")
+    assert capfd.readouterr().err == ""
+
+
+def listening() -> list[tuple[str, int]]:
+    """Where this process and those that it started listen."""
+    here = psutil.Process()
+    return [
+        (connection.laddr.ip, connection.laddr.port)
+        for process in (here, *here.children(recursive=True))
+        for connection in process.net_connections()
+        if connection.status == psutil.CONN_LISTEN
+    ]
+
+
 def end_worker() -> None:
     if is_at_work():
         os._exit(1)
@@ -281,15 +315,8 @@ def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatc
     with cluster_module.start_workers(environments) as workers, distributed.Client(workers) as client:
         seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
         assert sorted(seen.values()) == ["5", "6"]
-        here = psutil.Process()
-        listening = [
-            connection.laddr.ip
-            for process in (here, *here.children(recursive=True))
-            for connection in process.net_connections()
-            if connection.status == psutil.CONN_LISTEN
-        ]
-        assert len(listening) >= 3  # a scheduler and two workers
-        assert set(listening) == {"127.0.0.1"}
+        assert len(listening()) >= 3  # a scheduler and two workers
+        assert {address for address, _ in listening()} == {"127.0.0.1"}
 
 
 @pytest.mark.parametrize(

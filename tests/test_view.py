@@ -22,10 +22,14 @@ from balloon_warp.viewer.page import Page, _free_port  # noqa: E402
 from balloon_warp.viewer.session import Session  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+FLAGS = "--headless --no-sandbox --disable-gpu --disable-gpu-watchdog --disable-quic --no-first-run"
+FLAGS += " --disable-background-networking"
+SAVES = "Saves an animated stage (USD), and a scene that replays it from its start."
 needs_browser = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium")
-LIMIT = 40.0
+LIMIT = 120.0
 """seconds until what must come has not come: never waited for where all is well"""
+PATIENCE = 10.0
+"""seconds after which a person tries again"""
 
 
 def tethered() -> Scene:
@@ -86,6 +90,7 @@ def window(browser, served) -> Iterator:
 def open_window(browser, served: Page, fetched: list[str] | None = None):
     before = len(served.server.get_clients())
     window = browser.new_page(viewport={"width": 900, "height": 600})
+    window.set_default_timeout(1000.0 * LIMIT)
     if fetched is not None:
         window.on("request", lambda request: fetched.append(request.url))
     window.goto(served.address)
@@ -94,14 +99,46 @@ def open_window(browser, served: Page, fetched: list[str] | None = None):
     return window
 
 
+def see(window, served: Page, happened: Callable[[], object], what: str) -> None:
+    """Wait until a window shows something. A window that is behind and shows nothing new at all, as where a browser
+    without a GPU lost what it draws with, is loaded again: so would a person."""
+    seen, deadline = [time_shown(window), time.monotonic()], time.monotonic() + LIMIT
+    while not happened():
+        now, shown = time.monotonic(), time_shown(window)
+        if shown != seen[0] or f"**{shown}**" in served.controls.status.content:
+            seen = [shown, now]
+        elif now - seen[1] > PATIENCE:
+            window.reload()
+            window.get_by_text("Reset", exact=True).wait_for()
+        assert now < deadline, f"{what}: not within {LIMIT:g} s; the window shows {shown}, and does not stand still"
+        time.sleep(0.05)
+
+
+def time_shown(window) -> str:
+    """Simulated time, as the panel has it: "1.23 s"."""
+    return window.evaluate("(/[0-9.]+ s(?= ·)/.exec(document.body.innerText) || [''])[0]")
+
+
+def again(act: Callable[[], object], happened: Callable[[], object], what: str) -> None:
+    """Do something until it has happened: again, as people do, where the machine was too busy to notice."""
+    for _ in range(int(LIMIT / PATIENCE)):
+        act()
+        with contextlib.suppress(AssertionError):
+            return wait_until(happened, what, PATIENCE)
+    raise AssertionError(f"{what}: tried for {LIMIT:g} s")
+
+
 @pytest.fixture
 def fresh(window, served):
-    """The window, with the scene at its start, running."""
+    """The window, with everything at its start, running."""
     revision = served.session.picture.revision
+    served.session.ask(lambda playground: setattr(playground, "keep_stable", True))
+    served.session.set_speed(1.0)
     served.session.reset()
     wait_until(lambda: served.session.picture.revision > revision, "reset")
     wait_until(lambda: served.controls._bound[1] > revision, "the panel follows")
     wait_until(lambda: served.session.picture.frame.number > 3, "time goes on")
+    served.controls.tool.value, served.controls.stable.value = "throws a sphere", True
     return window
 
 
@@ -116,25 +153,35 @@ def asked(served: Page, frames: int = 2) -> None:
 
 
 def slide(window, label: str, value: float, heard: Callable[[], bool]) -> None:
-    """Type a value beside a slider; again, as people do, where a late word from the server takes its place."""
+    """Type a value beside a slider."""
     field = window.locator(f"xpath=//label[normalize-space()='{label}']/following::input[not(@type='hidden')][1]")
-    for _ in range(5):
+
+    def type_it() -> None:
         field.fill("")  # or the same number is no change
         field.fill(str(value))
         field.press("Enter")
-        with contextlib.suppress(AssertionError):
-            return wait_until(heard, f"{label} is {value:g}", LIMIT / 5)
-    raise AssertionError(f"{label}: typed {value:g} five times, and not heard")
+
+    again(type_it, heard, f"{label} is {value:g}")
 
 
 def inflation_is(served: Page, value: float) -> Callable[[], bool]:
     return lambda: served.session.picture.inflation == value
 
 
+def click_the_balloon(window, happened: Callable[[], object], what: str) -> None:
+    """It is in the middle."""
+    again(lambda: window.mouse.click(450, 300), happened, what)
+
+
 def unfold(window, folder: str, inside: str) -> None:
     if not window.get_by_text(inside, exact=True).is_visible():
         window.get_by_text(folder, exact=True).click()
         window.get_by_text(inside, exact=True).wait_for()
+
+
+def toggle(window, label: str) -> None:
+    unfold(window, "Show", "smooth balloon")
+    window.get_by_label(label, exact=True).click()
 
 
 def redness(window) -> int:
@@ -173,6 +220,7 @@ def test_keys_inflate_pause_and_step(fresh, served):
     served.controls.inflation.value = 0.0  # a slider that did not follow
     fresh.keyboard.press("ArrowUp")
     wait_until(lambda: served.session.picture.inflation > was, "inflation by key, from where it is")
+    see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "it can go on")
     fresh.get_by_text("Run", exact=True).click()
     wait_until(lambda: served.session.picture.frame.number > number + 5, "run by button")
 
@@ -183,8 +231,7 @@ def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
     before = volume(served)
     served.controls.mass.value = 10.0
     served.session.set_speed(0.25)  # so that no moment is missed
-    fresh.mouse.click(450, 300)  # the balloon is in the middle
-    wait_until(lambda: len(served.session.picture.scene.sphere) == 1, "a sphere appears")
+    click_the_balloon(fresh, lambda: served.session.picture.scene.sphere, "a sphere appears")
     radius = float(served.session.picture.scene.sphere[0].radius)
     gaps, volumes = [], []
 
@@ -195,7 +242,6 @@ def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
         return min(gaps) < 1.02 and min(volumes) < 0.99 * before
 
     wait_until(touched, "it dents the balloon")
-    served.session.set_speed(1.0)
 
 
 @needs_browser
@@ -223,43 +269,42 @@ def test_strings_are_tied_and_cut(fresh, served):
     fresh.get_by_text("Cut all strings", exact=True).click()
     wait_until(lambda: not served.session.picture.scene.string, "the string is cut")
     served.controls.tool.value = "ties a string"
-    fresh.mouse.click(450, 300)
-    wait_until(lambda: len(served.session.picture.scene.string) == 1, "a string is tied")
-    served.controls.tool.value = "throws a sphere"
+    click_the_balloon(fresh, lambda: served.session.picture.scene.string, "a string is tied")
     string = served.session.picture.scene.string[0]
     assert string.anchor[1] == pytest.approx(-1.0, abs=1e-5)  # the ground
 
 
 @needs_browser
 def test_toggles_change_what_is_drawn(fresh, served):
-    wait_until(lambda: redness(fresh) > 10_000, "the balloon is red")
-    unfold(fresh, "Show", "smooth balloon")
-    fresh.get_by_label("smooth balloon").click()
-    wait_until(lambda: redness(fresh) < 2000, "the balloon is hidden")
+    see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
+    toggle(fresh, "smooth balloon")
+    see(fresh, served, lambda: redness(fresh) < 2000, "the balloon is hidden")
     for label, name in (
         ("structural springs (black)", "structural"),
         ("vertex normals", "normals"),
         ("net forces", "forces"),
     ):
-        fresh.get_by_label(label, exact=True).click()
+        toggle(fresh, label)
         wait_until(lambda name=name: served.layers._lines[name].visible, label)
         wait_until(lambda name=name: len(served.layers._lines[name].points) > 100, label)
-    fresh.get_by_label("strain as color").click()
+    toggle(fresh, "strain as color")
     wait_until(lambda: any(band.visible for band in served.layers._bands[0]), "bands of strain")
-    for name in ("smooth balloon", "strain as color"):
-        fresh.get_by_label(name).click()
-    wait_until(lambda: redness(fresh) > 10_000, "the balloon is back")
+    for name in ("strain as color", "smooth balloon"):
+        toggle(fresh, name)
+    see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is back")
 
 
 @needs_browser
 def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
-    unfold(fresh, "Recording", "Saves an animated stage (USD), and a scene that replays it from its start.")
+    unfold(fresh, "Recording", SAVES)
     fresh.get_by_role("button", name="Record", exact=True).click()
     wait_until(lambda: served.session.recording, "it records")
-    fresh.mouse.click(450, 300)
+    click_the_balloon(fresh, lambda: served.session.picture.scene.sphere, "a sphere is thrown")
     slide(fresh, "inflation (k_normal)", 0.8, inflation_is(served, 0.8))
     asked(served, 20)
-    fresh.get_by_role("button", name="Stop and save").click()
+    stop = fresh.get_by_role("button", name="Stop and save")
+    see(fresh, served, lambda: unfold(fresh, "Recording", SAVES) or stop.is_visible(), "it can be stopped")
+    stop.click()
     wait_until(lambda: not served.session.recording, "it stops")
     wait_until(lambda: list(served.session.folder.glob("*.toml")), "it is written")
     folder = served.session.folder
@@ -272,8 +317,7 @@ def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
 @needs_browser
 def test_reset_goes_back_to_the_start(fresh, served):
     slide(fresh, "inflation (k_normal)", 1.0, inflation_is(served, 1.0))
-    fresh.mouse.click(450, 300)
-    wait_until(lambda: served.session.picture.scene.sphere, "a sphere is thrown")
+    click_the_balloon(fresh, lambda: served.session.picture.scene.sphere, "a sphere is thrown")
     fresh.get_by_text("Reset", exact=True).click()
     wait_until(lambda: not served.session.picture.scene.sphere, "reset")
     assert served.session.picture.inflation == pytest.approx(0.5)
@@ -288,23 +332,26 @@ def test_a_blow_up_is_caught_and_undone(fresh, served):
     stiffness = "structural springs"
     slide(fresh, stiffness, 200.0, lambda: served.session.picture.scene.balloon[0].stiffness.structural == 200.0)
     served.session.set("balloon.stiffness.structural", 1e9)
-    fresh.get_by_text("It blew up.").wait_for()
+    see(fresh, served, fresh.get_by_text("It blew up.").is_visible, "it says so")
     assert not served.session.picture.running
+    see(fresh, served, fresh.get_by_text("Back to the last good state").is_visible, "the way back")
     fresh.get_by_text("Back to the last good state").click()
     wait_until(lambda: not served.session.picture.trouble, "it is undone")
     assert np.isfinite(served.session.picture.frame.points[0]).all()
     assert served.session.picture.scene.balloon[0].stiffness.structural < 1e9
+    see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "it can go on")
     fresh.get_by_text("Run", exact=True).click()
     asked(served, 10)
-    fresh.get_by_label("as many substeps as stability asks").click()
 
 
 @needs_browser
 def test_a_second_window_joins_and_leaves(browser, fresh, served):
     second = open_window(browser, served)
+    see(second, served, second.get_by_text("Pause", exact=True).is_visible, "it can be stopped")
     second.get_by_text("Pause", exact=True).click()
-    fresh.get_by_text("Run", exact=True).wait_for()
+    see(fresh, served, fresh.get_by_text("Run", exact=True).is_visible, "the other window sees it")
     fresh.get_by_text("Run", exact=True).click()
+    wait_until(lambda: served.session.picture.running, "run by button")
     threads = threading.active_count()
     second.close()
     wait_until(lambda: len(served.server.get_clients()) == 1, "the window leaves")
@@ -321,11 +368,12 @@ def test_time_stands_still_while_nobody_watches(browser, tmp_path):
     asked(page, 10)
     window.close()
     wait_until(lambda: not page.session.watched, "nobody watches")
-    time.sleep(0.3)
-    number = page.session.picture.frame.number
-    time.sleep(0.5)
-    assert page.session.picture.frame.number == number
+    pictures = [page.session.picture]
+    while len(pictures) < 6:
+        wait_until(lambda: page.session.picture is not pictures[-1], "another picture")
+        pictures.append(page.session.picture)
+    assert len({picture.frame.number for picture in pictures[2:]}) == 1  # the first may have been under way
     page.stop()
     with pytest.raises(urllib.error.URLError):
-        urllib.request.urlopen(page.address, timeout=2)
+        urllib.request.urlopen(page.address, timeout=60)
     wait_until(lambda: threading.active_count() <= before, "its threads end")

@@ -84,6 +84,7 @@ class Page:
     def _show(self) -> None:
         """The thread that draws: the newest picture, whenever there is one and somebody looks."""
         drawn, panel_at = None, 0.0
+        np.seterr(over="ignore", invalid="ignore")  # on this thread: the page says what blew up, not the terminal
         while not self._stop.wait(SHOWN_SECONDS / 2):
             self.session.watched = bool(self.server.get_clients())
             picture = self.session.picture
