@@ -30,7 +30,7 @@ from balloon_warp.sweep.recorder import MEASURES
 MEBIBYTE = 2**20
 WARM_UP = 0.4
 """the part of a run that may still grow; the rest is cut into two stretches"""
-MARKS = 200
+MARKS = 2_000
 """looks at the memory in a run; ten of them are printed"""
 WORLDS = 4
 
@@ -64,11 +64,11 @@ class Case:
 
 CASES = (
     Case("substeps", frames=10_000, substeps=100, cells=4, unit=1_000, may_grow=0.1),
-    Case("run", frames=10_000, substeps=16, cells=13, unit=1_000, may_grow=0.5),
-    Case("batch", frames=10_000, substeps=16, cells=13, unit=1_000, may_grow=0.5),
+    Case("run", frames=10_000, substeps=16, cells=13, unit=1_000, may_grow=1.0),
+    Case("batch", frames=10_000, substeps=16, cells=13, unit=1_000, may_grow=1.0),
 )
-"""A frame of `run` and `batch` is 24 kB: kept, a thousand would take 23 MiB. What may remain are the places of its
-samples in the file."""
+"""A frame of `run` and `batch` is 24 kB: kept, a thousand would take 23 MiB. What remains, however large the mesh, are
+the time and the place in the file of each of its samples, some 24 bytes in USD's lists, which double when full."""
 QUICK = (
     replace(CASES[0], frames=3_000, substeps=10, unit=100, may_grow=0.1),
     replace(CASES[1], frames=300, unit=100, may_grow=0.8, save_bytes=MEBIBYTE),

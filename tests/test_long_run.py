@@ -22,9 +22,9 @@ def test_frames_that_are_kept_are_seen():
     assert growth.slope == pytest.approx(2.3, abs=1.0)  # 24 bytes of each of 1,016 particles
 
 
-@pytest.mark.parametrize(("per_thousand", "bounded"), [(0.0, True), (0.4, True), (0.8, False), (20.0, False)])
+@pytest.mark.parametrize(("per_thousand", "bounded"), [(0.0, True), (0.7, True), (1.5, False), (20.0, False)])
 def test_a_slope_is_found_beside_the_rise_and_fall_of_what_is_saved(per_thousand: float, bounded: bool):
-    """0.5 MiB in 1,000 frames are allowed; 64 MiB rise and fall each 2,700 frames."""
+    """1 MiB in 1,000 frames is allowed; 64 MiB rise and fall each 2,700 frames."""
     frames = range(0, 10_001, 50)
     marks = [(frame, 90.0 + frame % 2700 / 2700 * 64.0 + per_thousand * frame / 1000) for frame in frames]
     growth = Growth(CASES[1], marks, 0.0)
