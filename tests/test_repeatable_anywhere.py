@@ -1,0 +1,107 @@
+"""Neither the process, nor its environment, nor the number of workers is in what is written."""
+
+import os
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.batch import run_batch
+from balloon_warp.sweep.cluster import Cluster, start_workers
+
+WRITE = """
+import sys
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.job import animate
+from balloon_warp.scene import load_scene
+from balloon_warp.sweep.batch import run_batch
+
+if __name__ == "__main__":
+    quiet_warp()
+    scene, output = load_scene(sys.argv[1], [("frames", 3)]), sys.argv[2]
+    animate(scene, output + "/explicit.usdc", device="cpu")
+    animate(load_scene(sys.argv[1], [("frames", 3), ("solver", "projective")]), output + "/implicit.usda", device="cpu")
+    vary = {"gravity": [9.0, 9.1, 9.2], "balloon.inflation.k_normal": [0.1, 0.2, 0.3]}
+    run_batch(scene, output + "/batch", 3, vary, export=[1, 2], device="cpu")
+"""
+SCENE = """
+[[balloon]]
+mesh = "bälle.obj"
+[[sphere]]
+position = [0.0, 1.5, 0.0]
+radius = 0.3
+[[string]]
+anchor = [0.0, -1.5, 0.0]
+[ground]
+height = -1.2
+"""
+SCHEDULES = ("gather", "octets", "lanes", "block", "projective")
+ENVIRONMENTS = (
+    {"PYTHONHASHSEED": "0", "LC_ALL": "C", "TZ": "UTC", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    {"PYTHONHASHSEED": "4294967295", "LC_ALL": "C.UTF-8", "TZ": "Asia/Kolkata", "PYTHONUTF8": "1"},
+)
+
+
+def test_the_environment_of_a_process_is_not_in_its_outputs(tmp_path: Path):
+    """Hash seed, locale, time zone, threads of the linear algebra, working directory, relative and absolute paths."""
+    (tmp_path / "write.py").write_text(WRITE, encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
+    write_obj(tmp_path / "bälle.obj", quad_sphere(3))
+    written = []
+    for number, (environment, scene) in enumerate(
+        zip(ENVIRONMENTS, ("../scene.toml", str(tmp_path / "scene.toml")), strict=True)
+    ):
+        folder = tmp_path / f"from {number}"
+        folder.mkdir()
+        subprocess.run(
+            [sys.executable, "../write.py", scene, "." if number else str(folder)],
+            env={name: value for name, value in os.environ.items() if name not in ENVIRONMENTS[0]} | environment,
+            cwd=folder,
+            check=True,
+        )
+        files = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
+        written.append({str(path.relative_to(folder)): path.read_bytes() for path in files})
+    assert len(written[0]) == 5
+    assert written[0] == written[1]
+
+
+@cache
+def tables_alone(folder: Path) -> dict[str, list[bytes]]:
+    """Of each schedule, of this process."""
+    return {schedule: tables(schedule, folder) for schedule in SCHEDULES}
+
+
+def tables(schedule: str, folder: Path, cluster: Cluster | None = None) -> list[bytes]:
+    scene = Scene(
+        frames=3,
+        balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0))],
+        sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
+        string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
+        ground=Ground(),
+        solver="projective" if schedule == "projective" else "symplectic_euler",
+    )
+    vary = {"gravity": [9.0 + 0.1 * world for world in range(19)]}
+    run_batch(scene, folder, 19, vary, schedule=schedule, device="cpu", cluster=cluster)
+    return [(folder / name).read_bytes() for name in ("table.npz", "table.csv")]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_number_of_workers_is_not_in_the_table(
+    count: int, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+):
+    pytest.importorskip("distributed", reason="needs the extra `cluster`")
+    monkeypatch.setitem(shares.GRAIN, "cpu", 1)  # small batches are cut, too
+    monkeypatch.setattr(shares, "SHARES", 4)
+    alone = tables_alone(tmp_path_factory.getbasetemp() / "alone")
+    with start_workers([{}] * count) as workers:
+        address: Any = workers.scheduler_address
+        for schedule in SCHEDULES:
+            folder = tmp_path_factory.mktemp(schedule)
+            assert tables(schedule, folder, Cluster(address=address)) == alone[schedule], schedule
