@@ -43,6 +43,7 @@ class Pulls:
         self.model = model
         self._points = _row(state.points)
         self._spheres = _row(state.sphere_positions)
+        self._exchanged = np.linalg.norm(_row(state.sphere_forces), axis=1)
         pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
         kinds = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
         balloons = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
@@ -99,11 +100,14 @@ class Pulls:
         return [f"sphere {sphere}" for sphere in spheres] + ["the ground"] * bool(on_ground)
 
     def contact_at(self, sphere: int) -> Pull | None:
-        """Of the particles that lie on a sphere the one that pushes hardest; None if it is free."""
+        """Of the particles that lie on a sphere the one that pushes hardest, or all where they exchange momentum; None
+        if it is free."""
         distances = np.linalg.norm(self._points - self._spheres[sphere], axis=1)
         touching = np.flatnonzero(distances < TOUCH * _row(self.model.sphere_radius)[sphere])
         if not len(touching):
             return None
+        if self.model.scene.contact == "impulse":
+            return Pull(f"what was in contact with it, {len(touching):,} particles,", float(self._exchanged[sphere]))
         particle = int(touching[self._inflation[touching].argmax()])
         push = float(_row(self.model.sphere_penalty)[sphere] * self._inflation[particle])
         return Pull(f"particle {self._of_balloon(particle)} in contact with it", push)

@@ -6,21 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.air import has_pressure, inertia_of_particle, load_of_balloon
-from balloon_warp.kernels.block import (
-    SphereForces,
-    acceleration_by_touch,
-    aim_in_tile,
-    balloon_area,
-    begin_sphere_forces,
-    clear_sphere_force,
-    count_frame_in_block,
-    force_row,
-    meet_ground,
-    meet_sphere,
-    row_of,
-    sphere_radius,
-    were_touched,
-)
+from balloon_warp.kernels.block import aim_in_tile, balloon_area, count_frame_in_block
 from balloon_warp.kernels.block_air import (
     begin_gas,
     gas_row,
@@ -29,6 +15,17 @@ from balloon_warp.kernels.block_air import (
     next_gas,
     part_of_volume,
     start_particle,
+)
+from balloon_warp.kernels.block_contact import (
+    SphereForces,
+    acceleration_by_touch,
+    begin_sphere_forces,
+    clear_sphere_force,
+    force_row,
+    meeting_obstacles,
+    row_of,
+    sphere_radius,
+    were_touched,
 )
 from balloon_warp.kernels.contact import move_sphere
 from balloon_warp.kernels.contiguous import vector_of_tile
@@ -61,39 +58,13 @@ MAX_REGISTERS = 64
 """for blocks of 1,024 threads"""
 
 
-@wp.func
-def meet_obstacles(
-    obstacles: ObstacleTable,
-    sphere_forces: SphereForces,
-    sphere_count: wp.int32,
-    centers: Any,
-    motions: Any,
-    height: float,
-    world: wp.int32,
-    substep: wp.int32,
-    point: wp.vec3,
-    velocity: wp.vec3,
-    up: wp.vec3,
-    inflation: wp.vec3,
-    active: bool,
-):
-    """A particle out of every sphere, which gets its penalty, and above the ground."""
-    for sphere in range(sphere_count):
-        point, velocity = meet_sphere(
-            obstacles, sphere_forces, world, sphere, substep, point, velocity,
-            row_of(centers, sphere), row_of(motions, sphere),
-            sphere_radius(obstacles, world, sphere), up, inflation, active,
-        )  # fmt: skip
-    point, velocity = meet_ground(obstacles, world, point, velocity, up, height)
-    return point, velocity
-
-
 @cache
 def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_normals: bool) -> Any:
     """A kernel for worlds of up to so many particles and spheres; on the CPU, a block is one thread."""
     buffers = 2 * capacity
     pull_of_springs = spring_puller(traits, vector_of_tile)
     advance = euler_step(traits.forward_euler)
+    meet_obstacles = meeting_obstacles(traits.impulses)
     Spheres = wp.types.matrix(shape=(sphere_capacity, 3), dtype=wp.float32)  # noqa: N806 - a type
 
     @wp.kernel(
@@ -124,6 +95,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         """A block a world: one frame."""
         world, lane = wp.tid()
         count = state.points.shape[1]
+        sphere_count = state.sphere_positions.shape[1]
         threads = wp.block_dim()
         gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
         height = ground_height(obstacles, world)
@@ -136,7 +108,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                 begin_gas(air, state, gas_rows, world, step_seconds)
         centers = Spheres()
         motions = Spheres()
-        for sphere in range(state.sphere_positions.shape[1]):
+        for sphere in range(sphere_count):
             centers[sphere] = state.sphere_positions[world, sphere]
             motions[sphere] = state.sphere_velocities[world, sphere]
         for turn in range(rounds):
@@ -157,7 +129,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                                     faces, points, first, particle, points[first + particle], area
                                 )
             touched = were_touched(sphere_forces.stamps[world], substep - 1)
-            for sphere in range(state.sphere_positions.shape[1]):
+            for sphere in range(sphere_count):
                 pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
                 center, motion = move_sphere(
                     row_of(centers, sphere), row_of(motions, sphere), pushed, sphere_radius(obstacles, world, sphere),
@@ -223,8 +195,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                             point += step_seconds * velocity
                         if wp.static(not traits.corrected) and mass > 0.0:
                             point, velocity = meet_obstacles(
-                                obstacles, sphere_forces, state.sphere_positions.shape[1], centers, motions, height,
-                                world, substep, point, velocity, bodies.up, inflation, active,
+                                bodies, obstacles, sphere_forces, sphere_count, centers, motions, height, step_seconds,
+                                world, substep, particle, mass, point, velocity, inflation, active,
                             )  # fmt: skip
                         if active:
                             new_velocities[particle] = velocity
@@ -259,8 +231,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                     point, velocity = advance(point, velocity, body + inflation + pull, mass, step_seconds)
                     if wp.static(not traits.corrected) and mass > 0.0:
                         point, velocity = meet_obstacles(
-                            obstacles, sphere_forces, state.sphere_positions.shape[1], centers, motions, height,
-                            world, substep, point, velocity, bodies.up, inflation, active,
+                            bodies, obstacles, sphere_forces, sphere_count, centers, motions, height, step_seconds,
+                            world, substep, particle, mass, point, velocity, inflation, active,
                         )  # fmt: skip
                     if active:
                         new_velocities[particle] = velocity
@@ -289,6 +261,9 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                     particle = wp.min(turn * threads + lane, count - 1)
                     point = points[first + particle]
                     if active and bodies.mass_share[particle] > 0.0:
+                        mass = particle_mass(bodies, world, particle)
+                        if wp.static(traits.in_air):
+                            mass = inertia_of_particle(bodies, air, gas_rows[gas_row(world, substep)], world, particle)
                         balloon = bodies.balloon[particle]
                         ramp = state.inflation_ramp[world, balloon]
                         inflation = inflation_of_kind(
@@ -299,8 +274,8 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                             state.inflation_aims[world, particle],
                         )
                         point, velocity = meet_obstacles(
-                            obstacles, sphere_forces, state.sphere_positions.shape[1], centers, motions, height,
-                            world, substep, point, new_velocities[particle], bodies.up, inflation, active,
+                            bodies, obstacles, sphere_forces, sphere_count, centers, motions, height, step_seconds,
+                            world, substep, particle, mass, point, new_velocities[particle], inflation, active,
                         )  # fmt: skip
                         new_velocities[particle] = velocity
                     wp.tile_scatter_masked(points, first + particle, point, active)
@@ -310,7 +285,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                 state.velocities[world, particle] = new_velocities[particle]
         count_frame_in_block(state, world, lane)
         if lane == 0:
-            for sphere in range(state.sphere_positions.shape[1]):
+            for sphere in range(sphere_count):
                 state.sphere_positions[world, sphere] = centers[sphere]
                 state.sphere_velocities[world, sphere] = motions[sphere]
                 state.sphere_forces[world, sphere] = total_newtons(

@@ -3,8 +3,12 @@
 A particle inside a sphere moves out along center -> particle. Its velocity into the sphere is taken away too: the paper
 leaves it, but then a particle pressed against a sphere gathers speed for as long as it is pressed.
 
-The sphere gets a penalty force against that movement, proportional to how inflated the balloon is: the particle's own
-inflation force times the sphere's `penalty`, so that the sphere feels pressure times contact area.
+The sphere gets, by one of two rules,
+
+- "penalty", the paper's: a force against that movement, proportional to how inflated the balloon is: the particle's own
+  inflation force times the sphere's `penalty`, so that the sphere feels pressure times contact area. The particle's
+  momentum into the sphere is lost, and the sphere's comes from nowhere.
+- "impulse": the momentum that the particle loses, and nothing else. See `collide`.
 """
 
 import warp as wp
@@ -83,6 +87,24 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 
 @wp.func
+def collide(mass: float, sphere_part: float, velocity: wp.vec3, stopped: wp.vec3, step_seconds: float):
+    """A particle that left a sphere, and a part of the sphere's mass [kg], as an inelastic collision: the velocity of
+    the particle, and the force on the sphere [N] that gives it in the next step what the particle loses in this one.
+
+    The part is the particle's share of its balloon's mass, shared out to the balloons: those of all particles add up to
+    the sphere at most. So the sphere as a whole gets what its parts get, each from the velocities before the step, and
+    never turns back, however many particles touch it. Each collision takes away energy, and so does the sphere's coming
+    to one velocity. The force's line goes through both centers, so that nothing is turned.
+
+    Args:
+        velocity: before the contact.
+        stopped: the same without its part into the sphere, as if the sphere could not be moved.
+    """
+    after = velocity + sphere_part / (mass + sphere_part) * (stopped - velocity)
+    return after, (mass / step_seconds) * (velocity - after)
+
+
+@wp.func
 def move_sphere(
     position: wp.vec3,
     velocity: wp.vec3,
@@ -94,7 +116,7 @@ def move_sphere(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by penalties."""
+    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by contacts."""
     velocity += step_seconds * (pushed - gravity * up)
     position += step_seconds * velocity
     depth = ground_height + radius - wp.dot(position, up)
@@ -109,12 +131,16 @@ def resolve_contacts(
     # model
     particle_balloon: wp.array[wp.int32],
     particle_mass_share: wp.array[float],
+    mass: wp.array2d[float],
     inflation_kind: wp.array[wp.int32],
+    sphere_mass: wp.array2d[float],
     sphere_radius: wp.array2d[float],
     sphere_penalty: wp.array2d[float],
     up: wp.vec3,
     ground_height: wp.array[float],
     ground_friction: wp.array[float],
+    impulses: bool,
+    step_seconds: float,
     time_in_frame: float,
     # state in
     inflation_aims: wp.array2d[wp.vec3],
@@ -129,11 +155,12 @@ def resolve_contacts(
     new_velocities: wp.array2d[wp.vec3],
     sphere_forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): out of every sphere, then above the ground. Adds the penalty to `sphere_forces`."""
+    """A thread a (world, particle): out of every sphere, then above the ground. Adds to `sphere_forces`."""
     world, particle = wp.tid()
     point = points[world, particle]
     velocity = velocities[world, particle]
-    if particle_mass_share[particle] > 0.0:
+    share = particle_mass_share[particle]
+    if share > 0.0:
         balloon = particle_balloon[particle]
         ramp = inflation_ramp[world, balloon]
         inflation = inflation_of_kind(
@@ -146,12 +173,18 @@ def resolve_contacts(
         for sphere in range(sphere_positions.shape[1]):
             center = sphere_positions[world, sphere]
             radius = sphere_radius[world % sphere_radius.shape[0], sphere]
-            point, velocity, outward = leave_sphere(
+            point, stopped, outward = leave_sphere(
                 point, velocity, center, sphere_velocities[world, sphere], radius, up
             )
             if wp.length_sq(outward) > 0.0:
                 penalty = sphere_penalty[world % sphere_penalty.shape[0], sphere]
-                wp.atomic_add(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
+                push = penalty_force(penalty, inflation, outward)
+                if impulses:
+                    sphere_part = share * sphere_mass[world % sphere_mass.shape[0], sphere] / float(mass.shape[1])
+                    own = share * mass[world % mass.shape[0], balloon]
+                    stopped, push = collide(own, sphere_part, velocity, stopped, step_seconds)
+                velocity = stopped
+                wp.atomic_add(sphere_forces, world, sphere, push)
         height = ground_height[world % ground_height.shape[0]]
         friction = ground_friction[world % ground_friction.shape[0]]
         point, velocity = leave_ground(point, velocity, up, height, friction)
@@ -174,7 +207,7 @@ def move_spheres(
     sphere_velocities: wp.array2d[wp.vec3],
     sphere_forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, sphere): gravity, the penalties since the last step (then cleared), and the ground."""
+    """A thread a (world, sphere): gravity, the contacts since the last step (then cleared), and the ground."""
     world, sphere = wp.tid()
     position, velocity = move_sphere(
         sphere_positions[world, sphere],

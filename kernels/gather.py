@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.air import area_vector_of_particle, drag_in_air, has_pressure
-from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.contact import collide, leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.contiguous import vector_at
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.gas import inflation_of_kind
@@ -27,6 +27,7 @@ from balloon_warp.kernels.tables import (
     particle_damping,
     particle_mass,
     row_of_world,
+    sphere_part,
 )
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.water import water_force
@@ -57,31 +58,46 @@ def net_force(
     return body + inflation + pull + pull_of_strings(strings, point, world, particle)
 
 
-@wp.func
-def leave_obstacles(
-    bodies: BodyTable,
-    obstacles: ObstacleTable,
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    sphere_forces: wp.array3d[wp.int64],
-    world: wp.int32,
-    point: wp.vec3,
-    velocity: wp.vec3,
-    inflation: wp.vec3,
-):
-    """A particle that moves, out of every sphere, which gets its penalty, then above the ground."""
-    for sphere in range(sphere_positions.shape[1]):
-        radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
-        point, velocity, outward = leave_sphere(
-            point, velocity, sphere_positions[world, sphere], sphere_velocities[world, sphere], radius, bodies.up
+@cache
+def leaving_obstacles(impulses: bool) -> Any:
+    """The function that leaves obstacles, by either rule for spheres."""
+
+    @wp.func
+    def leave_obstacles(
+        bodies: BodyTable,
+        obstacles: ObstacleTable,
+        sphere_positions: wp.array2d[wp.vec3],
+        sphere_velocities: wp.array2d[wp.vec3],
+        sphere_forces: wp.array3d[wp.int64],
+        step_seconds: float,
+        world: wp.int32,
+        particle: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        inflation: wp.vec3,
+    ):
+        """A particle that moves, out of every sphere, which gets its force, then above the ground."""
+        for sphere in range(sphere_positions.shape[1]):
+            radius = obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere]
+            point, stopped, outward = leave_sphere(
+                point, velocity, sphere_positions[world, sphere], sphere_velocities[world, sphere], radius, bodies.up
+            )
+            if wp.length_sq(outward) > 0.0:
+                if wp.static(impulses):
+                    mass = particle_mass(bodies, world, particle)
+                    part = sphere_part(bodies, obstacles, world, particle, sphere)
+                    velocity, push = collide(mass, part, velocity, stopped, step_seconds)
+                else:
+                    penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
+                    velocity = stopped
+                    push = penalty_force(penalty, inflation, outward)
+                add_quanta(sphere_forces, world, sphere, push)
+        point, velocity = leave_ground(
+            point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
         )
-        if wp.length_sq(outward) > 0.0:
-            penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
-            add_quanta(sphere_forces, world, sphere, penalty_force(penalty, inflation, outward))
-    point, velocity = leave_ground(
-        point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
-    )
-    return point, velocity
+        return point, velocity
+
+    return leave_obstacles
 
 
 @cache
@@ -126,43 +142,51 @@ def force_kernel(traits: Traits) -> Any:
     return sum_forces
 
 
-@wp.kernel(enable_backward=False, module_options={"fast_math": True}, module="unique")
-def meet_obstacles(
-    # model
-    bodies: BodyTable,
-    obstacles: ObstacleTable,
-    air: AirTable,
-    time_in_frame: float,
-    # state in
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    inflation_loads: wp.array2d[wp.vec2],
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    # state in and out
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    sphere_forces: wp.array3d[wp.int64],
-):
-    """A thread a (world, particle): out of obstacles, after a correction."""
-    world, particle = wp.tid()
-    if bodies.mass_share[particle] > 0.0:
-        balloon = bodies.balloon[particle]
-        point = points[world, particle]
-        ramp = inflation_ramp[world, balloon]
-        inflation = inflation_of_kind(
-            air.kind[balloon],
-            ramp[0] + ramp[1] * time_in_frame,
-            inflation_loads[world, balloon],
-            wp.dot(point, bodies.up),
-            inflation_aims[world, particle],
-        )
-        point, velocity = leave_obstacles(
-            bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world,
-            point, velocities[world, particle], inflation,
-        )  # fmt: skip
-        points[world, particle] = point
-        velocities[world, particle] = velocity
+@cache
+def meeting_kernel(impulses: bool) -> Any:
+    """The kernel that lets particles leave obstacles after a correction."""
+    leave_obstacles = leaving_obstacles(impulses)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
+    def meet_obstacles(
+        # model
+        bodies: BodyTable,
+        obstacles: ObstacleTable,
+        air: AirTable,
+        step_seconds: float,
+        time_in_frame: float,
+        # state in
+        inflation_aims: wp.array2d[wp.vec3],
+        inflation_ramp: wp.array2d[wp.vec2],
+        inflation_loads: wp.array2d[wp.vec2],
+        sphere_positions: wp.array2d[wp.vec3],
+        sphere_velocities: wp.array2d[wp.vec3],
+        # state in and out
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        sphere_forces: wp.array3d[wp.int64],
+    ):
+        """A thread a (world, particle): out of obstacles, after a correction."""
+        world, particle = wp.tid()
+        if bodies.mass_share[particle] > 0.0:
+            balloon = bodies.balloon[particle]
+            point = points[world, particle]
+            ramp = inflation_ramp[world, balloon]
+            inflation = inflation_of_kind(
+                air.kind[balloon],
+                ramp[0] + ramp[1] * time_in_frame,
+                inflation_loads[world, balloon],
+                wp.dot(point, bodies.up),
+                inflation_aims[world, particle],
+            )
+            point, velocity = leave_obstacles(
+                bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, step_seconds, world, particle,
+                point, velocities[world, particle], inflation,
+            )  # fmt: skip
+            points[world, particle] = point
+            velocities[world, particle] = velocity
+
+    return meet_obstacles
 
 
 @cache
@@ -170,6 +194,7 @@ def particle_kernel(traits: Traits) -> Any:
     """The kernel that advances the particles."""
     pull_of_springs = spring_puller(traits, vector_at)
     advance = euler_step(traits.forward_euler)
+    leave_obstacles = leaving_obstacles(traits.impulses)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
     def advance_particles(
@@ -196,7 +221,7 @@ def particle_kernel(traits: Traits) -> Any:
     ):
         """A thread a (world, particle): one substep; the spheres have moved already. `new_points` is not `points`, and
         `new_velocities` is not `velocities` where a particle looks at its neighbors'. Where points are corrected, they
-        are so before they meet obstacles, which `meet_obstacles` lets them do then."""
+        are so before they meet obstacles, by `meeting_kernel`."""
         world, particle = wp.tid()
         mass = particle_mass(bodies, world, particle)
         velocity = velocities[world, particle]
@@ -212,8 +237,9 @@ def particle_kernel(traits: Traits) -> Any:
         point, velocity = advance(point, velocity, force, mass, step_seconds)
         if wp.static(not traits.corrected) and mass > 0.0:
             point, velocity = leave_obstacles(
-                bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world, point, velocity, inflation
-            )
+                bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, step_seconds, world, particle,
+                point, velocity, inflation,
+            )  # fmt: skip
         new_velocities[world, particle] = velocity
         new_points[world, particle] = point
 

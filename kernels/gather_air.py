@@ -1,10 +1,13 @@
 """Pressure, gas and air in the `gather` schedule. A substep goes in two halves, and between them the gas is weighed."""
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.air import has_pressure, load_of_balloon, swelling_beside_obstacles, volume_origin
 from balloon_warp.kernels.gas import VOLUME, Swelling, face_volume, inflation_of_kind
-from balloon_warp.kernels.gather import leave_obstacles
+from balloon_warp.kernels.gather import leaving_obstacles
 from balloon_warp.kernels.motion import response
 from balloon_warp.kernels.tables import (
     AirTable,
@@ -99,48 +102,57 @@ def weigh_gases(
         inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
 
 
-@wp.kernel(enable_backward=False)
-def finish_particles(
-    # model
-    bodies: BodyTable,
-    obstacles: ObstacleTable,
-    air: AirTable,
-    forward_euler: bool,
-    corrected: bool,
-    step_seconds: float,
-    time_in_frame: float,
-    # state in
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    inflation_loads: wp.array2d[wp.vec2],
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    # state in and out
-    new_velocities: wp.array2d[wp.vec3],
-    # state out
-    new_points: wp.array2d[wp.vec3],
-    sphere_forces: wp.array3d[wp.int64],
-):
-    """A thread a (world, particle): the inflation, the movement, and obstacles. `bodies` have the mass of their gas."""
-    world, particle = wp.tid()
-    balloon = bodies.balloon[particle]
-    point = points[world, particle]
-    ramp = inflation_ramp[world, balloon]
-    inflation = inflation_of_kind(
-        air.kind[balloon],
-        ramp[0] + ramp[1] * time_in_frame,
-        inflation_loads[world, balloon],
-        wp.dot(point, bodies.up),
-        inflation_aims[world, particle],
-    )
-    mass = particle_mass(bodies, world, particle)
-    velocity = new_velocities[world, particle] + response(mass, step_seconds) * inflation
-    point += step_seconds * wp.where(forward_euler, velocities[world, particle], velocity)
-    if mass > 0.0 and not corrected:
-        point, velocity = leave_obstacles(
-            bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world, point, velocity, inflation
+@cache
+def finishing_kernel(impulses: bool) -> Any:
+    """The kernel that ends a substep."""
+    leave_obstacles = leaving_obstacles(impulses)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def finish_particles(
+        # model
+        bodies: BodyTable,
+        obstacles: ObstacleTable,
+        air: AirTable,
+        forward_euler: bool,
+        corrected: bool,
+        step_seconds: float,
+        time_in_frame: float,
+        # state in
+        inflation_aims: wp.array2d[wp.vec3],
+        inflation_ramp: wp.array2d[wp.vec2],
+        inflation_loads: wp.array2d[wp.vec2],
+        sphere_positions: wp.array2d[wp.vec3],
+        sphere_velocities: wp.array2d[wp.vec3],
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # state in and out
+        new_velocities: wp.array2d[wp.vec3],
+        # state out
+        new_points: wp.array2d[wp.vec3],
+        sphere_forces: wp.array3d[wp.int64],
+    ):
+        """A thread a (world, particle): the inflation, the movement, and obstacles. `bodies` have the mass of their
+        gas."""
+        world, particle = wp.tid()
+        balloon = bodies.balloon[particle]
+        point = points[world, particle]
+        ramp = inflation_ramp[world, balloon]
+        inflation = inflation_of_kind(
+            air.kind[balloon],
+            ramp[0] + ramp[1] * time_in_frame,
+            inflation_loads[world, balloon],
+            wp.dot(point, bodies.up),
+            inflation_aims[world, particle],
         )
-    new_velocities[world, particle] = velocity
-    new_points[world, particle] = point
+        mass = particle_mass(bodies, world, particle)
+        velocity = new_velocities[world, particle] + response(mass, step_seconds) * inflation
+        point += step_seconds * wp.where(forward_euler, velocities[world, particle], velocity)
+        if mass > 0.0 and not corrected:
+            point, velocity = leave_obstacles(
+                bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, step_seconds, world, particle,
+                point, velocity, inflation,
+            )  # fmt: skip
+        new_velocities[world, particle] = velocity
+        new_points[world, particle] = point
+
+    return finish_particles

@@ -356,5 +356,7 @@ def advance_groups(
             move_particle_lanes(traits, bodies, springs, lanes, group, time_in_frame, step_seconds, points, new_points)
             add_string_lanes(traits, bodies, strings, state, lanes, group, step_seconds, points, new_points)
         correct_lanes(bodies, correction, lanes, new_points, group, step_seconds)
-        leave_obstacle_lanes(bodies, air, obstacles, state, lanes, new_points, group, time_in_frame)
+        leave_obstacle_lanes(
+            traits, bodies, air, obstacles, state, lanes, new_points, group, step_seconds, time_in_frame
+        )
     write_lanes(state, lanes, new_points, group)

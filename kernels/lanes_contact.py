@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.contact import collide, leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.lanes_air import inflation_in_lane
-from balloon_warp.kernels.lanes_state import LaneState, world_of
+from balloon_warp.kernels.lanes_state import INERTIA, MASS, LaneState, LaneTraits, world_of
 from balloon_warp.kernels.lanes_types import (
     LANE_COUNT,
     Lanes3,
@@ -23,6 +23,7 @@ from balloon_warp.kernels.tables import (
     ground_height,
     ground_restitution,
     row_of_world,
+    sphere_part,
 )
 
 
@@ -74,6 +75,7 @@ def touches_ground(lanes: LaneState, group: wp.int32, up: wp.vec3, point: Lanes3
 
 @wp.func
 def leave_sphere_lanes(
+    traits: LaneTraits,
     bodies: BodyTable,
     air: AirTable,
     obstacles: ObstacleTable,
@@ -83,15 +85,17 @@ def leave_sphere_lanes(
     group: wp.int32,
     particle: wp.int32,
     sphere: wp.int32,
+    step_seconds: float,
     time_in_frame: float,
 ):
     """A particle out of a sphere, world by world."""
     for lane in range(LANE_COUNT):
         world = group * LANE_COUNT + lane
         if world < state.points.shape[0]:
-            point, velocity, outward = leave_sphere(
+            velocity = column(lanes.velocities[group, particle], lane)
+            point, stopped, outward = leave_sphere(
                 column(points[particle], lane),
-                column(lanes.velocities[group, particle], lane),
+                velocity,
                 state.sphere_positions[world, sphere],
                 state.sphere_velocities[world, sphere],
                 obstacles.sphere_radius[row_of_world(world, obstacles.sphere_radius.shape[0]), sphere],
@@ -99,12 +103,20 @@ def leave_sphere_lanes(
             )
             if wp.length_sq(outward) > 0.0:
                 numbers = lanes.balloons[group, bodies.balloon[particle]]
-                inflation = inflation_in_lane(
-                    air, bodies.balloon[particle], numbers, lane, time_in_frame,
-                    wp.dot(column(points[particle], lane), bodies.up), column(lanes.aims[group, particle], lane),
-                )  # fmt: skip
-                penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
-                state.sphere_forces[world, sphere] += penalty_force(penalty, inflation, outward)
+                push = wp.vec3()
+                if traits.impulses:
+                    mass = bodies.mass_share[particle] * numbers[wp.where(traits.in_air, INERTIA, MASS)][lane]
+                    part = sphere_part(bodies, obstacles, world, particle, sphere)
+                    velocity, push = collide(mass, part, velocity, stopped, step_seconds)
+                else:
+                    inflation = inflation_in_lane(
+                        air, bodies.balloon[particle], numbers, lane, time_in_frame,
+                        wp.dot(column(points[particle], lane), bodies.up), column(lanes.aims[group, particle], lane),
+                    )  # fmt: skip
+                    penalty = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0]), sphere]
+                    velocity = stopped
+                    push = penalty_force(penalty, inflation, outward)
+                state.sphere_forces[world, sphere] += push
                 points[particle] = set_column(points[particle], lane, point)
                 lanes.velocities[group, particle] = set_column(lanes.velocities[group, particle], lane, velocity)
 
@@ -135,6 +147,7 @@ def leave_ground_lanes(
 
 @wp.func
 def leave_obstacle_lanes(
+    traits: LaneTraits,
     bodies: BodyTable,
     air: AirTable,
     obstacles: ObstacleTable,
@@ -142,6 +155,7 @@ def leave_obstacle_lanes(
     lanes: LaneState,
     points: wp.array[Lanes3],
     group: wp.int32,
+    step_seconds: float,
     time_in_frame: float,
 ):
     """Every particle that is free to move, out of spheres and ground."""
@@ -150,7 +164,8 @@ def leave_obstacle_lanes(
             for sphere in range(state.sphere_positions.shape[1]):
                 if touches_sphere(lanes, group, sphere, points[particle]):
                     leave_sphere_lanes(
-                        bodies, air, obstacles, state, lanes, points, group, particle, sphere, time_in_frame
-                    )
+                        traits, bodies, air, obstacles, state, lanes, points, group, particle, sphere,
+                        step_seconds, time_in_frame,
+                    )  # fmt: skip
             if touches_ground(lanes, group, bodies.up, points[particle]):
                 leave_ground_lanes(bodies, obstacles, state, lanes, points, group, particle)

@@ -44,6 +44,7 @@ class LaneTraits:
     rubber: bool
     in_air: bool
     forward_euler: bool
+    impulses: bool
 
 
 @wp.struct

@@ -91,11 +91,11 @@ def inflation_octet(numbers: wp.array[Lanes], time_in_frame: float):
 
 
 @cache
-def octet_kernel(fresh_normals: bool, spheres: bool) -> Any:
+def octet_kernel(fresh_normals: bool, spheres: bool, impulses: bool) -> Any:
     """The kernel that advances worlds; with fresh normals it aims the inflation every substep, or not at all. Without
     spheres it compiles sooner."""
     is_any_touching = touching_any(spheres)
-    leave_obstacles = leaving_obstacles(spheres)
+    leave_obstacles = leaving_obstacles(spheres, impulses)
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_octets(
@@ -140,7 +140,7 @@ def octet_kernel(fresh_normals: bool, spheres: bool) -> Any:
                 point += step_seconds * velocity
                 if is_any_touching(bodies, obstacles, state, world, point):
                     point, velocity = leave_obstacles(
-                        bodies, obstacles, state, octets, world, octet, time_in_frame, point, velocity
+                        bodies, obstacles, state, octets, world, octet, step_seconds, time_in_frame, point, velocity
                     )
                 octets.velocities[world, octet] = velocity
                 store(new_points, octet, point)

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact import leave_ground, leave_sphere, move_sphere, penalty_force
+from balloon_warp.kernels.contact import collide, leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, set_column
 from balloon_warp.kernels.octets_state import RAMP_BEGIN, RAMP_SLOPE, OctetState
@@ -17,7 +17,9 @@ from balloon_warp.kernels.tables import (
     ground_friction,
     ground_height,
     ground_restitution,
+    particle_mass,
     row_of_world,
+    sphere_part,
 )
 
 
@@ -86,8 +88,8 @@ def touching_any(spheres: bool) -> Any:
 
 
 @cache
-def leaving_obstacles(spheres: bool) -> Any:
-    """The function that leaves obstacles."""
+def leaving_obstacles(spheres: bool, impulses: bool) -> Any:
+    """The function that leaves obstacles, by either rule for spheres."""
 
     @wp.func
     def leave_obstacles(
@@ -97,6 +99,7 @@ def leaving_obstacles(spheres: bool) -> Any:
         octets: OctetState,
         world: wp.int32,
         octet: wp.int32,
+        step_seconds: float,
         time_in_frame: float,
         points: Lanes3,
         velocities: Lanes3,
@@ -111,7 +114,7 @@ def leaving_obstacles(spheres: bool) -> Any:
                 velocity = column(velocities, lane)
                 if wp.static(spheres):
                     for sphere in range(state.sphere_positions.shape[1]):
-                        point, velocity, outward = leave_sphere(
+                        point, stopped, outward = leave_sphere(
                             point,
                             velocity,
                             state.sphere_positions[world, sphere],
@@ -120,10 +123,17 @@ def leaving_obstacles(spheres: bool) -> Any:
                             bodies.up,
                         )
                         if wp.length_sq(outward) > 0.0:
-                            k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
-                            inflation = inflation_force(k_normal, column(octets.aims[world, octet], lane))
-                            penalties = obstacles.sphere_penalty[row_of_world(world, obstacles.sphere_penalty.shape[0])]
-                            state.sphere_forces[world, sphere] += penalty_force(penalties[sphere], inflation, outward)
+                            if wp.static(impulses):
+                                mass = particle_mass(bodies, world, particle)
+                                part = sphere_part(bodies, obstacles, world, particle, sphere)
+                                velocity, push = collide(mass, part, velocity, stopped, step_seconds)
+                            else:
+                                k_normal = numbers[RAMP_BEGIN][lane] + numbers[RAMP_SLOPE][lane] * time_in_frame
+                                inflation = inflation_force(k_normal, column(octets.aims[world, octet], lane))
+                                row = row_of_world(world, obstacles.sphere_penalty.shape[0])
+                                velocity = stopped
+                                push = penalty_force(obstacles.sphere_penalty[row, sphere], inflation, outward)
+                            state.sphere_forces[world, sphere] += push
                 point, velocity = leave_ground(
                     point, velocity, bodies.up, ground_height(obstacles, world), ground_friction(obstacles, world)
                 )

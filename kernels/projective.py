@@ -21,7 +21,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contiguous import vector_at
-from balloon_warp.kernels.gather import leave_obstacles
+from balloon_warp.kernels.gather import leaving_obstacles
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import lift
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
@@ -152,33 +152,41 @@ def apply_increments(
     trial_points[world, particle] = points[world, particle] + displacement
 
 
-@wp.kernel(enable_backward=False)
-def take_displacements(
-    # model
-    bodies: BodyTable,
-    obstacles: ObstacleTable,
-    step_seconds: float,
-    time_in_frame: float,
-    # state in
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    displacements: wp.array2d[wp.vec3],
-    # state in and out
-    points: wp.array2d[wp.vec3],
-    # state out
-    velocities: wp.array2d[wp.vec3],
-    sphere_forces: wp.array3d[wp.int64],
-):
-    """A thread a (world, particle): the substep ends, and contacts follow; the spheres have moved already."""
-    world, particle = wp.tid()
-    point = points[world, particle] + displacements[world, particle]
-    velocity = displacements[world, particle] / step_seconds
-    if bodies.mass_share[particle] > 0.0:
-        inflation = inflation_of(bodies, inflation_aims, inflation_ramp, world, particle, time_in_frame)
-        point, velocity = leave_obstacles(
-            bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, world, point, velocity, inflation
-        )
-    points[world, particle] = point
-    velocities[world, particle] = velocity
+@cache
+def ending_kernel(impulses: bool) -> Any:
+    """The kernel that ends a substep."""
+    leave_obstacles = leaving_obstacles(impulses)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def take_displacements(
+        # model
+        bodies: BodyTable,
+        obstacles: ObstacleTable,
+        step_seconds: float,
+        time_in_frame: float,
+        # state in
+        inflation_aims: wp.array2d[wp.vec3],
+        inflation_ramp: wp.array2d[wp.vec2],
+        sphere_positions: wp.array2d[wp.vec3],
+        sphere_velocities: wp.array2d[wp.vec3],
+        displacements: wp.array2d[wp.vec3],
+        # state in and out
+        points: wp.array2d[wp.vec3],
+        # state out
+        velocities: wp.array2d[wp.vec3],
+        sphere_forces: wp.array3d[wp.int64],
+    ):
+        """A thread a (world, particle): the substep ends, and contacts follow; the spheres have moved already."""
+        world, particle = wp.tid()
+        point = points[world, particle] + displacements[world, particle]
+        velocity = displacements[world, particle] / step_seconds
+        if bodies.mass_share[particle] > 0.0:
+            inflation = inflation_of(bodies, inflation_aims, inflation_ramp, world, particle, time_in_frame)
+            point, velocity = leave_obstacles(
+                bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, step_seconds, world, particle,
+                point, velocity, inflation,
+            )  # fmt: skip
+        points[world, particle] = point
+        velocities[world, particle] = velocity
+
+    return take_displacements

@@ -202,6 +202,13 @@ def particle_mass(bodies: BodyTable, world: wp.int32, particle: wp.int32):
 
 
 @wp.func
+def sphere_part(bodies: BodyTable, obstacles: ObstacleTable, world: wp.int32, particle: wp.int32, sphere: wp.int32):
+    """What a particle bumps into of a sphere's mass [kg], see `contact.collide`."""
+    mass = obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere]
+    return bodies.mass_share[particle] * mass / float(bodies.mass.shape[1])
+
+
+@wp.func
 def particle_damping(bodies: BodyTable, world: wp.int32, particle: wp.int32):
     """[N s/m]"""
     damping = bodies.damping[row_of_world(world, bodies.damping.shape[0]), bodies.balloon[particle]]

@@ -20,6 +20,9 @@ class Traits(NamedTuple):
     forward_euler: bool = False
     """points move by the old velocities"""
 
+    impulses: bool = False
+    """touching particles and spheres exchange momentum"""
+
     @property
     def keeps_velocities(self) -> bool:
         """Whether velocities before a substep are needed when some after it are known."""

@@ -53,3 +53,10 @@ def put(simulator: Simulator, points: NDArray | None = None, velocities: NDArray
         if values is not None:
             rows = np.broadcast_to(values, (*array.shape, 3))
             wp.copy(array, wp.array(rows, dtype=wp.vec3, device=simulator.model.device))
+
+
+def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:
+    """Of the spheres, with what they get when they next move [kg m/s], shape (sphere_count, 3)."""
+    model, state = simulator.model, simulator.state
+    velocities, forces = (a.numpy()[0].astype(np.float64) for a in (state.sphere_velocities, state.sphere_forces))
+    return model.sphere_mass.numpy()[0, :, None] * velocities + model.step_seconds * forces

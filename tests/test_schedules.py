@@ -93,6 +93,7 @@ def _with_stiffness(scene: Scene, *of_balloons: Stiffness) -> Scene:
     return scene.model_copy(update={"balloon": balloons})
 
 
+IMPULSE = {"contact": "impulse"}
 CORRECTED = {"correction": "provot", "correction_limit": 0.01, "correction_sweeps": 2}
 
 
@@ -155,6 +156,9 @@ SCENES = {
     "rubber in air": in_air_with_rubber(),
     "corrected in air": in_air().model_copy(update=CORRECTED),
     "forward Euler in air": in_air_by_forward_euler(),
+    "impulse": everything().model_copy(update=IMPULSE),
+    "impulse in air": in_air().model_copy(update=IMPULSE),
+    "corrected impulse in air": in_air().model_copy(update=CORRECTED | IMPULSE),
 }
 
 

@@ -111,13 +111,14 @@ METHODS = {
     "forward Euler": ({"solver": "forward_euler"}, 1e-5),
     "fresh normals": ({"normals": "fresh"}, 1e-5),
     "correction": ({"correction": "provot", "correction_limit": 0.001}, 1e-4),  # its sweeps pass rounding on
+    "impulse": ({"contact": "impulse"}, 1e-5),
 }
 
 
 @pytest.mark.parametrize(("method", "tolerance"), METHODS.values(), ids=METHODS)
 def test_another_method_takes_over(method, tolerance, device, schedule):
     """From the frame on that the change names, as in `scatter`."""
-    if schedule in ("octets", "lanes", "block") and "normals" not in method:
+    if schedule in ("octets", "lanes", "block") and not {"normals", "contact"} & method.keys():
         schedule = "auto"  # which takes another where that one lacks the method
     changed = busy(change=[Change(time=2 / 60, set=method)])
     found, expected = (after_frames(changed, 4, device, name).state.points.numpy() for name in (schedule, "scatter"))

@@ -16,7 +16,7 @@ Vary = Mapping[str, ArrayLike]
 Place = tuple[str, tuple[int | slice, ...]]
 """an array of `Parameters`, and an index into each world's part of it"""
 
-METHODS = ("substeps", "solver", "normals", "correction", "correction_sweeps")
+METHODS = ("substeps", "solver", "normals", "correction", "correction_sweeps", "contact")
 """fields of the scene that are no parameters, and may change during a simulation all the same"""
 KINDS = ("structural", "shear", "flexion")
 NEVER_YIELDS = 1.0e9

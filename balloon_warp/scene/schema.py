@@ -177,7 +177,8 @@ class Sphere(Table):
     velocity: Vector = (0.0, 0.0, 0.0)
     """at the start [m/s]"""
     penalty: NonNegative = 1.0
-    """force it gets from a touching particle, as a multiple of that particle's inflation force"""
+    """force it gets from a touching particle, as a multiple of that particle's inflation force; without meaning where
+    `contact = "impulse"`"""
     color: tuple[UnitInterval, UnitInterval, UnitInterval] | None = None
     start: NonNegative = 0.0
     """when it appears, at its position and velocity [s]; until then nothing touches it"""
@@ -240,7 +241,8 @@ class Change(Table):
     """when [s]; it happens at the first frame that is not before"""
     set: Annotated[dict[str, Any], Field(min_length=1)]
     """the new values by their paths, as in overrides: { "balloon.helium" = 12.0 }. What may change is what may differ
-    between worlds, but for places and velocities at the start; and `substeps`, `solver`, `normals` and `correction`."""
+    between worlds, but for places and velocities at the start; and `substeps`, `solver`, `normals`, `correction` and
+    `contact`."""
 
 
 class Atmosphere(Table):
@@ -292,6 +294,9 @@ class Scene(Table):
     """how often a correction goes through all springs"""
     normals: Literal["cached", "fresh"] = "cached"
     """normals and areas of the inflation: refreshed once a frame (the paper), or every substep"""
+    contact: Literal["penalty", "impulse"] = "penalty"
+    """what a sphere gets from a touching particle: a force in proportion to the balloon's inflation (the paper); or the
+    momentum that the particle loses, so that balloons and spheres together keep theirs"""
     net_forces: bool = False
     """write the net force on each particle into the stage, as curves"""
     picture_frame: Annotated[int, Field(ge=0)] | None = None

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.block import FORCE_ROWS, SphereForces
 from balloon_warp.kernels.block_air import GAS_ROWS
+from balloon_warp.kernels.block_contact import FORCE_ROWS, SphereForces
 from balloon_warp.kernels.block_resident import resident_kernel
 from balloon_warp.kernels.block_resident_air import resident_air_kernel
 from balloon_warp.kernels.block_streaming import streaming_kernel

@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.frame import count_frame
-from balloon_warp.kernels.gather import meet_obstacles, particle_kernel
+from balloon_warp.kernels.gather import meeting_kernel, particle_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.correct import Corrector
@@ -40,6 +40,7 @@ class GatherSchedule:
         ends = spring_ends(model)
         self._traits = model_traits(model)
         self._kernel = particle_kernel(self._traits)
+        self._meet_obstacles = meeting_kernel(self._traits.impulses)
         self._corrector = Corrector(model)
         self._springs = spring_table(model, ends)
         self._strings = string_table(model)
@@ -66,6 +67,7 @@ class GatherSchedule:
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
         model = self.model
+        bodies = self._air.bodies_with_gas if self._air else self._bodies
         refresh_ramp(model, state)
         self._spheres.begin_frame(state)
         points, new_points = state.points, self._other_points
@@ -80,9 +82,9 @@ class GatherSchedule:
             if self._traits.corrected:
                 self._corrector.correct(*new)
                 self._launch(
-                    meet_obstacles,
+                    self._meet_obstacles,
                     (model.world_count, model.particle_count),
-                    *(self._bodies, self._obstacles, self._air_table, substep * model.step_seconds),
+                    *(bodies, self._obstacles, self._air_table, model.step_seconds, substep * model.step_seconds),
                     *(state.inflation_aims, state.inflation_ramp, state.inflation_loads),
                     *(state.sphere_positions, state.sphere_velocities),
                     *(*new, self._spheres.forces),

@@ -6,7 +6,7 @@ import warp as wp
 
 from balloon_warp.kernels.air import move_gases
 from balloon_warp.kernels.gather import force_kernel
-from balloon_warp.kernels.gather_air import finish_particles, start_particles, weigh_gases
+from balloon_warp.kernels.gather_air import finishing_kernel, start_particles, weigh_gases
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.tables import air_table, body_table, face_table, obstacle_table, string_table, water_table
@@ -27,12 +27,13 @@ class GatherAir:
         worlds, device = model.world_count, model.device
         self.model, self._traits = model, model_traits(model)
         self._masses = wp.zeros((worlds, model.balloon_count), dtype=float, device=device)
-        self._bodies, self._bodies_with_gas = body_table(model), body_table(model, self._masses)
+        self._bodies, self.bodies_with_gas = body_table(model), body_table(model, self._masses)
         self._faces, self._air, self._obstacles = face_table(model), air_table(model), obstacle_table(model)
         self._force_tables = [
             *(self._bodies, springs, string_table(model), water_table(model), self._faces, self._air),
         ]
         self._force_kernel = force_kernel(self._traits)
+        self._finish_particles = finishing_kernel(self._traits.impulses)
         self._forces = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
 
     @staticmethod
@@ -68,13 +69,13 @@ class GatherAir:
         self._launch(
             start_particles,
             particles,
-            *(self._bodies_with_gas, m.step_seconds, self._forces, velocities, new_velocities),
+            *(self.bodies_with_gas, m.step_seconds, self._forces, velocities, new_velocities),
         )
         wp.launch_tiled(
             weigh_gases,
             dim=(m.world_count, m.balloon_count),
             inputs=[
-                *(self._bodies_with_gas, self._faces, self._obstacles, self._air),
+                *(self.bodies_with_gas, self._faces, self._obstacles, self._air),
                 *(time_in_frame, m.step_seconds),
                 *(points, new_velocities, state.inflation_aims, state.inflation_ramp, state.gas_amounts),
                 state.sphere_positions,
@@ -84,9 +85,9 @@ class GatherAir:
             device=m.device,
         )
         self._launch(
-            finish_particles,
+            self._finish_particles,
             particles,
-            *(self._bodies_with_gas, self._obstacles, self._air),
+            *(self.bodies_with_gas, self._obstacles, self._air),
             *(self._traits.forward_euler, self._traits.corrected, m.step_seconds, time_in_frame),
             *(state.inflation_aims, state.inflation_ramp, state.inflation_loads),
             *(state.sphere_positions, state.sphere_velocities, points, velocities),

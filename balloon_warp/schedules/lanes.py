@@ -109,6 +109,7 @@ def _lane_traits(model: Model) -> Any:
     traits.rubber = used.rubber
     traits.in_air = used.in_air
     traits.forward_euler = used.forward_euler
+    traits.impulses = used.impulses
     return traits
 
 

@@ -17,7 +17,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.schedules.octet_tables import face_octet_count, octet_count, octet_faces, octet_springs
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, string_table, world_state
-from balloon_warp.schedules.traits import beyond_basics
+from balloon_warp.schedules.traits import beyond_basics, model_traits
 
 FAR_AWAY = 1e16
 """a coordinate [m] at which a face is nearest to no particle, and whose square is a finite float"""
@@ -40,7 +40,7 @@ class OctetsSchedule:
             raise InputError(f"--schedule octets: does not simulate {beyond}; use gather")
         self.model = model
         self._fresh_normals = model.scene.normals == "fresh"
-        self._kernel = octet_kernel(self._fresh_normals, model.sphere_count > 0)
+        self._kernel = octet_kernel(self._fresh_normals, model.sphere_count > 0, model_traits(model).impulses)
         self._aims = AimRefresher(model)
         faces = octet_faces(model)
         self._tables = [

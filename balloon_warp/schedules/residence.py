@@ -42,7 +42,7 @@ def residence(model: Model, ends: SpringEnds) -> Residence | None:
     Two particles a thread share what a thread does for itself (spheres, barriers), and their loads overlap; where a
     multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster.
     """
-    if not thread_a_particle(model) or model.device.is_cpu or beyond_basics(model):
+    if not thread_a_particle(model) or model.device.is_cpu or beyond_basics(model) or model_traits(model).impulses:
         return None
     single, double = _layout(model, ends, 1), _layout(model, ends, 2)
     if single and double:

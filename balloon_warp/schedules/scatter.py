@@ -208,12 +208,15 @@ class ScatterSchedule:
 
     def _resolve_contacts(self, state: State, time_in_frame: float) -> None:
         m = self.model
+        mass = self._air.masses if self._air else m.mass
         if m.sphere_count or m.scene.ground:
             self._launch(
                 resolve_contacts,
                 (m.world_count, m.particle_count),
-                *(m.particle_balloon, m.particle_mass_share, m.inflation_kind, m.sphere_radius, m.sphere_penalty),
-                *(m.up, m.ground_height, m.ground_friction, time_in_frame),
+                *(m.particle_balloon, m.particle_mass_share, mass, m.inflation_kind),
+                *(m.sphere_mass, m.sphere_radius, m.sphere_penalty),
+                *(m.up, m.ground_height, m.ground_friction),
+                *(self._traits.impulses, m.step_seconds, time_in_frame),
                 *(state.inflation_aims, state.inflation_ramp, state.inflation_loads),
                 *(state.sphere_positions, state.sphere_velocities),
                 *(state.points, state.velocities),

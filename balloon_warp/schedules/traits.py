@@ -26,6 +26,7 @@ def model_traits(model: Model) -> Traits:
         in_water=model.has_water,
         in_air=model.in_air,
         forward_euler=model.scene.solver == "forward_euler",
+        impulses=model.scene.contact == "impulse" and model.sphere_count > 0,
     )
 
 

@@ -9,9 +9,9 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.projective import (
     apply_increments,
+    ending_kernel,
     foresee_displacements,
     local_step_kernel,
-    take_displacements,
 )
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
@@ -45,6 +45,7 @@ class ProjectiveSolver:
         self._bodies = body_table(model)
         ends = spring_ends(model)
         self._local_step = local_step_kernel(model_traits(model))
+        self._end_substep = ending_kernel(model_traits(model).impulses)
         self._springs = spring_table(model, ends)
         self._strings = string_table(model)
         self._obstacles = obstacle_table(model)
@@ -101,7 +102,7 @@ class ProjectiveSolver:
             self._global_step.solve(self._residuals, self._increments)
             self._launch(apply_increments, state.points, self._increments, u, trial)
         self._launch(
-            take_displacements,
+            self._end_substep,
             *(self._bodies, self._obstacles, h, time_in_frame),
             *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
             *(u, state.points, state.velocities, self._spheres.forces),

@@ -42,7 +42,7 @@ VALUES = [
 ]
 CHOICES = {
     field: {name.replace("_", " "): name for name in get_args(Scene.model_fields[field].annotation)}
-    for field in ("solver", "normals", "correction")
+    for field in ("solver", "normals", "correction", "contact")
 }
 """of the scene, by what they are called in the panel"""
 
