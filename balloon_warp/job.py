@@ -183,7 +183,10 @@ def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None
     """The frame that a run begins at: the last checkpoint's, if that is wanted and there is one."""
     leftover, folder = checkpoints.leftover, checkpoints.folder.path
     if not resume and leftover is not None:
-        on_note(f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on")
+        on_note(
+            f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on; it is kept "
+            f"as {checkpoints.folder.aside.name} until this one is done"
+        )
     if not resume:
         return 0
     if not checkpoints.resume():

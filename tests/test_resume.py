@@ -130,15 +130,25 @@ def test_another_mesh_is_refused(tmp_path: Path):
         animate(scene, output, resume=True)
 
 
-def test_a_run_that_was_stopped_is_mentioned_and_gives_way_to_the_first_checkpoint(tmp_path: Path):
+def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_path: Path):
     output, notes = tmp_path / "out.usdc", []
     folder = stop(SCENE, output)
-    other = SCENE.model_copy(update={"gravity": 3.0})
-    animate(other, output, on_note=notes.append)
-    assert notes == [f"{folder} has frames 0 to 6 of an earlier run, from which --resume would have gone on"]
-    assert folder.exists()
-    stop(other, output)
+    saved = {path.name: path.read_bytes() for path in folder.iterdir()}
+    other, aside = SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc.partial.old"
+    stop(other, output, on_note=notes.append)
+    assert notes == [
+        f"{folder} has frames 0 to 6 of an earlier run, from which --resume would have gone on; it is kept as "
+        f"{aside.name} until this one is done"
+    ]
+    assert {path.name: path.read_bytes() for path in aside.iterdir()} == saved
     assert animate(other, output, resume=True).begin == STOPPED_AT - 1
+    assert [path.name for path in tmp_path.iterdir()] == ["out.usdc"]
+
+
+def test_a_run_too_short_for_a_checkpoint_leaves_an_earlier_one_as_it_is(tmp_path: Path):
+    folder = stop(SCENE, tmp_path / "out.usdc")
+    animate(SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc")
+    assert folder.exists()
 
 
 def test_nothing_to_resume_is_the_start(tmp_path: Path):

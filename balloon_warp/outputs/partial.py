@@ -23,6 +23,8 @@ class PartialFolder:
 
     def __init__(self, path: Path):
         self.path = path
+        self.aside = path.with_name(f"{path.name}.old")
+        """where the files of an earlier job go when another begins: whoever forgot to resume it has lost nothing yet"""
 
     def job(self) -> dict[str, Any] | None:
         """What the files are of; nothing where there are none.
@@ -53,14 +55,16 @@ class PartialFolder:
                 raise InputError(f"{self.path}: is in the way of checkpoints; expected nothing of that name")
 
     def begin(self, job: Mapping[str, Any]) -> None:
-        """Make the folder, for a job; what was there of another is lost.
+        """Make the folder, for a job; what was there of an earlier one is put aside.
 
         Raises:
             InputError: it cannot be made, or there is something else.
         """
         self.require_own()
-        self.remove()
         try:
+            if self.path.exists():
+                _remove(self.aside)
+                self.path.rename(self.aside)
             self.path.mkdir()
         except OSError as error:
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from None
@@ -72,15 +76,21 @@ class PartialFolder:
         return whole_file(self.path / name)
 
     def remove(self) -> None:
-        """All at once: under another name first, so that a kill leaves no part of it that looks whole."""
-        doomed = self.path.with_name(f".{secrets.token_hex(4)}.partial")
-        try:
-            self.path.rename(doomed)
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be removed: {error.strerror}") from None
-        shutil.rmtree(doomed, ignore_errors=True)
+        """Once the job is done: the folder, and what was put aside."""
+        for path in (self.path, self.aside):
+            _remove(path)
+
+
+def _remove(path: Path) -> None:
+    """All at once: under another name first, so that a kill leaves no part of it that looks whole."""
+    doomed = path.with_name(f".{secrets.token_hex(4)}.partial")
+    try:
+        path.rename(doomed)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise InputError(f"{path}: cannot be removed: {error.strerror}") from None
+    shutil.rmtree(doomed, ignore_errors=True)
 
 
 def as_json(job: Mapping[str, Any]) -> dict[str, Any]:

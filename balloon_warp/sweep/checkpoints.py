@@ -70,7 +70,10 @@ class BatchCheckpoints:
         path, is_there = self.folder.path, self._rows(0).exists()
         if not self.resume:
             if is_there:
-                self.on_note(f"{path} has part of an earlier batch, from which --resume would have gone on")
+                self.on_note(
+                    f"{path} has part of an earlier batch, from which --resume would have gone on; it is kept as "
+                    f"{self.folder.aside.name} until this one is done"
+                )
             return
         if not is_there:
             self.on_note(f"there is no checkpoint in {path}: nothing to resume, so this begins at the start")
