@@ -184,8 +184,8 @@ def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None
     leftover, folder = checkpoints.leftover, checkpoints.folder.path
     if not resume and leftover is not None:
         on_note(
-            f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on; it is kept "
-            f"as {checkpoints.folder.aside.name} until this one is done"
+            f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on; it is "
+            f"kept as {checkpoints.folder.aside.name} until this one is done"
         )
     if not resume:
         return 0
