@@ -27,7 +27,12 @@ def test_scene_example_is_valid():
     assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == (1, 1, 1)
 
 
-def test_links_lead_somewhere():
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("http")]
-    assert len(links) > 20
-    assert [link for link in links if not (ROOT / link).exists()] == []
+@pytest.mark.parametrize(
+    "page", ["README.md", "SECURITY.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+)
+def test_links_lead_somewhere(page: str):
+    path = ROOT / page
+    links = re.findall(r"\]\(([^)]+)\)", path.read_text(encoding="utf-8"))
+    files = [path.parent / link.partition("#")[0] for link in links if not link.startswith("http") and link[0] != "#"]
+    assert files
+    assert [file for file in files if not file.exists()] == []
