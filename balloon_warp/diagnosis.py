@@ -106,7 +106,7 @@ def diagnose(origin: Origin, world: int, frame: int, bad: int = HEALTHY) -> Blow
     if last.first_bad != HEALTHY and last.first_bad >= model.particle_count:
         sphere = last.first_bad - model.particle_count
         moved = float(_distances(last, "sphere_positions")[sphere])
-        push = pulls.contact_at(sphere)
+        push = pulls.contact_at(sphere, _push_on(last, sphere))
         return BlowUp(*when, _body(model, last.first_bad), substep, moved, other=push, is_sphere=True)
     moved = _distances(last, "points")
     farthest = np.flatnonzero(moved == moved.max())
@@ -139,6 +139,15 @@ def _distances(last: LastSubstep, name: str) -> NDArray[np.float64]:
     velocities = getattr(last.after, name.replace("points", "velocities").replace("positions", "velocities")).numpy()[0]
     moved = np.linalg.norm(after - before, axis=1)
     return np.where(np.isfinite(moved) & np.isfinite(velocities).all(axis=1), moved, np.inf)
+
+
+def _push_on(last: LastSubstep, sphere: int) -> float:
+    """The force that a sphere's speed in the substep shows [N]."""
+    before, after = (
+        state.sphere_velocities.numpy()[0, sphere].astype(np.float64) for state in (last.before, last.after)
+    )
+    mass = float(last.model.sphere_mass.numpy()[0, sphere])
+    return float(np.linalg.norm(after - before)) * mass / last.model.step_seconds
 
 
 def _stable_step(last: LastSubstep) -> float | None:

@@ -43,7 +43,6 @@ class Pulls:
         self.model = model
         self._points = _row(state.points)
         self._spheres = _row(state.sphere_positions)
-        self._exchanged = np.linalg.norm(_row(state.sphere_forces), axis=1)
         pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
         kinds = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
         balloons = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
@@ -99,18 +98,21 @@ class Pulls:
         on_ground = point @ np.array(model.scene.up) <= model.ground_height.numpy()[0]
         return [f"sphere {sphere}" for sphere in spheres] + ["the ground"] * bool(on_ground)
 
-    def contact_at(self, sphere: int) -> Pull | None:
+    def contact_at(self, sphere: int, newtons: float) -> Pull | None:
         """Of the particles that lie on a sphere the one that pushes hardest, or all where they exchange momentum; None
-        if it is free."""
+        if it is free.
+
+        Args:
+            newtons: with which all of them push it.
+        """
         distances = np.linalg.norm(self._points - self._spheres[sphere], axis=1)
         touching = np.flatnonzero(distances < TOUCH * _row(self.model.sphere_radius)[sphere])
         if not len(touching):
             return None
         if self.model.scene.contact == "impulse":
-            return Pull(f"what was in contact with it, {len(touching):,} particles,", float(self._exchanged[sphere]))
+            return Pull(f"what was in contact with it, {len(touching):,} particles,", newtons)
         particle = int(touching[self._inflation[touching].argmax()])
-        push = float(_row(self.model.sphere_penalty)[sphere] * self._inflation[particle])
-        return Pull(f"particle {self._of_balloon(particle)} in contact with it", push)
+        return Pull(f"particle {self._of_balloon(particle)} in contact with it", newtons)
 
     def _of_balloon(self, particle: int) -> str:
         return name_of_particle(self.model, particle)

@@ -185,6 +185,8 @@ def test_a_sphere_that_flies_off_is_named_with_the_particle_that_pushed_it(devic
     assert report.body == "sphere 0"
     assert report.other is not None
     assert report.other.by == "particle 2 of box in contact with it"
+    # of 100 k_normal N in all: the corner has the share of one of six faces, which have hardly moved
+    assert report.other.newtons == pytest.approx(100.0 / 6.0, rel=0.01)
 
 
 def test_of_several_balloons_the_one_is_named(device):
