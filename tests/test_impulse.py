@@ -142,6 +142,21 @@ def test_a_particle_hits_its_share_of_the_sphere(device):
     np.testing.assert_allclose(simulator.state.sphere_velocities.numpy()[0, 0], [0.125, 0.0, 0.0], atol=1e-6)
 
 
+@pytest.mark.parametrize("sphere_mass", [0.024, 1.2, 240.0])
+def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass, device):
+    """Three cubes against a sphere almost as flat as a wall: all go on at the mean of their speeds by mass, and the
+    sphere does not turn back, however light. The corners see it under up to 0.7 / 29 from the middle."""
+    wall = Sphere(position=(-28.9, 0.5, 0.5), radius=30.0, mass=sphere_mass)
+    simulator = bare_cubes(device, [wall], cubes=3)
+    put(simulator, velocities=np.tile([-2.0, 0.0, 0.0], (24, 1)))
+    simulator.step()
+    together = -2.0 * 2.4 / (2.4 + sphere_mass)
+    velocities = motion(simulator)[1]
+    np.testing.assert_allclose(velocities[:, 0], together, atol=2.0 * 0.025**2)
+    np.testing.assert_allclose(velocities[:, 1:], 0.0, atol=2.0 * 0.025)
+    np.testing.assert_allclose(sphere_momenta(simulator)[0] / sphere_mass, [together, 0.0, 0.0], atol=2.0 * 0.025**2)
+
+
 @pytest.mark.parametrize("sphere_mass", [0.01, 1.0, 100.0])
 def test_kinetic_energy_never_grows_by_contact(sphere_mass, device):
     """All the corners of three cubes at once, at random velocities, between two spheres that hold them both."""
