@@ -7,8 +7,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area
-from balloon_warp.kernels.tables import FaceTable, WorldState
+from balloon_warp.kernels.inflation import FAR, NORMAL_FORCE, aim_of, face_area_vector, face_center, nearer_area
+from balloon_warp.kernels.tables import AirTable, BodyTable, FaceTable, WorldState
 
 
 @wp.func
@@ -38,6 +38,28 @@ def aim_in_tile(faces: FaceTable, points: Any, first: wp.int32, particle: wp.int
         normal += wp.normalize(area_vector)
         nearest = nearer_area(nearest, point, center, area_vector)
     return aim_of(normal, nearest, total_area)
+
+
+@wp.func
+def refresh_aims(
+    bodies: BodyTable,
+    faces: FaceTable,
+    air: AirTable,
+    state: WorldState,
+    points: Any,
+    first: wp.int32,
+    world: wp.int32,
+    lane: wp.int32,
+):
+    """The aims of all balloons that normal forces inflate, by the whole block."""
+    for balloon in range(state.inflation_ramp.shape[1]):
+        if air.kind[balloon] == NORMAL_FORCE:
+            area = balloon_area(faces, points, first, balloon, lane)
+            for particle in range(lane, state.points.shape[1], wp.block_dim()):
+                if bodies.balloon[particle] == balloon:
+                    state.inflation_aims[world, particle] = aim_in_tile(
+                        faces, points, first, particle, points[first + particle], area
+                    )
 
 
 @wp.func

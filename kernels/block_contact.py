@@ -5,13 +5,15 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact import collide, leave_ground, leave_sphere, penalty_force
+from balloon_warp.kernels.contact import collide, leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
 from balloon_warp.kernels.tables import (
     BodyTable,
     ObstacleTable,
     WorldState,
     ground_friction,
+    ground_height,
+    ground_restitution,
     row_of_world,
     sphere_part,
 )
@@ -173,3 +175,42 @@ def acceleration_by_touch(
         return wp.vec3()
     mass = obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere]
     return total_newtons(forces.totals, force_row(world, substep), sphere) / mass
+
+
+@wp.func
+def moved_sphere(
+    bodies: BodyTable,
+    obstacles: ObstacleTable,
+    forces: SphereForces,
+    touched: bool,
+    world: wp.int32,
+    sphere: wp.int32,
+    substep: wp.int32,
+    center: wp.vec3,
+    motion: wp.vec3,
+    step_seconds: float,
+):
+    """Center and velocity of a sphere in this substep, under the contacts of the last."""
+    new_center, new_motion = move_sphere(
+        center,
+        motion,
+        acceleration_by_touch(obstacles, forces, touched, world, sphere, substep - 1),
+        sphere_radius(obstacles, world, sphere),
+        bodies.gravity[row_of_world(world, bodies.gravity.shape[0])],
+        bodies.up,
+        ground_height(obstacles, world),
+        ground_restitution(obstacles, world),
+        step_seconds,
+    )
+    return new_center, new_motion
+
+
+@wp.func
+def end_spheres(
+    state: WorldState, forces: SphereForces, centers: Any, motions: Any, world: wp.int32, last_substep: wp.int32
+):
+    """By one thread, after the last substep: the spheres into the state."""
+    for sphere in range(state.sphere_positions.shape[1]):
+        state.sphere_positions[world, sphere] = row_of(centers, sphere)
+        state.sphere_velocities[world, sphere] = row_of(motions, sphere)
+        state.sphere_forces[world, sphere] = total_newtons(forces.totals, force_row(world, last_substep), sphere)

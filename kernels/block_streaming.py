@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.air import has_pressure, inertia_of_particle, load_of_balloon
-from balloon_warp.kernels.block import aim_in_tile, balloon_area, count_frame_in_block
+from balloon_warp.kernels.block import count_frame_in_block, refresh_aims
 from balloon_warp.kernels.block_air import (
     begin_gas,
     gas_row,
@@ -18,21 +18,18 @@ from balloon_warp.kernels.block_air import (
 )
 from balloon_warp.kernels.block_contact import (
     SphereForces,
-    acceleration_by_touch,
     begin_sphere_forces,
     clear_sphere_force,
-    force_row,
+    end_spheres,
     meeting_obstacles,
+    moved_sphere,
     row_of,
-    sphere_radius,
     were_touched,
 )
-from balloon_warp.kernels.contact import move_sphere
 from balloon_warp.kernels.contiguous import vector_of_tile
 from balloon_warp.kernels.correction import correction_limit, excess, moves_of_ends
-from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.gas import VOLUME, Swelling, inflation_of_kind
-from balloon_warp.kernels.inflation import NORMAL_FORCE, inflation_force
+from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import body_force, euler_step, response
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
 from balloon_warp.kernels.tables import (
@@ -46,7 +43,6 @@ from balloon_warp.kernels.tables import (
     WaterTable,
     WorldState,
     ground_height,
-    ground_restitution,
     particle_damping,
     particle_mass,
     row_of_world,
@@ -120,20 +116,12 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         new_velocities = state.velocities[world]
         for substep in range(substeps):
             if substep == 0 or wp.static(fresh_normals):
-                for balloon in range(state.inflation_ramp.shape[1]):
-                    if air.kind[balloon] == NORMAL_FORCE:
-                        area = balloon_area(faces, points, first, balloon, lane)
-                        for particle in range(lane, count, threads):
-                            if bodies.balloon[particle] == balloon:
-                                state.inflation_aims[world, particle] = aim_in_tile(
-                                    faces, points, first, particle, points[first + particle], area
-                                )
+                refresh_aims(bodies, faces, air, state, points, first, world, lane)
             touched = were_touched(sphere_forces.stamps[world], substep - 1)
             for sphere in range(sphere_count):
-                pushed = acceleration_by_touch(obstacles, sphere_forces, touched, world, sphere, substep - 1)
-                center, motion = move_sphere(
-                    row_of(centers, sphere), row_of(motions, sphere), pushed, sphere_radius(obstacles, world, sphere),
-                    gravity, bodies.up, height, ground_restitution(obstacles, world), step_seconds,
+                center, motion = moved_sphere(
+                    bodies, obstacles, sphere_forces, touched, world, sphere, substep,
+                    row_of(centers, sphere), row_of(motions, sphere), step_seconds,
                 )  # fmt: skip
                 centers[sphere] = center
                 motions[sphere] = motion
@@ -285,11 +273,6 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                 state.velocities[world, particle] = new_velocities[particle]
         count_frame_in_block(state, world, lane)
         if lane == 0:
-            for sphere in range(sphere_count):
-                state.sphere_positions[world, sphere] = centers[sphere]
-                state.sphere_velocities[world, sphere] = motions[sphere]
-                state.sphere_forces[world, sphere] = total_newtons(
-                    sphere_forces.totals, force_row(world, substeps - 1), sphere
-                )
+            end_spheres(state, sphere_forces, centers, motions, world, substeps - 1)
 
     return advance_streaming
