@@ -3,7 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
+
+from balloon_warp.model import Model, State
+from balloon_warp.schedules.readout import ForceReader
 
 
 @dataclass(frozen=True)
@@ -40,3 +44,46 @@ class Frame:
         lists = (self.points, self.velocities, self.net_forces, self.inflation_forces)
         arrays = (self.pressures, self.gas_amounts, self.sphere_positions, self.sphere_velocities)
         return all(np.isfinite(array).all() for array in (*(array for each in lists for array in each), *arrays))
+
+
+class FrameReader:
+    """Copies worlds of a model to the host, one at a time."""
+
+    def __init__(self, model: Model):
+        self.model = model
+        self._forces = ForceReader(model)
+
+    def read(self, state: State, number: int, world: int, net_forces: bool) -> Frame:
+        """One world of a state at the frame of that number, with the net forces if they are wanted."""
+        model = self.model
+        self._forces.refresh_inflation(state)
+        inflation_forces = self._of_balloons(self._forces.inflation_forces(state), world)
+        return Frame(
+            number=number,
+            points=self._of_balloons(state.points, world),
+            velocities=self._of_balloons(state.velocities, world),
+            net_forces=self._of_balloons(self._forces.net_forces(state), world) if net_forces else [],
+            inflation_forces=inflation_forces,
+            pressures=state.pressures.numpy()[world].copy(),
+            gas_amounts=state.gas_amounts.numpy()[world].copy(),
+            sphere_positions=_copy(state.sphere_positions, world),
+            sphere_velocities=_copy(state.sphere_velocities, world),
+            string_anchors=_copy(model.string_anchor, world % model.string_anchor.shape[0]),
+            ground_height=_number(model.ground_height, world),
+            water_level=_number(model.water_level, world),
+        )
+
+    def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
+        """One world's rows of a particle array, split by balloon."""
+        return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
+
+
+def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
+    """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
+    row = array[world].numpy() if array.shape[1] else np.zeros((0, 3))  # Warp does not slice an empty array
+    return np.array(row, dtype=np.float32)
+
+
+def _number(parameter: wp.array, world: int) -> float:
+    """One world's value of a parameter of shape (W,)."""
+    return float(parameter.numpy()[world % parameter.shape[0]])

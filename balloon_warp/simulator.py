@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
-from balloon_warp.frame import Frame
+from balloon_warp.frame import Frame, FrameReader
 from balloon_warp.health import HEALTHY, HealthCheck
 from balloon_warp.kernels.timeline import hold_spheres
 from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state
@@ -21,7 +21,6 @@ from balloon_warp.model.parameters import METHODS, Parameters
 from balloon_warp.origin import Origin
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
-from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import PROJECTIVE, solver_named
 from balloon_warp.solvers.step_matrices import FACTORIZED
@@ -143,23 +142,8 @@ class Simulator:
         Args:
             net_forces: whether they are wanted; as the scene says, when missing.
         """
-        self._force_reader.refresh_inflation(self.state)
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
-        inflation_forces = self._of_balloons(self._force_reader.inflation_forces(self.state), world)
-        return Frame(
-            number=self.frame_number,
-            points=self._of_balloons(self.state.points, world),
-            velocities=self._of_balloons(self.state.velocities, world),
-            net_forces=self._net_forces(world) if wanted else [],
-            inflation_forces=inflation_forces,
-            pressures=self.state.pressures.numpy()[world].copy(),
-            gas_amounts=self.state.gas_amounts.numpy()[world].copy(),
-            sphere_positions=_copy(self.state.sphere_positions, world),
-            sphere_velocities=_copy(self.state.sphere_velocities, world),
-            string_anchors=_copy(self.model.string_anchor, world % self.model.string_anchor.shape[0]),
-            ground_height=_number(self.model.ground_height, world),
-            water_level=_number(self.model.water_level, world),
-        )
+        return self._frame_reader.read(self.state, self.frame_number, world, wanted)
 
     def mass_properties(self) -> MassProperties:
         """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
@@ -213,7 +197,7 @@ class Simulator:
         """The schedule of the model as it is now, and nothing left of the last."""
         self.schedule = solver_named(self._asked_schedule, self.model)(self.model)
         self._health_check = HealthCheck(self.model)
-        for cached in ("_frame_graph", "_force_reader"):
+        for cached in ("_frame_graph", "_frame_reader"):
             self.__dict__.pop(cached, None)
 
     def diagnose(self, world: int, frame: int) -> "BlowUp":
@@ -271,16 +255,9 @@ class Simulator:
             scene = self.model.scene.model_copy(update=methods)
             self.go_on_in(replace(self.model, scene=scene, substeps=substeps))
 
-    def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
-        """One world's rows of a particle array, split by balloon."""
-        return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
-
-    def _net_forces(self, world: int) -> list[NDArray[np.float32]]:
-        return self._of_balloons(self._force_reader.net_forces(self.state), world)
-
     @cached_property
-    def _force_reader(self) -> ForceReader:
-        return ForceReader(self.model)
+    def _frame_reader(self) -> FrameReader:
+        return FrameReader(self.model)
 
     @cached_property
     def _frame_graph(self) -> Any:
@@ -308,14 +285,3 @@ def _first_frames(model: Model) -> wp.array | None:
     """At which each sphere appears, shape (sphere_count,), int32; nothing where all are there from the start."""
     frames = [frame_at(model.scene, sphere.start) for sphere in model.scene.sphere]
     return wp.array(frames, dtype=wp.int32, device=model.device) if any(frames) else None
-
-
-def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
-    """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
-    row = array[world].numpy() if array.shape[1] else np.zeros((0, 3))  # Warp does not slice an empty array
-    return np.array(row, dtype=np.float32)
-
-
-def _number(parameter: wp.array, world: int) -> float:
-    """One world's value of a parameter of shape (W,)."""
-    return float(parameter.numpy()[world % parameter.shape[0]])
