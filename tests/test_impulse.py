@@ -1,5 +1,6 @@
 """Balloons and spheres that exchange momentum: `contact = "impulse"`, beside the paper's penalty."""
 
+import re
 from typing import Literal
 
 import numpy as np
@@ -8,6 +9,7 @@ from conserved import angular_momentum, energy, masses, momentum, motion, put, s
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 
+from balloon_warp.pulls import Pulls
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
@@ -207,6 +209,16 @@ def test_another_number_of_substeps_takes_nothing_of_a_momentum_on_its_way(devic
     assert simulator.model.substeps == 400
     assert np.abs(pending).max() > 1e-4
     np.testing.assert_allclose(whole_momentum(simulator), before, atol=EPSILON * np.sqrt(400) * 2.0)
+
+
+def test_a_diagnosis_names_all_touching_particles(device):
+    """Not one of them, since each has its share in the push; and nothing while the sphere is free."""
+    simulator = struck(device, 0.5)
+    assert Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=0.0) is None
+    for _ in range(5):
+        simulator.step()
+    push = Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=3.0)
+    assert re.fullmatch(r"what was in contact with it, \d+ particles, pushed it with 3 N", str(push))
 
 
 @pytest.mark.parametrize("schedule", ["auto", "scatter"])
