@@ -187,6 +187,24 @@ def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 
+def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path: Path):
+    """A checkpoint after every frame; what began again does so again."""
+    notes: list[str] = []
+
+    def stop(sentence: str) -> None:
+        notes.append(sentence)
+        if "begin again" in sentence:
+            raise KeyboardInterrupt
+
+    batch(tmp_path / "expected", "restart", device="cpu")
+    with pytest.raises(KeyboardInterrupt):
+        batch(tmp_path / "stopped", "restart", device="cpu", checkpoint_seconds=1e-9, on_note=stop)
+    assert notes == ["4 of 6 worlds blew up, and begin again with half the step"]
+    assert batch(tmp_path / "stopped", "restart", device="cpu", resume=True).restarted_worlds == len(SUBSTEPS)
+    for name in ("table.csv", "table.npz", "worlds.usdc"):
+        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "expected" / name).read_bytes()
+
+
 @pytest.mark.parametrize("workers", [None, 2])
 def test_to_stop_leaves_nothing(workers: int | None, tmp_path: Path):
     where: dict[str, Any] = {"cluster": Cluster(workers=workers)} if workers else {"device": "cpu"}

@@ -11,7 +11,7 @@ from balloon_warp.diagnosis import BlowUp
 from balloon_warp.errors import BlowUpError
 from balloon_warp.health import MOST_SPAN
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)
@@ -137,6 +137,21 @@ def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
     assert report.stable_step is not None
     assert report.stable_step > report.step
     assert "less force helps" in str(report)
+
+
+@pytest.mark.parametrize(
+    ("obstacles", "touched"),
+    [
+        ({}, ()),
+        ({"ground": Ground(height=1.0)}, ("the ground",)),
+        ({"sphere": [Sphere(position=(9.0, 9.0, 9.0)), Sphere(position=(0.5, 0.5, 0.5), radius=2.0)]}, ("sphere 1",)),
+    ],
+)
+def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, device: str):
+    """All corners of the cube do."""
+    report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)], **obstacles), device))
+    assert report.touched == touched
+    assert all(f"; it lay on {name}; " in str(report) for name in touched)
 
 
 def test_inflation_is_that_of_the_substep(device):
