@@ -137,6 +137,7 @@ class BatchCheckpoints:
         for state in self.folder.path.glob("state_*.npz"):
             if int(state.stem.split("_")[1]) < part.frames[-1]:
                 state.unlink(missing_ok=True)
+        self._saved_at = time.monotonic()  # what takes long to save is saved less often
 
     def remove(self) -> None:
         """Once the whole output is there; what another batch left stays."""
