@@ -1,40 +1,29 @@
 """A batch that was stopped or killed goes on to the same files, byte by byte, as one that was not."""
 
 import json
-import os
-import re
 import resource
 import shutil
-import signal
-import subprocess
-import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from batches import NAMES, OFTEN, contents, press_ctrl_c_once
 from meshes import cube, quad_sphere
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
-from balloon_warp import Cluster, InputError, Scene, load_scene, run_batch
+from balloon_warp import InputError, Scene, run_batch
 from balloon_warp.diagnosis import BlowUp
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import grid
 from balloon_warp.pulls import Pull
 from balloon_warp.scene import Balloon, Ground, Sphere, String
-from balloon_warp.sweep import shares
 from balloon_warp.sweep.failures import Failures
 from balloon_warp.sweep.journal import FAILURES
-from balloon_warp.sweep.output import STAGE_NAME
 
 FRAMES, WORLDS = 6, 5
-OFTEN = 1e-9
-"""seconds between checkpoints: one after every frame"""
-NAMES = ("table.npz", "table.csv", STAGE_NAME)
 
 
 def scene(**fields) -> Scene:
@@ -79,10 +68,6 @@ def stop_after(last: int) -> Callable[[int], None]:
     return stop
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {name: (folder / name).read_bytes() for name in NAMES if (folder / name).exists()}
-
-
 def test_it_goes_on_to_the_same_bytes(
     vary: dict, schedule: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -116,7 +101,7 @@ def test_it_goes_on_to_the_same_bytes(
 
 
 def test_what_was_saved_opens(tmp_path: Path):
-    """Each part by itself: its rows in NumPy, its worlds as a stage, with the frames that it says."""
+    """Each part by itself: its rows in NumPy, its worlds as a stage, with the frames that it says; and all together."""
     with pytest.raises(RuntimeError):
         run_batch(
             scene(),
@@ -138,11 +123,16 @@ def test_what_was_saved_opens(tmp_path: Path):
     )
     with np.load(tmp_path / "whole" / "table.npz") as table:
         volumes = table["volume"].reshape(FRAMES + 1, 3)
+    played = Usd.Stage.Open(str(tmp_path / "partial" / "worlds.usda"))
+    assert (played.GetStartTimeCode(), played.GetEndTimeCode()) == (0, 3)
     for number, (stage_path, rows) in enumerate(zip(stages, tables, strict=True)):
         stage = Usd.Stage.Open(str(stage_path))
         assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (number, number)
-        points = [UsdGeom.Mesh(each.GetPrimAtPath(path)).GetPointsAttr().Get(number) for each in (stage, whole)]
-        np.testing.assert_array_equal(*points)
+        alone, together, expected = (
+            UsdGeom.Mesh(each.GetPrimAtPath(path)).GetPointsAttr().Get(number) for each in (stage, played, whole)
+        )
+        np.testing.assert_array_equal(alone, expected)
+        np.testing.assert_array_equal(together, expected)
         with np.load(rows) as saved:
             assert saved["frames"].tolist() == [number]
             assert saved["worlds"].tolist() == [0, 1, 2]
@@ -303,101 +293,6 @@ def test_a_failed_job_takes_what_is_behind_it_along():
     assert done == []
 
 
-LONG = 200
-"""frames of a batch that is ended while it simulates"""
-
-
-@pytest.fixture(scope="module")
-def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("ball")
-    write_obj(folder / "ball.obj", quad_sphere(6))
-    return folder
-
-
-@pytest.fixture(scope="module")
-def whole(ball: Path) -> dict[str, bytes]:
-    """What a batch writes that was never stopped."""
-    go_on(ball, ball / "whole", resume=False)
-    return contents(ball / "whole")
-
-
-def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) -> list[str]:
-    """Simulate it in this process, or from here on a cluster; what it says of where it begins."""
-    notes: list[str] = []
-    run_batch(
-        load_scene(str(ball / "ball.obj"), [("frames", LONG)]),
-        folder,
-        8,
-        {"gravity": np.linspace(1, 9, 8)},
-        export=[1, 6],
-        device="cpu",
-        schedule="lanes",
-        cluster=Cluster(address) if address else None,
-        on_note=notes.append,
-        **{"resume": True, **options},
-    )
-    return notes
-
-
-def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
-    """Start the same as a process of its own, and send it a signal once it has saved something: status and words."""
-    fine = "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = 1; from balloon_warp.cli import main; main()"
-    command = [sys.executable, "-c", fine, "batch", str(ball / "ball.obj"), "-o", str(folder), *words]
-    process = subprocess.Popen(
-        [*command, "--worlds", "8", "--vary", "gravity=1:9", "--grid", "--export", "1,6", "--schedule", "lanes"]
-        + ["--set", f"frames={LONG}", "--checkpoint", "0.01"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "NO_COLOR": "1"},
-    )
-    try:
-        for _ in range(1200):
-            if list(folder.glob("partial/rows_*")) or process.poll() is not None:
-                break
-            time.sleep(0.05)
-        process.send_signal(number)
-        said = process.communicate(timeout=60)[1]
-    finally:
-        process.kill()
-    return process.returncode, said
-
-
-def test_a_killed_process_is_gone_on_from(ball: Path, whole: dict[str, bytes], tmp_path: Path):
-    assert end(ball, tmp_path / "out", signal.SIGKILL, "--device", "cpu") == (-signal.SIGKILL, "")
-    assert contents(tmp_path / "out") == {}
-    notes = go_on(ball, tmp_path / "out")
-    assert re.fullmatch(r"goes on after frame \d+, from .*out/partial", *notes)
-    assert contents(tmp_path / "out") == whole
-    assert not (tmp_path / "out" / "partial").exists()
-
-
-def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
-    ball: Path, whole: dict[str, bytes], tmp_path: Path
-):
-    status, said = end(ball, tmp_path / "out", signal.SIGTERM, "--device", "cpu")
-    assert status == 128 + signal.SIGTERM
-    sentence = (
-        r"error: ball was stopped after frame (\d+) of 200; .*out/partial has what there is, and --resume goes on"
-    )
-    assert (found := re.fullmatch(rf"{sentence} from it\n", said)), said
-    assert contents(tmp_path / "out") == {}
-    assert go_on(ball, tmp_path / "out") == [f"goes on after frame {found[1]}, from {tmp_path / 'out' / 'partial'}"]
-    assert contents(tmp_path / "out") == whole
-
-
-def press_ctrl_c_once(begun: Callable[[int], bool]) -> Callable[[int], None]:
-    """At the first frame of which that is true."""
-    pressed: list[int] = []
-
-    def press(frame: int) -> None:
-        if not pressed and begun(frame):
-            pressed.append(frame)
-            os.kill(os.getpid(), signal.SIGINT)
-
-    return press
-
-
 def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
     """Without any checkpoint before it; nothing after that frame is simulated."""
     frames: list[int] = []
@@ -415,41 +310,3 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
     assert frames == [*range(FRAMES + 1)]
     run_batch(scene(), tmp_path / "whole", 2, **how)
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
-
-
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    """A scheduler of two workers."""
-    pytest.importorskip("distributed", reason="needs the extra `cluster`")
-    from balloon_warp.sweep.cluster import start_workers
-
-    with start_workers([{}, {}]) as workers:
-        yield str(workers.scheduler_address)
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_cluster_goes_on_without_the_shares_that_are_done(
-    ball: Path,
-    whole: dict[str, bytes],
-    address: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    number: int,
-):
-    """Eight shares of a world each."""
-    monkeypatch.setitem(shares.GRAIN, "cpu", 1)
-    out = tmp_path / "out"
-    if number == signal.SIGKILL:
-        end(ball, out, number, "--cluster", address, "--device", "cpu")
-    else:
-        press = press_ctrl_c_once(lambda frame: any(out.glob("partial/rows_*")))
-        with pytest.raises(KeyboardInterrupt, match=r"partial has what there is, and --resume goes on from it$"):
-            go_on(ball, out, address, on_frame=press, checkpoint_seconds=OFTEN)
-    assert contents(out) == {}
-    notes = go_on(ball, out, address)
-    assert re.fullmatch(r"goes on with [1-7] of 8 shares done, from .*out/partial", *notes)
-    found = contents(out)
-    stages = [Sdf.Layer.OpenAsAnonymous(str(folder / STAGE_NAME)).ExportToString() for folder in (out, ball / "whole")]
-    assert stages[0] == stages[1]  # sample by sample: the shares came in another order
-    assert {name: found[name] for name in NAMES[:2]} == {name: whole[name] for name in NAMES[:2]}
-    assert not (out / "partial").exists()

@@ -2,7 +2,7 @@
 
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +12,20 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.outputs.partial import PartialFolder, as_json, differences
+from balloon_warp.outputs.usd.grid import GridWriter
+from balloon_warp.outputs.usd.playlist import write_overlay, write_playlist
 from balloon_warp.provenance import installed_versions
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.parts import Part, read_part, write_part
+from balloon_warp.sweep.parts import Part, read_part, write_rows
 from balloon_warp.sweep.task import BatchTask
 
-PARTIAL_NAME = "partial"
+PARTIAL_NAME, PLAYLIST, STILL = "partial", "worlds.usda", "still.usdc"
 
 
 class BatchCheckpoints:
     """Keeps a batch safe as it goes. A checkpoint is a part of the table, `rows_NUMBER.npz`, that of the stage which
-    goes with it, `worlds_NUMBER.usdc`, and where each group's simulation goes on, `state_FRAME_GROUP.npz`.
+    goes with it, `worlds_NUMBER.usdc`, and where each group's simulation goes on, `state_FRAME_GROUP.npz`;
+    `worlds.usda` plays all of them.
 
     Each file appears whole, a part's rows last: a part without them is no part, and a state that no rows lead up to is
     not gone on from.
@@ -53,7 +56,9 @@ class BatchCheckpoints:
         }
         self._begun = False
         """whether the folder is of this batch"""
-        self._parts = 0
+        self._begins: list[int] = []
+        """the first frame of each part"""
+        self._scene = task.scene
         self._saved_at = time.monotonic()
 
     def take_up(self, output: BatchOutput, **how: Any) -> Iterator[Part]:
@@ -67,7 +72,7 @@ class BatchCheckpoints:
         """
         self._job = as_json({**self._job, **how})
         self.folder.require_own()
-        path, is_there = self.folder.path, self._rows(0).exists()
+        path, is_there = self.folder.path, self._rows.exists()
         if not self.resume:
             if is_there:
                 self.on_note(
@@ -85,9 +90,10 @@ class BatchCheckpoints:
                 "device, or no --resume to start anew"
             )
         self._begun = True
-        while self._rows(self._parts).exists():
-            yield read_part(output, self._rows(self._parts), self._stage(self._parts))
-            self._parts += 1
+        while self._rows.exists():
+            part = read_part(output, self._rows, self._stage)
+            self._begins.append(part.frames.start)
+            yield part
 
     def restore(self, frame: int, group: int, *restores: Callable[[Mapping[str, NDArray]], None]) -> None:
         """Hand over the arrays of a group that were saved with a frame.
@@ -132,8 +138,12 @@ class BatchCheckpoints:
             InputError: it cannot be written; what was there stays.
         """
         self._begin()
-        write_part(output, part, self._rows(self._parts), self._stage(self._parts))
-        self._parts += 1
+        begins = [*self._begins, part.frames.start]
+        if output.stage:
+            output.stage.write_part(self._stage, part.frames, part.groups)
+            self._write_playlist(output.stage, begins, part.frames[-1])
+        write_rows(output, part, self._rows)
+        self._begins = begins
         for state in self.folder.path.glob("state_*.npz"):
             if int(state.stem.split("_")[1]) < part.frames[-1]:
                 state.unlink(missing_ok=True)
@@ -150,11 +160,30 @@ class BatchCheckpoints:
             self._begun = True
         self._saved_at = time.monotonic()
 
-    def _rows(self, part: int) -> Path:
-        return self.folder.path / f"rows_{part:06d}.npz"
+    def _write_playlist(self, stage: GridWriter, begins: Sequence[int], last: int) -> None:
+        """A stage of all parts: one after the other, or, of shares, which begin alike, together."""
+        if not (still := self.folder.path / STILL).exists():
+            stage.write_still(still)
+        names = [_stage_name(number) for number in range(len(begins))]
+        with self.folder.file(PLAYLIST) as path:
+            if len(set(begins)) == len(begins):
+                write_playlist(path, STILL, list(zip(begins, names, strict=True)), last, self._scene)
+            else:
+                write_overlay(path, STILL, names, last, self._scene)
 
-    def _stage(self, part: int) -> Path:
-        return self.folder.path / f"worlds_{part:06d}.usdc"
+    @property
+    def _rows(self) -> Path:
+        """Of the next part."""
+        return self.folder.path / f"rows_{len(self._begins):06d}.npz"
+
+    @property
+    def _stage(self) -> Path:
+        """Of the next part."""
+        return self.folder.path / _stage_name(len(self._begins))
 
     def _state(self, frame: int, group: int) -> Path:
         return self.folder.path / f"state_{frame:06d}_{group:04d}.npz"
+
+
+def _stage_name(part: int) -> str:
+    return f"worlds_{part:06d}.usdc"

@@ -26,17 +26,15 @@ class Part:
     """what is to be known of them beside their rows and shapes, as JSON has it"""
 
 
-def write_part(output: BatchOutput, part: Part, rows: Path, stage: Path) -> None:
-    """Copy a part of an output, its stage first, and only where worlds are chosen.
+def write_rows(output: BatchOutput, part: Part, rows: Path) -> None:
+    """Copy a part of a table.
 
-    The rows are `frames`, `groups`, the `worlds` of these groups, the names of what is measured, `columns`, and of each
+    It is `frames`, `groups`, the `worlds` of these groups, the names of what is measured, `columns`, and of each
     frame and world its `values` and `health`; `said` is JSON.
 
     Raises:
-        InputError: a file cannot be written.
+        InputError: it cannot be written.
     """
-    if output.stage:
-        output.stage.write_part(stage, part.frames, part.groups)
     table = output.table
     worlds = np.concatenate([output.groups[group].worlds for group in part.groups])
     block = slice(part.frames.start, part.frames.stop), worlds
@@ -54,7 +52,7 @@ def write_part(output: BatchOutput, part: Part, rows: Path, stage: Path) -> None
 
 
 def read_part(output: BatchOutput, rows: Path, stage: Path) -> Part:
-    """Copy a part into an output.
+    """Copy a part into an output, of the stage, too, where worlds are chosen.
 
     Raises:
         InputError: a file is not there, or damaged.

@@ -130,6 +130,15 @@ class GridWriter:
             part._copy(self._layer, numbers, groups)
             part._layer.startTimeCode = numbers.start
 
+    def write_still(self, path: Path) -> None:
+        """Write a stage of the same worlds without any frame.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        with GridWriter(path, self.groups):
+            pass
+
     def _copy(self, source: Sdf.Layer, numbers: range, groups: Sequence[int]) -> None:
         """In the order in which frames are written."""
         for number in numbers:

@@ -1,4 +1,4 @@
-"""A stage that plays the parts of a run, one after the other, as value clips."""
+"""A stage of the parts of a run or a batch, where no part is copied."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ from balloon_warp.scene import Scene
 
 
 def write_playlist(path: Path, still: str, parts: Sequence[tuple[int, str]], last: int, scene: Scene) -> None:
-    """Write the stage.
+    """Write a stage that plays parts one after the other, as value clips.
 
     Args:
         path: where to, beside the other files.
@@ -19,13 +19,24 @@ def write_playlist(path: Path, still: str, parts: Sequence[tuple[int, str]], las
         last: the last frame of the last one.
         scene: what the stage shows.
     """
-    stage = Usd.Stage.CreateNew(str(path))
-    stage.GetRootLayer().subLayerPaths = [f"./{still}"]
-    describe_stage(stage, scene)
-    stage.SetEndTimeCode(last)
+    stage = _stage_over(path, [still], last, scene)
     clips = Usd.ClipsAPI(stage.GetDefaultPrim())
     clips.SetClipPrimPath(str(stage.GetDefaultPrim().GetPath()))
     clips.SetClipAssetPaths([Sdf.AssetPath(f"./{name}") for _, name in parts])
     clips.SetClipActive(Vt.Vec2dArray([(first, number) for number, (first, _) in enumerate(parts)]))
     clips.SetClipTimes(Vt.Vec2dArray([(0, 0), (last, last)]))
     stage.GetRootLayer().Save()
+
+
+def write_overlay(path: Path, still: str, parts: Sequence[str], last: int, scene: Scene) -> None:
+    """Write a stage of parts that have different prims move, as layers of it; see `write_playlist`."""
+    stage = _stage_over(path, [*parts, still], last, scene)
+    stage.GetRootLayer().Save()
+
+
+def _stage_over(path: Path, layers: Sequence[str], last: int, scene: Scene) -> Usd.Stage:
+    stage = Usd.Stage.CreateNew(str(path))
+    stage.GetRootLayer().subLayerPaths = [f"./{name}" for name in layers]
+    describe_stage(stage, scene)
+    stage.SetEndTimeCode(last)
+    return stage

@@ -1,0 +1,152 @@
+"""A batch whose process is killed, told to end, or spread over a cluster, goes on to the same files."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from batches import NAMES, OFTEN, contents, press_ctrl_c_once
+from meshes import quad_sphere
+from pxr import Sdf, Usd
+
+from balloon_warp import Cluster, load_scene, run_batch
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.output import STAGE_NAME
+
+LONG = 200
+"""frames of a batch that is ended while it simulates"""
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("ball")
+    write_obj(folder / "ball.obj", quad_sphere(6))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(ball: Path) -> dict[str, bytes]:
+    """What a batch writes that was never stopped."""
+    go_on(ball, ball / "whole", resume=False)
+    return contents(ball / "whole")
+
+
+def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) -> list[str]:
+    """Simulate it in this process, or from here on a cluster; what it says of where it begins."""
+    notes: list[str] = []
+    run_batch(
+        load_scene(str(ball / "ball.obj"), [("frames", LONG)]),
+        folder,
+        8,
+        {"gravity": np.linspace(1, 9, 8)},
+        export=[1, 6],
+        device="cpu",
+        schedule="lanes",
+        cluster=Cluster(address) if address else None,
+        on_note=notes.append,
+        **{"resume": True, **options},
+    )
+    return notes
+
+
+def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
+    """Start the same as a process of its own, and send it a signal once it has saved something: status and words."""
+    fine = "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = 1; from balloon_warp.cli import main; main()"
+    command = [sys.executable, "-c", fine, "batch", str(ball / "ball.obj"), "-o", str(folder), *words]
+    process = subprocess.Popen(
+        [*command, "--worlds", "8", "--vary", "gravity=1:9", "--grid", "--export", "1,6", "--schedule", "lanes"]
+        + ["--set", f"frames={LONG}", "--checkpoint", "0.01"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    try:
+        for _ in range(1200):
+            if list(folder.glob("partial/rows_*")) or process.poll() is not None:
+                break
+            time.sleep(0.05)
+        process.send_signal(number)
+        said = process.communicate(timeout=60)[1]
+    finally:
+        process.kill()
+    return process.returncode, said
+
+
+def test_a_killed_process_is_gone_on_from(ball: Path, whole: dict[str, bytes], tmp_path: Path):
+    assert end(ball, tmp_path / "out", signal.SIGKILL, "--device", "cpu") == (-signal.SIGKILL, "")
+    assert contents(tmp_path / "out") == {}
+    notes = go_on(ball, tmp_path / "out")
+    assert re.fullmatch(r"goes on after frame \d+, from .*out/partial", *notes)
+    assert contents(tmp_path / "out") == whole
+    assert not (tmp_path / "out" / "partial").exists()
+
+
+def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
+    ball: Path, whole: dict[str, bytes], tmp_path: Path
+):
+    status, said = end(ball, tmp_path / "out", signal.SIGTERM, "--device", "cpu")
+    assert status == 128 + signal.SIGTERM
+    sentence = (
+        r"error: ball was stopped after frame (\d+) of 200; .*out/partial has what there is, and --resume goes on"
+    )
+    assert (found := re.fullmatch(rf"{sentence} from it\n", said)), said
+    assert contents(tmp_path / "out") == {}
+    assert go_on(ball, tmp_path / "out") == [f"goes on after frame {found[1]}, from {tmp_path / 'out' / 'partial'}"]
+    assert contents(tmp_path / "out") == whole
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """A scheduler of two workers."""
+    pytest.importorskip("distributed", reason="needs the extra `cluster`")
+    from balloon_warp.sweep.cluster import start_workers
+
+    with start_workers([{}, {}]) as workers:
+        yield str(workers.scheduler_address)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_cluster_goes_on_without_the_shares_that_are_done(
+    ball: Path,
+    whole: dict[str, bytes],
+    address: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+):
+    """Eight shares of a world each."""
+    monkeypatch.setitem(shares.GRAIN, "cpu", 1)
+    out = tmp_path / "out"
+    if number == signal.SIGKILL:
+        end(ball, out, number, "--cluster", address, "--device", "cpu")
+    else:
+        press = press_ctrl_c_once(lambda frame: any(out.glob("partial/rows_*")))
+        with pytest.raises(KeyboardInterrupt, match=r"partial has what there is, and --resume goes on from it$"):
+            go_on(ball, out, address, on_frame=press, checkpoint_seconds=OFTEN)
+    assert contents(out) == {}
+    together, expected = (
+        Usd.Stage.Open(str(path)) for path in (out / "partial/worlds.usda", ball / "whole" / STAGE_NAME)
+    )
+    assert together.GetEndTimeCode() == LONG
+    for world in (1, 6):
+        path = Sdf.Path(f"/World/World_{world}/ball.points")
+        there = expected.GetAttributeAtPath(path)
+        assert there.GetNumTimeSamples() == LONG + 1
+        if (found := together.GetAttributeAtPath(path)).GetNumTimeSamples():  # its share is done
+            np.testing.assert_array_equal(found.Get(LONG), there.Get(LONG))
+    notes = go_on(ball, out, address)
+    assert re.fullmatch(r"goes on with [1-7] of 8 shares done, from .*out/partial", *notes)
+    written = contents(out)
+    stages = [Sdf.Layer.OpenAsAnonymous(str(folder / STAGE_NAME)).ExportToString() for folder in (out, ball / "whole")]
+    assert stages[0] == stages[1]  # sample by sample: the shares came in another order
+    assert {name: written[name] for name in NAMES[:2]} == {name: whole[name] for name in NAMES[:2]}
+    assert not (out / "partial").exists()
