@@ -70,12 +70,10 @@ def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
         env={**os.environ, "NO_COLOR": "1"},
     )
     try:
-        for _ in range(1200):
-            if list(folder.glob("partial/rows_*")) or process.poll() is not None:
-                break
+        while process.poll() is None and not list(folder.glob("partial/rows_*")):
             time.sleep(0.05)
         process.send_signal(number)
-        said = process.communicate(timeout=60)[1]
+        said = process.communicate(timeout=300)[1]
     finally:
         process.kill()
     return process.returncode, said
