@@ -65,10 +65,10 @@ def mutated_files(what: str, seconds: float) -> Count:
 
 
 def killed(kind: str, count: int) -> Count:
-    """Processes that write an output."""
+    """Processes that write an output; of some outcomes it is said besides that they were resumed."""
     with tempfile.TemporaryDirectory() as folder:
         outcomes = kills.kill_at_random(kind, count, Path(folder))
-    return _judged(f"kills: {kind}", outcomes, "damaged")
+    return Count(f"kills: {kind}", count, dict(outcomes), _failures(outcomes, "damaged"))
 
 
 def killed_workers(count: int) -> Count:
@@ -77,7 +77,7 @@ def killed_workers(count: int) -> Count:
 
     with tempfile.TemporaryDirectory() as folder:
         outcomes = kill_workers(count, Path(folder))
-    return _judged("kills: cluster worker", outcomes, "damaged")
+    return Count("kills: cluster worker", count, dict(outcomes), _failures(outcomes, "damaged"))
 
 
 def viewer_messages(count: int) -> Count:
@@ -86,10 +86,6 @@ def viewer_messages(count: int) -> Count:
 
     looks = send_nonsense(count)
     return Count("malformed viewer messages", count, dict(looks), _failures(looks, STOOD_STILL))
-
-
-def _judged(what: str, outcomes: Counter[str], bad: str) -> Count:
-    return Count(what, outcomes.total(), dict(outcomes), _failures(outcomes, bad))
 
 
 def _failures(outcomes: Counter[str], bad: str) -> list[str]:
