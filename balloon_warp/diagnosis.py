@@ -63,7 +63,7 @@ class BlowUp:
     def _advice(self) -> str:
         """The step beside the stable one, and what helps."""
         if self.is_sphere:
-            return "a heavier sphere, a smaller penalty, less inflation or more substeps help"
+            return 'a heavier sphere, contact = "impulse", less inflation or more substeps help'
         if self.stable_step is None:
             return "more substeps, more damping or softer springs help"
         if self.stable_step == 0.0:

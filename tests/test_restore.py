@@ -29,6 +29,7 @@ CHANGES = [
 ]
 SCENES = {
     "plain": PLAIN,
+    "impulse": PLAIN.model_copy(update={"contact": "impulse"}),
     "gas": PLAIN.model_copy(update={"balloon": [PUMPED]}),
     "water": PLAIN.model_copy(update={"water": Water(level=1.0)}),
     "changes": PLAIN.model_copy(update={"change": CHANGES}),
