@@ -50,10 +50,13 @@ def try_case(case: MeshCase, folder: Path) -> str | None:
     path = folder / "case.obj"
     path.write_bytes(case.content())
     try:
-        said = [*_plan(path, case.overrides).shapes[0].mesh.warnings]
+        with _limited_time():
+            said = [*_plan(path, case.overrides).shapes[0].mesh.warnings]
         outcome = "warned" if said else "accepted"
     except InputError as mistake:
         outcome, said = "refused", [str(mistake)]
+    except (TimeoutError, MemoryError) as failure:
+        return f"{case.name}: {type(failure).__name__} {failure}"
     if outcome != case.outcome:
         return f"{case.name}: expected to be {case.outcome}, was {outcome} ({'; '.join(said)})"
     if case.says and not any(case.says in sentence for sentence in said):
@@ -156,29 +159,35 @@ def _limited_time() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _limit_memory() -> None:
+@contextlib.contextmanager
+def _limited_memory() -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
-    limit = pages * resource.getpagesize() + MOST_MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST_MEMORY, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def try_table(folder: Path) -> tuple[Count, list[str]]:
     """Every mesh of the table: how many end how, and what is wrong with any."""
-    wrong = [complaint for case in MESH_CASES if (complaint := try_case(case, folder))]
+    with _limited_memory():
+        wrong = [complaint for case in MESH_CASES if (complaint := try_case(case, folder))]
     return Counter(case.outcome for case in MESH_CASES), wrong
 
 
 def fuzz_for(seconds: float, what: str, folder: Path) -> tuple[Count, str | None]:
-    """Mutations of "meshes" or "scenes" until the time is over or one fails, in limited memory from here on.
+    """Mutations of "meshes" or "scenes" until the time is over or one fails.
 
     Returns:
         what became of them, and what failed; the shortest file that shows it is then copied to here.
     """
-    _limit_memory()
     count, end = Counter(), time.monotonic() + seconds
     try:
-        for number in itertools.takewhile(lambda _: time.monotonic() < end, itertools.count()):
-            FUZZERS[what](folder, ROUND, number, count)
+        with _limited_memory():
+            for number in itertools.takewhile(lambda _: time.monotonic() < end, itertools.count()):
+                FUZZERS[what](folder, ROUND, number, count)
     except Exception as failure:
         # Hypothesis reads the shortest file that fails last.
         found = max(folder.iterdir(), key=lambda file: file.stat().st_mtime_ns)

@@ -1,5 +1,6 @@
 """The fuzzer, for a moment: it finds nothing, and it would."""
 
+import itertools
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -57,3 +58,21 @@ def test_the_table_is_held_to(tmp_path: Path) -> None:
     assert fuzz.try_case(plain, tmp_path) is None
     wrong = MeshCase("plain", plain.content, "refused", "is wrong")
     assert fuzz.try_case(wrong, tmp_path) == "plain: expected to be refused, was accepted ()"
+
+
+@pytest.mark.parametrize(
+    ("take", "complaint"),
+    [
+        (lambda: [time.sleep(0.01) for _ in itertools.count()], "plain: TimeoutError a file took more than"),
+        (lambda: bytearray(2 * fuzz.MOST_MEMORY), "plain: MemoryError"),
+    ],
+)
+def test_the_table_has_bounded_time_and_memory(
+    take: Callable[[], object], complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fuzz, "MESH_CASES", [case for case in MESH_CASES if case.name == "plain"])
+    monkeypatch.setattr(fuzz, "LONGEST", 0.02)
+    monkeypatch.setattr(fuzz, "PATIENCE", 1.0)
+    monkeypatch.setattr(fuzz, "_plan", lambda *_: take())
+    _, [wrong] = fuzz.try_table(tmp_path)
+    assert wrong.startswith(complaint)
