@@ -59,7 +59,8 @@ class Page:
     def address(self) -> str:
         """where to look"""
         host = self.server.get_host()
-        return f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else host}:{self.server.get_port()}"
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
 
     def start(self) -> None:
         """Draw the start, and begin."""
