@@ -1,6 +1,7 @@
 """A batch that was stopped or killed goes on to the same files, byte by byte, as one that was not."""
 
 import json
+import os
 import resource
 import shutil
 import threading
@@ -197,6 +198,27 @@ def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
     with pytest.raises(InputError, match=rf"{name}: cannot be read: ") as refusal:
         run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
     assert len(str(refusal.value).splitlines()) == 1
+
+
+class Spy:
+    """What a pickle can do when it is read."""
+
+    def __reduce__(self) -> tuple:
+        return os.mkdir, ("run",)
+
+
+@pytest.mark.parametrize(("name", "array"), [("rows_000000.npz", "values"), ("state_000002_0000.npz", "points")])
+def test_nothing_in_a_checkpoint_is_run(
+    stopped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, array: str
+):
+    monkeypatch.chdir(tmp_path)
+    path = stopped / "partial" / name
+    with np.load(path) as saved:
+        arrays = dict(saved)
+    np.savez(path, **{**arrays, array: np.array([Spy()], dtype=object)})
+    with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
+        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path: Path):

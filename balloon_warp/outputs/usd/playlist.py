@@ -36,7 +36,8 @@ def write_overlay(path: Path, still: str, parts: Sequence[str], last: int, scene
 
 def _stage_over(path: Path, layers: Sequence[str], last: int, scene: Scene) -> Usd.Stage:
     stage = Usd.Stage.CreateNew(str(path))
-    stage.GetRootLayer().subLayerPaths = [f"./{name}" for name in layers]
+    for name in layers:
+        stage.GetRootLayer().subLayerPaths.append(f"./{name}")
     describe_stage(stage, scene)
     stage.SetEndTimeCode(last)
     return stage
