@@ -22,7 +22,8 @@ viser = pytest.importorskip("viser")
 
 import msgspec  # noqa: E402
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus  # noqa: E402
-from websockets.sync.client import ClientConnection, connect  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+from websockets.sync.connection import Connection  # noqa: E402
 
 from balloon_warp.viewer import guard  # noqa: E402
 from balloon_warp.viewer.guard import MOST_NONSENSE, guarded, is_ours, names_of  # noqa: E402
@@ -90,7 +91,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 @contextlib.contextmanager
-def joined(page: Page, **headers: str) -> Iterator[ClientConnection]:
+def joined(page: Page, **headers: str) -> Iterator[Connection]:
     """A window, but without a browser, that reads what it is sent, as a browser does."""
     address = f"ws://127.0.0.1:{page.server.get_port()}"
     with connect(
@@ -109,7 +110,7 @@ def joined(page: Page, **headers: str) -> Iterator[ClientConnection]:
 
 
 @pytest.fixture
-def watcher(page: Page) -> Iterator[ClientConnection]:
+def watcher(page: Page) -> Iterator[Connection]:
     """A window that looks on, with the scene at its start."""
     with joined(page) as window:
         say(window, CAMERA)
@@ -121,7 +122,7 @@ def watcher(page: Page) -> Iterator[ClientConnection]:
         yield window
 
 
-def say(window: ClientConnection, message: object) -> None:
+def say(window: Connection, message: object) -> None:
     window.send(msgspec.msgpack.encode(message))
 
 
@@ -136,7 +137,7 @@ def goes_on(page: Page) -> None:
     assert not page.session.picture.trouble
 
 
-def heard(page: Page, window: ClientConnection) -> None:
+def heard(page: Page, window: Connection) -> None:
     """All that was said before was handled: a connection's messages are handled in their order."""
     mass = page.controls.mass
     value = 3.0 if mass.value != 3.0 else 4.0
@@ -145,7 +146,7 @@ def heard(page: Page, window: ClientConnection) -> None:
     assert window.close_code is None, (window.close_code, window.close_reason)
 
 
-def test_what_a_window_says_is_heard(page: Page, watcher: ClientConnection):
+def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
     """The very messages that the tests below spoil."""
     say(watcher, update(page.controls.inflation, value=0.5))
     wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
@@ -172,7 +173,7 @@ def test_what_a_window_says_is_heard(page: Page, watcher: ClientConnection):
     wait_until(lambda: not page.session.picture.hands, "the hand lets go")
 
 
-def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: ClientConnection):
+def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Connection):
     """Where the machine is busy, what is shown lags behind the hand."""
     older = page.session.picture
     say(watcher, update(page.controls.inflation, value=0.5))
@@ -181,7 +182,7 @@ def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Clien
     assert page.controls.inflation.value == 0.5
 
 
-def test_a_slider_is_heard_at_once(page: Page, watcher: ClientConnection):
+def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
     """Not when one of viser's threads finds time: until then the panel might have another value."""
     free = threading.Event()
     for _ in range(page.server._thread_executor._max_workers):
@@ -348,7 +349,7 @@ def nonsense(page: Page) -> dict[str, bytes]:
     }
 
 
-def test_nonsense_is_not_heard(page: Page, watcher: ClientConnection, capfd: pytest.CaptureFixture[str]):
+def test_nonsense_is_not_heard(page: Page, watcher: Connection, capfd: pytest.CaptureFixture[str]):
     """Nothing changes, time goes on, the terminal stays empty, and who says it is still heard when it makes sense."""
     controls = page.server.gui._gui_input_handle_from_uuid.values()
     for name, content in nonsense(page).items():
@@ -369,7 +370,7 @@ def test_nonsense_is_not_heard(page: Page, watcher: ClientConnection, capfd: pyt
     wait_until(lambda: page.session.picture.inflation == 0.5, "another window is heard")
 
 
-def test_who_goes_on_with_nonsense_is_shown_the_door(page: Page, watcher: ClientConnection):
+def test_who_goes_on_with_nonsense_is_shown_the_door(page: Page, watcher: Connection):
     with joined(page) as window:
         with contextlib.suppress(ConnectionClosed):
             for _ in range(20 * MOST_NONSENSE):
@@ -378,7 +379,7 @@ def test_who_goes_on_with_nonsense_is_shown_the_door(page: Page, watcher: Client
     goes_on(page)
 
 
-def test_a_huge_message_ends_its_own_connection(page: Page, watcher: ClientConnection):
+def test_a_huge_message_ends_its_own_connection(page: Page, watcher: Connection):
     with joined(page) as window:
         with contextlib.suppress(ConnectionClosed):
             window.send(b"\0" * (1 << 22))
@@ -386,7 +387,7 @@ def test_a_huge_message_ends_its_own_connection(page: Page, watcher: ClientConne
     goes_on(page)
 
 
-def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: ClientConnection):
+def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: Connection):
     """That make sense, each of them: the last slider counts, and of spheres there are as many as there may be."""
     with joined(page) as window:
         say(window, CAMERA)
@@ -400,7 +401,7 @@ def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: C
     wait_until(lambda: len(page.session.picture.scene.sphere) == 8, "spheres")
 
 
-def test_half_open_connections_do_not_stop_the_page(page: Page, watcher: ClientConnection):
+def test_half_open_connections_do_not_stop_the_page(page: Page, watcher: Connection):
     """Handshakes that never end, and what is no handshake: a window joins beside them."""
     with contextlib.ExitStack() as stack:
         for opening in (b"", b"GET / HTTP/1.1\r\nHost: local", b"\x16\x03\x01\x02\x00garbage\r\n\r\n") * 10:
@@ -412,7 +413,7 @@ def test_half_open_connections_do_not_stop_the_page(page: Page, watcher: ClientC
             heard(page, window)
 
 
-def test_there_are_no_more_connections_than_may_be(page: Page, watcher: ClientConnection, monkeypatch):
+def test_there_are_no_more_connections_than_may_be(page: Page, watcher: Connection, monkeypatch):
     monkeypatch.setattr(guard, "MOST_CONNECTIONS", 5)
     with contextlib.ExitStack() as stack:
         for _ in range(4):  # beside the one that looks on

@@ -67,7 +67,9 @@ def main() -> None:
         watch.add(path, os.path.relpath(path, folder) if path != folder else "")
     told = []
     for words in commands:
-        opened.clear(), called.clear(), watch.read()
+        opened.clear()
+        called.clear()
+        watch.read()
         sys.argv = ["balloon-warp", *words]
         status = None
         try:

@@ -52,12 +52,13 @@ def guarded(host: str, control: Callable[[str], Any]) -> Iterator[None]:
 
     def serve(handler: Handler, *place: Any, process_request: Any, **options: Any) -> Any:
         listening.append(place)
+        connection: Any = functools.partial(_connection, control)  # a function will do, whatever its type
         asyncio.get_running_loop().set_exception_handler(_note)
         return plain(
             functools.partial(_greet, handler),
             *place,
             process_request=functools.partial(_admit, names_of(host), process_request),
-            create_connection=functools.partial(_connection, control),
+            create_connection=connection,
             logger=_log,
             **{**options, "max_size": MOST_BYTES},
         )

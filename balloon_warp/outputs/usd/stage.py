@@ -144,7 +144,8 @@ def _animated_paths(layer: Sdf.Layer) -> list[Sdf.Path]:
     """Attributes with time samples."""
     paths: list[Sdf.Path] = []
 
-    def look(path: Sdf.Path) -> None:
+    def look(path: Sdf.Path | str) -> None:
+        path = Sdf.Path(path)
         if path.IsPropertyPath() and layer.GetNumTimeSamplesForPath(path):
             paths.append(path)
 
