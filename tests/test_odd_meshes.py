@@ -1,0 +1,86 @@
+"""What odd meshes do once they are taken: the policies that their warnings state, in forces."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from balloon_warp.benchmarks.bad_meshes import CUBE, WARNED, fan_at_an_edge
+from balloon_warp.scene import load_scene
+from balloon_warp.simulator import Simulator
+
+PRESSURE = {"kind": "pressure", "pressure": 12.0}
+
+
+def simulator_of(content: bytes, folder: Path, device: str, **balloon: object) -> Simulator:
+    """Of a mesh alone: no gravity, and inflation as asked for."""
+    path = folder / "mesh.obj"
+    path.write_bytes(content)
+    overrides = [("gravity", 0.0), *((f"balloon.{name}", value) for name, value in balloon.items())]
+    return Simulator(load_scene(path, overrides), device)
+
+
+def case(name: str) -> bytes:
+    return next(case.content() for case in WARNED if case.name == name)
+
+
+def move(simulator: Simulator, particle: int, to: tuple[float, float, float]) -> None:
+    points = simulator.state.points.numpy().copy()
+    points[0, particle] = to
+    simulator.state.points.assign(points)
+
+
+@pytest.mark.parametrize("inflation", [PRESSURE, {"k_normal": 3.0}])
+def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, tmp_path: Path, device: str):
+    """Its corner on the edge of the cube belongs to no other face."""
+    simulator = simulator_of(case("zero-area face"), tmp_path, device, inflation=inflation)
+    assert np.abs(simulator.read_frame().inflation_forces[0][8]).max() < 1e-6
+    move(simulator, 8, (0.5, -0.2, 0.0))
+    assert np.linalg.norm(simulator.read_frame().inflation_forces[0][8]) > 0.1
+
+
+def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: str):
+    """Vertices 1 and 9, whose spring has no length."""
+    simulator = simulator_of(case("coincident vertices"), tmp_path, device, inflation={"k_normal": 0.0}, helium=0.0)
+    at_rest = simulator.read_frame(net_forces=True)
+    assert np.abs(at_rest.net_forces[0]).max() < 1e-5
+    move(simulator, 8, (-0.1, 0.0, 0.0))
+    force = simulator.read_frame(net_forces=True).net_forces[0][8]
+    assert force[0] > 0.1  # back
+    simulator.step()
+    assert np.isfinite(simulator.read_frame().points[0]).all()
+
+
+def test_each_face_of_a_crowded_edge_is_inflated_to_its_side(tmp_path: Path, device: str):
+    """Pages of an open book: the corner away from the spine is of one page, and pushed along that page's normal."""
+    simulator = simulator_of(fan_at_an_edge(7), tmp_path, device, inflation=PRESSURE, fixed=[])
+    frame = simulator.read_frame()
+    points, forces = frame.points[0].astype(np.float64), frame.inflation_forces[0].astype(np.float64)
+    faces = simulator.model.shapes[0].mesh.face_vertex_indices.reshape(-1, 3)
+    assert len(faces) == 7
+    first, second, rim = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
+    area_vectors = 0.5 * np.cross(second - first, rim - first)
+    # A third of the pressure on a triangle is on each corner; float32 of a few newtons.
+    np.testing.assert_allclose(forces[faces[:, 2]], 12.0 * area_vectors / 3.0, atol=1e-4)
+
+
+def test_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path, device: str):
+    """The paper's inflation is shared by area: a cube of two has half the push of one alone."""
+    alone = simulator_of(CUBE, tmp_path, device, inflation={"k_normal": 3.0}).read_frame().inflation_forces[0]
+    simulator = simulator_of(case("several components"), tmp_path, device, inflation={"k_normal": 3.0})
+    both = simulator.read_frame().inflation_forces[0]
+    np.testing.assert_allclose(both, 0.5 * np.concatenate([alone, alone]), atol=1e-4)
+    pairs = simulator.model.shapes[0].springs.pairs
+    assert ((pairs < 8).all(axis=1) | (pairs >= 8).all(axis=1)).all()
+
+
+def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str):
+    """And is inflated besides."""
+    simulator = simulator_of(case("open border"), tmp_path, device, inflation={"k_normal": 3.0})
+    start = simulator.read_frame().points[0]
+    for _ in range(5):
+        simulator.step()
+    moved = np.linalg.norm(simulator.read_frame().points[0] - start, axis=1)
+    border = [0, 1, 4, 5]  # of the face that is left out
+    assert moved[border].max() == 0.0
+    assert np.delete(moved, border).min() > 1e-3
