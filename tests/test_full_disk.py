@@ -52,11 +52,13 @@ def write(kind: str, scene: Scene, folder: Path, on_frame: Callable[[int], None]
             run_batch(scene, folder / "batch", 4, export=range(4), device="cpu", on_frame=on_frame)
         case "picture":
             render_stage(folder / "ball.usdc", folder / "ball.png", 0, (320, 180), 1, device="cpu")
+        case "mesh":
+            write_obj(folder / "mesh.obj", quad_sphere(scene.frames))
         case suffix:
             animate(scene, folder / f"ball{suffix}", device="cpu", on_frame=on_frame)
 
 
-@pytest.mark.parametrize("kind", [".usdc", ".usda", "table", "worlds", "picture"])
+@pytest.mark.parametrize("kind", [".usdc", ".usda", "table", "worlds", "picture", "mesh"])
 def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene, tmp_path: Path):
     if kind == "picture":
         write(".usdc", scene, tmp_path)

@@ -97,7 +97,7 @@ def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
         os.replace(unfinished, path)
     except OSError as error:
         unfinished.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
