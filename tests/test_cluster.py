@@ -318,8 +318,14 @@ def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatc
     with cluster_module.start_workers(environments) as workers, distributed.Client(workers) as client:
         seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
         assert sorted(seen.values()) == ["5", "6"]
+        assert set(client.run(hears_ctrl_c).values()) == {False}
         assert len(listening()) >= 3  # a scheduler and two workers
         assert {address for address, _ in listening()} == {"127.0.0.1"}
+
+
+def hears_ctrl_c() -> bool:
+    """A terminal sends it to the workers, too."""
+    return signal.getsignal(signal.SIGINT) != signal.SIG_IGN
 
 
 @pytest.mark.parametrize(

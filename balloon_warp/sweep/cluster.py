@@ -4,6 +4,7 @@ import asyncio
 import logging
 import os
 import re
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -148,7 +149,7 @@ def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
 
     common: dict[str, Any] = {"host": LOOPBACK, "dashboard": False, "dashboard_address": f"{LOOPBACK}:0"}
     # Memory is estimated before a share is laid out: a second limit would only end good runs.
-    worker = {**common, "nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL}
+    worker = {**common, "nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL, "preload": [__name__]}
     return SpecCluster(
         scheduler={"cls": Scheduler, "options": {**common, "port": 0}},
         workers={
@@ -156,3 +157,9 @@ def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
             for number, environment in enumerate(environments)
         },
     )
+
+
+def dask_setup(_: Any) -> None:
+    """What Dask calls in each worker that is started here: a terminal sends Ctrl-C to all, and it is for the first
+    process, which saves what there is and ends them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
