@@ -123,7 +123,7 @@ def _name(effort: Callable[[], Count]) -> str:
 def main() -> None:
     """Print the counts; status 1 where anything failed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="a moment of each instead of twenty minutes")
+    parser.add_argument("--quick", action="store_true", help="a moment of each instead of half an hour")
     parser.add_argument("--json", action="store_true", help="print one JSON document instead of the table")
     arguments = parser.parse_args()
     counts = []
