@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.cli.quiet import quiet_warp
@@ -96,14 +96,28 @@ def kill_at_random(kind: str, count: int, folder: Path, seed: int = 0) -> Counte
 
 def _saved(kind: str, output: Path) -> bool:
     """Whether there is a checkpoint."""
-    return any(output.rglob("state_*.npz" if kind == "run" else "rows_*.npz"))
+    return any(any(folder.glob("state_*.npz" if kind == "run" else "rows_*.npz")) for folder in _partial(output))
+
+
+def _partial(output: Path) -> list[Path]:
+    """The folder of what is not finished, if it is there; not one that was being removed."""
+    return [path for path in output.glob("*partial") if path.is_dir() and not path.name.startswith(".")]
+
+
+def _plays(stage: Path) -> bool:
+    """Whether a stage opens and has the frames that it says it has."""
+    opened = Usd.Stage.Open(str(stage))
+    meshes = [UsdGeom.Mesh(prim) for prim in opened.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    moving = [mesh.GetPointsAttr() for mesh in meshes if mesh.GetVelocitiesAttr().GetNumTimeSamples()]
+    ends = opened.GetStartTimeCode(), opened.GetEndTimeCode()
+    return bool(moving) and all(points.Get(end) for points in moving for end in ends)
 
 
 def _goes_on(kind: str, output: Path, after: Files) -> bool:
-    """Whether what is saved opens, and leads to the output."""
-    for stage in output.rglob("*partial/[!.]*.usd*"):
-        if not Usd.Stage.Open(str(stage)):
-            return False
+    """Whether what is saved plays, and leads to the output."""
+    stages = [path for folder in _partial(output) for path in folder.glob("[!.]*.usd*") if path.name != "still.usdc"]
+    if not all(map(_plays, stages)):
+        return False
     process = _start(kind, output, FRAMES, resume=True)
     process.join()
     return process.exitcode == 0 and _read(output, after) == after
