@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.health import HEALTHY
-from balloon_warp.model import Model
+from balloon_warp.model import Model, State
 from balloon_warp.model.parameters import scene_parameters
 from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS, stable_step
-from balloon_warp.origin import Origin
 from balloon_warp.pulls import Pull, Pulls, name_of_particle
 from balloon_warp.replay import LastSubstep, last_substep
+from balloon_warp.schedules.choose import Schedule
 from balloon_warp.solvers.choose import PROJECTIVE
 
 
@@ -86,18 +86,19 @@ class BlowUp:
         return {**asdict(self), "moved": moved, "sentence": str(self)}
 
 
-def diagnose(origin: Origin, world: int, frame: int, bad: int = HEALTHY) -> BlowUp:
-    """Simulate a world again to see why it blew up.
+def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: int, bad: int = HEALTHY) -> BlowUp:
+    """Look again at the frame in which a world blew up.
 
     Args:
-        origin: of this world alone.
+        model: of this world alone.
+        state: at the frame's start; it is simulated from there.
+        schedule: that it was simulated with.
         world: its number, which the report names.
         frame: after which it was found bad.
         bad: its particle, or sphere, numbered after the particles, that was found bad; or `HEALTHY`.
     """
-    last = last_substep(origin, frame)
+    last = last_substep(model, state, schedule, frame)
     if last is None:
-        model = origin.model
         return BlowUp(world, frame, model.substeps, model.step_seconds, _body(model, bad))
     model = last.model
     pulls = Pulls(model, last.before, (last.substep - 1) * model.step_seconds)

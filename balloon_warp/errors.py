@@ -1,10 +1,5 @@
 """The errors that a user can cause. The command line prints their one sentence and no traceback."""
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from balloon_warp.diagnosis import BlowUp
-
 
 class InputError(ValueError):
     """Bad input: the message names the file or field, what was found, and what was expected. Exit status 2."""
@@ -18,10 +13,10 @@ class BlowUpError(RuntimeError):
     """The simulation left the finite numbers: the message says where, why and what helps. Exit status 1.
 
     Args:
-        report: what the message is the text of.
+        report: what the message is the text of: a `BlowUp`, or a sentence.
     """
 
-    def __init__(self, report: "BlowUp | str"):
+    def __init__(self, report: object):
         super().__init__(str(report))
         self.report = report
 

@@ -7,9 +7,8 @@ import warp as wp
 
 from balloon_warp.health import HEALTHY, HealthCheck
 from balloon_warp.model import Model, State, copy_of
-from balloon_warp.origin import Origin
+from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.scatter import ScatterSchedule
-from balloon_warp.simulator import Simulator
 
 FRAMES = 2
 """that are looked at: rounding differs between schedules, and may put off the end by a little"""
@@ -31,16 +30,11 @@ class LastSubstep:
     where they can be, and something else is no finite number"""
 
 
-def last_substep(origin: Origin, frame: int) -> LastSubstep | None:
-    """Simulate one world again to the frame before the one in which it blew up, as it was simulated, and then by the
-    readable reference, which can be watched. None if it does not blow up there: its state was written to meanwhile."""
-    simulator = Simulator.from_origin(origin)
-    while simulator.frame_number < frame - 1:
-        simulator.advance()
-    simulator.take_due_turns()
-    model, state = simulator.model, simulator.state
+def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> LastSubstep | None:
+    """Simulate a world from the start of the frame in which it blew up, in place, by the readable reference, which can
+    be watched. None if it does not blow up there: its state was written to meanwhile."""
     # The implicit solver can be watched itself, and takes steps at which the reference would not be stable.
-    substeps = getattr(simulator.schedule, "substeps", None) or ScatterSchedule(model).substeps
+    substeps = getattr(schedule, "substeps", None) or ScatterSchedule(model).substeps
     check, first_bad = HealthCheck(model), wp.full(1, HEALTHY, dtype=wp.int32, device=model.device)
     before = copy_of(state)
     for number in range(frame, frame + FRAMES):

@@ -201,11 +201,14 @@ class Simulator:
             self.__dict__.pop(cached, None)
 
     def diagnose(self, world: int, frame: int) -> "BlowUp":
-        """Why a world is bad that was found so after a frame: its last frames are simulated again to see."""
+        """Why a world is bad that was found so after a frame: by itself, its last frames are simulated again to see."""
         from balloon_warp.diagnosis import diagnose  # only once something is wrong
 
-        origin, bad = self._kept or self._start, int(self.first_bad.numpy()[world])
-        return diagnose(origin.of_world(world), world, frame, bad)
+        again = self.from_origin((self._kept or self._start).of_world(world))
+        while again.frame_number < frame - 1:
+            again.advance()
+        again.take_due_turns()
+        return diagnose(again.model, again.state, again.schedule, world, frame, int(self.first_bad.numpy()[world]))
 
     def _keep_origin(self) -> None:
         """Every so often, the state from which a blow-up can be found again."""

@@ -107,7 +107,7 @@ def _partial(output: Path) -> list[Path]:
 def _plays(stage: Path) -> bool:
     """Whether a stage opens and has the frames that it says it has."""
     opened = Usd.Stage.Open(str(stage))
-    meshes = [UsdGeom.Mesh(prim) for prim in opened.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    meshes = [mesh for prim in opened.Traverse() if (mesh := UsdGeom.Mesh(prim))]
     moving = [mesh.GetPointsAttr() for mesh in meshes if mesh.GetVelocitiesAttr().GetNumTimeSamples()]
     ends = opened.GetStartTimeCode(), opened.GetEndTimeCode()
     return bool(moving) and all(points.Get(end) for points in moving for end in ends)
