@@ -164,7 +164,7 @@ def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
         cluster = Cluster(address=address_of(workers))
         with pytest.raises(WorkersLostError, match=r"^the scheduler is gone"):
             run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.close())
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"])  # a share may have been done, and is saved
 
 
 def test_garbage_at_its_ports_does_not_end_a_batch(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
