@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.health import HEALTHY
+from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.model import Model, State
 from balloon_warp.model.parameters import scene_parameters
 from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS, stable_step

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
-from balloon_warp.health import HEALTHY, HealthCheck
-from balloon_warp.model import Model, State, copy_of
+from balloon_warp.kernels.health import HEALTHY
+from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.schedules.choose import Schedule
+from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.scatter import ScatterSchedule
 
 FRAMES = 2
@@ -35,16 +35,14 @@ def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> 
     be watched. None if it does not blow up there: its state was written to meanwhile."""
     # The implicit solver can be watched itself, and takes steps at which the reference would not be stable.
     substeps = getattr(schedule, "substeps", None) or ScatterSchedule(model).substeps
-    check, first_bad = HealthCheck(model), wp.full(1, HEALTHY, dtype=wp.int32, device=model.device)
-    before = copy_of(state)
+    check, before = HealthCheck(model), copy_of(state)
     for number in range(frame, frame + FRAMES):
         for substep in substeps(state):
-            check.look(state, first_bad)
-            bad = int(first_bad.numpy()[0])
+            check.look(state)
+            bad = int(state.first_bad.numpy()[0])
             if bad != HEALTHY or not _is_finite(state):
                 return LastSubstep(model, number, substep + 1, before, state, bad)
-            for name, array in vars(before).items():
-                wp.copy(array, getattr(state, name))
+            overwrite(before, state)
     return None
 
 

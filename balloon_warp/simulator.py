@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError
 from balloon_warp.frame import Frame, FrameReader
-from balloon_warp.health import HEALTHY, HealthCheck
+from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.kernels.timeline import hold_spheres
-from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state
+from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state, overwrite
 from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.model.parameters import METHODS, Parameters
 from balloon_warp.origin import Origin
@@ -80,12 +80,8 @@ class Simulator:
         self.model = replace(model, **{name: wp.clone(getattr(model, name)) for name in changing})
         self.state = initial_state(model)
         self.schedule = kind(self.model)
-        self._health_check = HealthCheck(self.model)
         self._first_frames = _first_frames(model)
         self.frame_number = 0
-        self.first_bad = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
-        """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be;
-        or `HEALTHY`, shape (world_count,)"""
 
     @classmethod
     def from_origin(cls, origin: Origin) -> Self:
@@ -93,8 +89,7 @@ class Simulator:
         simulator = cls.of_model(origin.model, origin.schedule)
         simulator.frame_number = origin.frame
         if origin.state:
-            for name, array in vars(origin.state).items():
-                wp.copy(getattr(simulator.state, name), array)
+            overwrite(simulator.state, origin.state)
         return simulator
 
     def run(self, world: int = 0) -> Iterator[Frame]:
@@ -123,7 +118,7 @@ class Simulator:
         if self.model.world_count == 1:
             self._keep_origin()
         self.advance()
-        bad = self.first_bad.numpy()
+        bad = self.state.first_bad.numpy()
         if (bad != HEALTHY).any():
             raise BlowUpError(self.diagnose(int(np.argmax(bad != HEALTHY)), self.frame_number))
 
@@ -196,7 +191,6 @@ class Simulator:
     def _make_schedule(self) -> None:
         """The schedule of the model as it is now, and nothing left of the last."""
         self.schedule = solver_named(self._asked_schedule, self.model)(self.model)
-        self._health_check = HealthCheck(self.model)
         for cached in ("_frame_graph", "_frame_reader"):
             self.__dict__.pop(cached, None)
 
@@ -208,18 +202,18 @@ class Simulator:
         while again.frame_number < frame - 1:
             again.advance()
         again.take_due_turns()
-        return diagnose(again.model, again.state, again.schedule, world, frame, int(self.first_bad.numpy()[world]))
+        bad = int(self.state.first_bad.numpy()[world])
+        return diagnose(again.model, again.state, again.schedule, world, frame, bad)
 
     def _keep_origin(self) -> None:
         """Every so often, the state from which a blow-up can be found again."""
         if self._kept is None or self.frame_number >= self._kept.frame + KEPT_FRAMES:
             model = replace(self.model, turns=list(self._turns))
-            self._kept = Origin(model, self._asked_schedule, self.frame_number, copy_of(self.state))
-
-    @property
-    def changing(self) -> dict[str, wp.array]:
-        """All that frames change, by name: the fields of `State`, and `first_bad`."""
-        return {**vars(self.state), "first_bad": self.first_bad}
+            if self._kept and self._kept.state:
+                overwrite(state := self._kept.state, self.state)
+            else:
+                state = copy_of(self.state)
+            self._kept = Origin(model, self._asked_schedule, self.frame_number, state)
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Go on, bit for bit, from where another simulator of the same scene, worlds and schedule was.
@@ -227,13 +221,13 @@ class Simulator:
         Only at the start: what the scene has changed until then, of parameters and methods, is changed again.
 
         Args:
-            saved: the contents of that one's `changing`.
+            saved: the contents of that one's state, by the names of its fields.
         """
         frame = int(saved["frame"][0])
         self.frame_number = frame - 1
         self.take_due_turns()
         self.frame_number, self._kept = frame, None
-        for name, array in self.changing.items():
+        for name, array in vars(self.state).items():
             array.assign(saved[name])
 
     def drop_turns(self) -> None:
@@ -271,7 +265,6 @@ class Simulator:
 
     def _advance_frame(self) -> None:
         self.schedule.advance_frame(self.state)
-        self._health_check.look(self.state, self.first_bad)
         if self._first_frames is not None:
             wp.launch(
                 hold_spheres,

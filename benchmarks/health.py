@@ -4,6 +4,7 @@ then to see why: python -m balloon_warp.benchmarks.health [DEVICE]"""
 import sys
 from dataclasses import dataclass
 from typing import Any
+from unittest.mock import patch
 
 import warp as wp
 
@@ -11,36 +12,82 @@ from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.device import pick_device
-from balloon_warp.health import HEALTHY, HealthCheck
-from balloon_warp.model import Model, State, build_model, copy_of
-from balloon_warp.schedules import make_schedule
+from balloon_warp.kernels import block_resident
+from balloon_warp.kernels.health import HealthTable
+from balloon_warp.kernels.tables import BodyTable
+from balloon_warp.model import Model, State, build_model, initial_state, overwrite
+from balloon_warp.schedules import block
+from balloon_warp.schedules.choose import Schedule, make_schedule
+from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.simulator import KEPT_FRAMES
 
 REPEATS = 1000
 """looks in a frame: one alone is lost in the noise"""
 
 
-class Looks:
-    """Stands in for a schedule, whose frame is a number of looks at the worlds."""
+class Launches:
+    """Stands in for a schedule, whose frame is the end of many frames."""
 
     capturable = True
 
     def __init__(self, model: Model):
         self.model, self._check = model, HealthCheck(model)
-        self._first_bad = wp.full(model.world_count, HEALTHY, dtype=wp.int32, device=model.device)
 
     def advance_frame(self, state: State) -> None:
         for _ in range(REPEATS):
-            self._check.look(state, self._first_bad)
+            self._check.end_frame(state)
 
 
-class Copies(Looks):
-    """Stands in for a schedule, whose frame is a copy of a state."""
-
-    capturable = False  # it allocates
+class Counts(Launches):
+    """Many ends without a look."""
 
     def advance_frame(self, state: State) -> None:
-        copy_of(state)
+        for _ in range(REPEATS):
+            wp.launch(count_frame, 1, inputs=[state.frame], device=self.model.device)
+
+
+class Copies(Launches):
+    """Stands in for a schedule, whose frame is a copy of a state."""
+
+    capturable = False  # so is a simulator's, which is none of the recorded frame
+
+    def __init__(self, model: Model):
+        super().__init__(model)
+        self._copy = initial_state(model)
+
+    def advance_frame(self, state: State) -> None:
+        overwrite(self._copy, state)
+
+
+@wp.kernel(enable_backward=False)
+def count_frame(frame: wp.array[wp.int32]):
+    """One thread."""
+    frame[0] = frame[0] + 1
+
+
+@wp.func
+def look_away(
+    bodies: BodyTable,
+    health: HealthTable,
+    first_bad: wp.array[wp.int32],
+    world: wp.int32,
+    balloon: wp.int32,
+    particle: wp.int32,
+    point: wp.vec3,
+    origin: wp.vec3,
+):
+    """Stands in for the look at a particle."""
+
+
+def blind_schedule(model: Model, name: str) -> Schedule:
+    """One whose kernels, of those that look themselves, do not."""
+    with (
+        patch.object(block_resident, "look_at_particle", look_away),
+        patch.object(block, "resident_kernel", block_resident.resident_kernel.__wrapped__),
+    ):
+        schedule = make_schedule(model, name)
+        schedule.advance_frame(initial_state(model))  # now is when they are made
+    return schedule
 
 
 @dataclass(frozen=True)
@@ -57,12 +104,14 @@ class Cost:
 
 
 def cost_of(case: Case, device: wp.Device) -> Cost:
-    """The schedule, the looks and the copies in turns."""
+    """The schedule, the same without looks, the ends of frames and the copies, in turns."""
     model = build_model(case.scene(), device, case.worlds)
-    contenders: list[Any] = [make_schedule(model, case.schedule), Looks(model), Copies(model)]
-    frame, looks, copy = seconds_a_frame(contenders)
+    schedules = [make_schedule(model, case.schedule), blind_schedule(model, case.schedule)]
+    beside: list[Any] = [Launches(model), Counts(model), Copies(model)]
+    frame, blind, ends, counts, copy = seconds_a_frame([*schedules, *beside])
+    look = frame - blind if case.schedule == "block" else (ends - counts) / REPEATS
     kept = copy / KEPT_FRAMES / frame if case.worlds == 1 else 0.0
-    return Cost(case.name, frame, looks / REPEATS / frame, kept)
+    return Cost(case.name, frame, look / frame, kept)
 
 
 def main() -> None:

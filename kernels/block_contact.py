@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact import collide, leave_ground, leave_sphere, move_sphere, penalty_force
 from balloon_warp.kernels.fixed_point import add_quanta, set_quanta, total_newtons
+from balloon_warp.kernels.health import HealthTable, look_at_sphere
 from balloon_warp.kernels.tables import (
     BodyTable,
     ObstacleTable,
@@ -207,10 +208,17 @@ def moved_sphere(
 
 @wp.func
 def end_spheres(
-    state: WorldState, forces: SphereForces, centers: Any, motions: Any, world: wp.int32, last_substep: wp.int32
+    health: HealthTable,
+    state: WorldState,
+    forces: SphereForces,
+    centers: Any,
+    motions: Any,
+    world: wp.int32,
+    last_substep: wp.int32,
 ):
-    """By one thread, after the last substep: the spheres into the state."""
+    """By one thread, after the last substep: the spheres into the state, and a look at them."""
     for sphere in range(state.sphere_positions.shape[1]):
+        look_at_sphere(health, state.first_bad, world, state.points.shape[1], sphere, row_of(centers, sphere))
         state.sphere_positions[world, sphere] = row_of(centers, sphere)
         state.sphere_velocities[world, sphere] = row_of(motions, sphere)
         state.sphere_forces[world, sphere] = total_newtons(forces.totals, force_row(world, last_substep), sphere)

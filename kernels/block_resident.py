@@ -16,6 +16,7 @@ from balloon_warp.kernels.block import count_frame_in_block
 from balloon_warp.kernels.block_slots import SlotTable, slot_functions
 from balloon_warp.kernels.block_spheres import sphere_functions
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, penalty_force
+from balloon_warp.kernels.health import HealthTable, look_at_particle
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area, push
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
@@ -151,12 +152,24 @@ def resident_kernel(
         return body
 
     @wp.func
-    def write_particle(state: WorldState, world: wp.int32, body: Body, point: wp.vec3, velocity: wp.vec3, aim: wp.vec3):
-        """Out of registers, what a frame ends with."""
+    def write_particle(
+        bodies: BodyTable,
+        health: HealthTable,
+        state: WorldState,
+        world: wp.int32,
+        points: Any,
+        body: Body,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        aim: wp.vec3,
+    ):
+        """Out of registers, what a frame ends with, and a look at it."""
         if body.active:
             state.points[world, body.number] = point
             state.velocities[world, body.number] = velocity
             state.inflation_aims[world, body.number] = aim
+            origin = points[health.origins[body.balloon]]
+            look_at_particle(bodies, health, state.first_bad, world, body.balloon, body.number, point, origin)
 
     @wp.func
     def inflation_of(body: Body, aim: wp.vec3, time_in_frame: float):
@@ -287,6 +300,7 @@ def resident_kernel(
         obstacles: ObstacleTable,
         faces: FaceTable,
         slot_table: SlotTable,
+        health: HealthTable,
         board: wp.uint64,
         state: WorldState,
         world: wp.int32,
@@ -342,9 +356,12 @@ def resident_kernel(
                 substeps - 1, step_seconds, body, springs, body2, springs2, even,
                 aim, point, velocity, aim2, point2, velocity2, odd, face_centers, area_vectors, sums,
             )  # fmt: skip
-        write_particle(state, world, body, point, velocity, aim)
+        points = even
+        if wp.static(odd_substeps):
+            points = odd
+        write_particle(bodies, health, state, world, points, body, point, velocity, aim)
         if wp.static(two):
-            write_particle(state, world, body2, point2, velocity2, aim2)
+            write_particle(bodies, health, state, world, points, body2, point2, velocity2, aim2)
 
     @wp.kernel(
         module="unique",
@@ -359,6 +376,7 @@ def resident_kernel(
         obstacles: ObstacleTable,
         faces: FaceTable,
         slot_table: SlotTable,
+        health: HealthTable,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
@@ -376,11 +394,11 @@ def resident_kernel(
             board = sphere_board()
             begin_spheres(board, bodies, obstacles, state, world, lane)
         carry_particles(
-            bodies, strings, obstacles, faces, slot_table, board, state, world, lane, substeps, step_seconds,
+            bodies, strings, obstacles, faces, slot_table, health, board, state, world, lane, substeps, step_seconds,
             even, odd, face_centers, area_vectors, sums,
         )  # fmt: skip
         if wp.static(sphere_count > 0):
-            end_spheres(board, state, world, substeps - 1, lane)
+            end_spheres(board, health, state, world, substeps - 1, lane)
         count_frame_in_block(state, world, lane)
 
     return advance_resident

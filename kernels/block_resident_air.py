@@ -18,6 +18,7 @@ from balloon_warp.kernels.block_slots import SlotTable, slot_functions
 from balloon_warp.kernels.block_spheres import sphere_functions
 from balloon_warp.kernels.contact import above_ground, leave_ground, leave_sphere, out_of_sphere, penalty_force
 from balloon_warp.kernels.gas import GAS, VOLUME, Swelling, air_drag, area_vector_in_quad, swelling_of_particle
+from balloon_warp.kernels.health import HealthTable, look_at_particle
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
 from balloon_warp.kernels.tables import (
@@ -251,6 +252,7 @@ def resident_air_kernel(
         obstacles: ObstacleTable,
         air: AirTable,
         slot_table: SlotTable,
+        health: HealthTable,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
@@ -294,11 +296,15 @@ def resident_air_kernel(
             state.points[world, body.number] = point
             state.velocities[world, body.number] = velocity
             state.inflation_aims[world, body.number] = area_vector
+            origin = even[health.origins[body.balloon]]
+            if wp.static(odd_substeps):
+                origin = odd[health.origins[body.balloon]]
+            look_at_particle(bodies, health, state.first_bad, world, body.balloon, body.number, point, origin)
             if body.number == body.origin:
                 state.gas_amounts[world, body.balloon] = amount
                 keep_load(state, world, body.balloon, load)
         count_frame_in_block(state, world, lane)
         if wp.static(sphere_count > 0):
-            end_spheres(board, state, world, substeps - 1, lane)
+            end_spheres(board, health, state, world, substeps - 1, lane)
 
     return advance_resident_in_air

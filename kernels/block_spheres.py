@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact import move_sphere
+from balloon_warp.kernels.health import HealthTable, look_at_sphere
 from balloon_warp.kernels.tables import (
     BodyTable,
     ObstacleTable,
@@ -154,15 +155,24 @@ def sphere_functions(threads: int, sphere_count: int) -> tuple[Any, ...]:
             write_entry(board, post_of(substep, lane // WARP_THREADS, sphere), total, float(substep))
 
     @wp.func
-    def end_spheres(board: wp.uint64, state: WorldState, world: wp.int32, last_substep: wp.int32, lane: wp.int32):
-        """The spheres into the state, by the first warp, after the last substep's barrier."""
+    def end_spheres(
+        board: wp.uint64,
+        health: HealthTable,
+        state: WorldState,
+        world: wp.int32,
+        last_substep: wp.int32,
+        lane: wp.int32,
+    ):
+        """The spheres into the state, and a look at them, by the first warp, after the last substep's barrier."""
         if lane < WARP_THREADS:
             for sphere in range(sphere_count):
                 force = posted_force(board, last_substep, sphere)
                 place = read_entry(board, place_of(last_substep, sphere))
                 motion = read_entry(board, motion_of(last_substep, sphere))
                 if lane == 0:
-                    state.sphere_positions[world, sphere] = wp.vec3(place[0], place[1], place[2])
+                    position = wp.vec3(place[0], place[1], place[2])
+                    look_at_sphere(health, state.first_bad, world, state.points.shape[1], sphere, position)
+                    state.sphere_positions[world, sphere] = position
                     state.sphere_velocities[world, sphere] = wp.vec3(motion[0], motion[1], motion[2])
                     state.sphere_forces[world, sphere] = force
 

@@ -29,6 +29,7 @@ from balloon_warp.kernels.block_contact import (
 from balloon_warp.kernels.contiguous import vector_of_tile
 from balloon_warp.kernels.correction import correction_limit, excess, moves_of_ends
 from balloon_warp.kernels.gas import VOLUME, Swelling, inflation_of_kind
+from balloon_warp.kernels.health import HealthTable, look_at_particle
 from balloon_warp.kernels.inflation import inflation_force
 from balloon_warp.kernels.motion import body_force, euler_step, response
 from balloon_warp.kernels.pull import pull_of_strings, spring_puller
@@ -79,6 +80,7 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
         water: WaterTable,
         air: AirTable,
         correction: CorrectionTable,
+        health: HealthTable,
         substeps: wp.int32,
         step_seconds: float,
         # state in and out
@@ -269,10 +271,15 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                     wp.tile_scatter_masked(points, first + particle, point, active)
         for particle in range(lane, count, threads):
             state.points[world, particle] = points[first + particle]
+            balloon = bodies.balloon[particle]
+            origin = points[first + health.origins[balloon]]
+            look_at_particle(
+                bodies, health, state.first_bad, world, balloon, particle, points[first + particle], origin
+            )
             if wp.static(traits.keeps_velocities):
                 state.velocities[world, particle] = new_velocities[particle]
         count_frame_in_block(state, world, lane)
         if lane == 0:
-            end_spheres(state, sphere_forces, centers, motions, world, substeps - 1)
+            end_spheres(health, state, sphere_forces, centers, motions, world, substeps - 1)
 
     return advance_streaming

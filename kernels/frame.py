@@ -1,4 +1,4 @@
-"""What every schedule needs around its frames: the start, the refreshed inflation, the counter, a look at the result.
+"""What every schedule needs around its frames: the start, the refreshed inflation, a look at the result.
 
 One module without adjoints, since every module and every adjoint adds to the time that a user waits for a first frame.
 """
@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels import inflation
 from balloon_warp.kernels.gas import inflation_of_kind
+from balloon_warp.kernels.health import HealthTable, look_along, look_at_sphere
 from balloon_warp.kernels.tables import AirTable, BodyTable
 
 
@@ -60,45 +61,33 @@ def add_inflation_forces(
 
 
 @wp.kernel(enable_backward=False)
-def count_frame(frame: wp.array[wp.int32]):
-    """One thread: the counter, on the device so that a captured frame can be replayed."""
-    frame[0] = frame[0] + 1
-
-
-@wp.kernel(enable_backward=False)
-def find_bad(
+def end_frame(
     # model
+    bodies: BodyTable,
+    health: HealthTable,
     balloon_particles: wp.array[wp.int32],
-    balloon_origin: wp.array[wp.int32],
-    balloon_squared_reach: wp.array[float],
-    squared_reach: float,
-    particle_mass_share: wp.array[float],
     lanes: wp.int32,
+    frames: wp.int32,
     # state in
     points: wp.array2d[wp.vec3],
     sphere_positions: wp.array2d[wp.vec3],
     # state out
+    frame: wp.array[wp.int32],
     first_bad: wp.array[wp.int32],
 ):
-    """A thread a (world, balloon, lane), which takes each so-manyth particle: the lowest of each world that is where it
-    cannot be. The first balloon's threads look at the spheres, too, which are numbered after the particles.
-
-    That is past a reach [m] from the world's origin for a sphere and for the balloon's `balloon_origin`, and past one
-    from there for its other particles. NaN compares as neither less nor more, and so is bad, too. A particle without
-    mass stays where it is.
-    """
+    """A thread a (world, balloon, lane), which takes each so-manyth particle: the look at what a frame wrote. The first
+    balloon's threads look at the spheres, too, and one of all counts the frames that have passed."""
     world, balloon, lane = wp.tid()
     row = points[world]
-    first = balloon_origin[balloon]
+    first = health.origins[balloon]
     origin = row[first]
-    if not wp.length_sq(origin) <= squared_reach and particle_mass_share[first] > 0.0:
-        wp.atomic_min(first_bad, world, first)
-    limit = balloon_squared_reach[balloon]
+    squared_span = health.squared_spans[balloon]
     for particle in range(balloon_particles[balloon] + lane, balloon_particles[balloon + 1], lanes):
-        if not wp.length_sq(row[particle] - origin) <= limit:
-            if particle_mass_share[particle] > 0.0:
-                wp.atomic_min(first_bad, world, particle)
+        look_along(bodies, first_bad, world, particle, row[particle] - origin, squared_span)
+    if lane == 0:
+        look_along(bodies, first_bad, world, first, origin, health.squared_reach)
     if balloon == 0:
         for sphere in range(lane, sphere_positions.shape[1], lanes):
-            if not wp.length_sq(sphere_positions[world, sphere]) <= squared_reach:
-                wp.atomic_min(first_bad, world, points.shape[1] + sphere)
+            look_at_sphere(health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
+        if world == 0 and lane == 0:
+            frame[0] = frame[0] + frames

@@ -1,4 +1,4 @@
-"""Symmetric linear systems that were factorized or inverted beforehand, for eight worlds at a time.
+"""Symmetric linear systems that were factorized or inverted beforehand, for several worlds at a time.
 
 What is solved for is a vec3 of each particle: one matrix serves x, y and z.
 """
@@ -88,8 +88,6 @@ def factored_solver(factor_type: Any) -> Any:
 class InverseTable:
     """The inverses of the balloons' matrices, one after the other."""
 
-    balloon: wp.array[wp.int32]
-    """the balloon of each particle, shape (particle_count,)"""
     particle_offsets: wp.array[wp.int32]
     """where each balloon's particles begin, shape (balloon_count + 1,)"""
     entry_offsets: wp.array[wp.int32]
@@ -100,52 +98,83 @@ class InverseTable:
     """the matrix of each world, shape (world_count,)"""
 
 
-@wp.kernel(enable_backward=False)
-def multiply_shared_inverse(
-    # model
-    inverse: InverseTable,
-    # state in
-    right_sides: wp.array2d[wp.vec3],
-    # state out
-    solutions: wp.array2d[wp.vec3],
-):
-    """A thread a particle of eight worlds, which all have matrix 0: each entry that is loaded serves 24 numbers."""
-    group, particle = wp.tid()
-    balloon = inverse.balloon[particle]
-    begin = inverse.particle_offsets[balloon]
-    count = inverse.particle_offsets[balloon + 1] - begin
-    first_entry = inverse.entry_offsets[balloon] + particle - begin
-    last_world = right_sides.shape[0] - 1
-    total = Lanes3()
-    for other in range(count):
-        entry = inverse.entries[0, first_entry + other * count]
-        for lane in range(LANE_COUNT):
-            right_side = right_sides[wp.min(group * LANE_COUNT + lane, last_world), begin + other]
-            for axis in range(3):
-                total[axis, lane] += entry * right_side[axis]
-    for lane in range(LANE_COUNT):
-        if group * LANE_COUNT + lane <= last_world:
-            solutions[group * LANE_COUNT + lane, particle] = column(total, lane)
+ROW_LANES = wp.constant(32)
+"""threads beside each other, whose rows are, too, so that they load entries together"""
 
 
-@wp.kernel(enable_backward=False)
-def multiply_own_inverse(
-    # model
-    inverse: InverseTable,
-    # state in
-    right_sides: wp.array2d[wp.vec3],
-    # state out
-    solutions: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle)."""
-    world, particle = wp.tid()
-    balloon = inverse.balloon[particle]
-    begin = inverse.particle_offsets[balloon]
-    count = inverse.particle_offsets[balloon + 1] - begin
-    first_entry = inverse.entry_offsets[balloon] + particle - begin
-    matrix = inverse.of_world[world]
-    total = wp.vec3()
-    for other in range(count):
-        entry = inverse.entries[matrix, first_entry + other * count]
-        total += entry * right_sides[world, begin + other]
-    solutions[world, particle] = total
+@cache
+def inverse_product(rows: int, worlds: int, unrolled: int) -> Any:
+    """The kernel that multiplies by the inverses. Sums are in the same order, however the work is laid out.
+
+    Args:
+        rows: of a thread; each right side that is loaded serves all.
+        worlds: of a thread; each entry that is loaded serves all, which have matrix 0 if they are several.
+        unrolled: terms of the sum whose loads are under way together.
+    """
+    Sums = wp.types.matrix(shape=(3 * rows, worlds), dtype=wp.float32)  # noqa: N806 - a type
+    Entries = wp.types.vector(length=rows, dtype=wp.float32)  # noqa: N806 - a type
+
+    @wp.func
+    def add_term(
+        inverse: InverseTable,
+        right_sides: wp.array2d[wp.vec3],
+        matrix: wp.int32,
+        group: wp.int32,
+        first_entry: wp.int32,
+        count: wp.int32,
+        row: wp.int32,
+        begin: wp.int32,
+        other: wp.int32,
+        sums: Sums,
+    ):
+        """The part of one particle in a thread's rows. By symmetry, a column's entries stand in the rows' places."""
+        entries = Entries()
+        for each in range(rows):
+            column = wp.min(row + each * ROW_LANES, count - 1)
+            entries[each] = inverse.entries[matrix, first_entry + other * count + column]
+        for lane in range(worlds):
+            right_side = right_sides[wp.min(group * worlds + lane, right_sides.shape[0] - 1), begin + other]
+            for each in range(rows):
+                for axis in range(3):
+                    sums[3 * each + axis, lane] += entries[each] * right_side[axis]
+        return sums
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def multiply_inverse(
+        # model
+        inverse: InverseTable,
+        tiles: wp.array[wp.vec2i],
+        # state in
+        right_sides: wp.array2d[wp.vec3],
+        # state out
+        solutions: wp.array2d[wp.vec3],
+    ):
+        """A thread a (group of worlds, tile, lane), which has every so-manyth row of the tile."""
+        group, tile, lane = wp.tid()
+        balloon = tiles[tile][0]
+        row = tiles[tile][1] + lane
+        begin = inverse.particle_offsets[balloon]
+        count = inverse.particle_offsets[balloon + 1] - begin
+        first_entry = inverse.entry_offsets[balloon]
+        matrix = 0
+        if wp.static(worlds == 1):
+            matrix = inverse.of_world[group]
+        sums = Sums()
+        in_turns = count - count % unrolled
+        for turn in range(in_turns // unrolled):
+            for step in range(unrolled):
+                other = turn * unrolled + step
+                sums = add_term(
+                    inverse, right_sides, matrix, group, first_entry, count, row, begin, other, sums
+                )  # fmt: skip
+        for other in range(in_turns, count):
+            sums = add_term(inverse, right_sides, matrix, group, first_entry, count, row, begin, other, sums)
+        for each in range(rows):
+            for lane_world in range(worlds):
+                world = group * worlds + lane_world
+                if world < solutions.shape[0] and row + each * ROW_LANES < count:
+                    solutions[world, begin + row + each * ROW_LANES] = wp.vec3(
+                        sums[3 * each, lane_world], sums[3 * each + 1, lane_world], sums[3 * each + 2, lane_world]
+                    )
+
+    return multiply_inverse

@@ -168,6 +168,7 @@ class WorldState:
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]
+    first_bad: wp.array[wp.int32]
 
 
 @wp.func

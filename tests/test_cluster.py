@@ -29,7 +29,8 @@ from balloon_warp.sweep import shares
 from balloon_warp.sweep.groups import plan_groups
 from balloon_warp.sweep.shares import cut_into_shares
 
-distributed = pytest.importorskip("distributed", reason="needs the extra `cluster`")
+dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
+distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
 
 WORLDS = 24
@@ -315,7 +316,11 @@ def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatc
     environments = cluster_module.worker_environments(Cluster(gpus=2))
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
     assert cluster_module.worker_environments(Cluster(gpus=1)) == [{"CUDA_VISIBLE_DEVICES": "0"}]
-    with cluster_module.start_workers(environments) as workers, distributed.Client(workers) as client:
+    with (
+        dask.config.set(cluster_module.SETTINGS),
+        cluster_module.start_workers(environments) as workers,
+        distributed.Client(workers) as client,
+    ):
         seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
         assert sorted(seen.values()) == ["5", "6"]
         assert set(client.run(hears_ctrl_c).values()) == {False}

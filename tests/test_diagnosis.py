@@ -9,9 +9,9 @@ from meshes import cube
 
 from balloon_warp.diagnosis import BlowUp
 from balloon_warp.errors import BlowUpError
-from balloon_warp.health import MOST_SPAN
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
+from balloon_warp.schedules.health import MOST_SPAN
 from balloon_warp.simulator import Simulator
 
 NO_INFLATION = Inflation(k_normal=0.0)

@@ -5,8 +5,11 @@ import pytest
 import warp as wp
 from meshes import cube
 
-from balloon_warp.health import FARTHEST, HEALTHY, MOST_SPAN, HealthCheck
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.schedules.health import FARTHEST, MOST_SPAN, HealthCheck
 from balloon_warp.simulator import Simulator
 
 CUBE = cube()
@@ -22,12 +25,13 @@ def found(points: np.ndarray, spheres: np.ndarray, device: str, **balloon: objec
     simulator = Simulator(scene(**balloon), device, world_count=len(points))
     for array, values in ((simulator.state.points, points), (simulator.state.sphere_positions, spheres)):
         wp.copy(array, wp.array(values, dtype=wp.vec3, device=device))
-    HealthCheck(simulator.model).look(simulator.state, simulator.first_bad)
-    for lanes in (1, 3, 20):
-        first_bad = wp.full(len(points), HEALTHY, dtype=wp.int32, device=device)
-        HealthCheck(simulator.model, lanes).look(simulator.state, first_bad)
-        np.testing.assert_array_equal(first_bad.numpy(), simulator.first_bad.numpy())
-    return simulator.first_bad.numpy().tolist()
+    found_bad = []
+    for lanes in (None, 1, 3, 20):
+        simulator.state.first_bad.fill_(HEALTHY)
+        HealthCheck(simulator.model, lanes).look(simulator.state)
+        found_bad.append(simulator.state.first_bad.numpy().tolist())
+    assert all(each == found_bad[0] for each in found_bad)
+    return found_bad[0]
 
 
 def places(worlds: int) -> tuple[np.ndarray, np.ndarray]:
@@ -89,4 +93,37 @@ def test_free_fall_for_ten_minutes_is_good(device: str):
     for _ in range(600):
         simulator.advance()
     assert simulator.state.points.numpy()[..., 1].max() < -0.5 * 9.81 * 599.0**2
-    assert simulator.first_bad.numpy().tolist() == [HEALTHY]
+    assert simulator.state.first_bad.numpy().tolist() == [HEALTHY]
+
+
+SCHEDULES = ("scatter", "gather", "block", "lanes", "octets")
+OF_KIND = {"penalty": {}, "impulse": {"contact": "impulse"}, "gas": {"balloon.inflation.kind": "gas"}}
+"""what the kernels of `block` differ in"""
+
+
+@pytest.mark.parametrize("kind", OF_KIND)
+@pytest.mark.parametrize("substeps", [1, 2])
+@pytest.mark.parametrize("schedule", SCHEDULES)
+def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int, kind: str, device: str):
+    """Where bad ones were put, they are still at the frame's end; what hangs on their springs may go bad with them."""
+    one = Balloon(mesh=CUBE, stiffness=Stiffness(structural=0.0, shear=0.0, flexion=0.0))
+    apart = scene().model_copy(update={"balloon": [one, one.model_copy(update={"position": (3.0, 0.0, 0.0)})]})
+    settings = {"substeps": substeps, "balloon.fixed": [7], **OF_KIND[kind]}
+    try:
+        simulator = Simulator(override_scene(apart, settings.items()), device, world_count=5, schedule=schedule)
+    except InputError as refusal:  # of what a schedule does not have
+        pytest.skip(str(refusal))
+    points, spheres = simulator.state.points.numpy(), simulator.state.sphere_positions.numpy()
+    if kind != "gas":  # that would fill all the space up to there
+        points[0, 7] = 10.0 * MOST_SPAN  # fixed
+    points[1, 13, 1] = np.nan
+    points[2, 5, 2] = 10.0 * MOST_SPAN
+    spheres[4, 1, 0] = 10.0 * FARTHEST
+    simulator.state.points.assign(points)
+    simulator.state.sphere_positions.assign(spheres)
+    simulator.advance()
+    well, second, first, untouched, sphere = simulator.state.first_bad.numpy().tolist()
+    assert (well, untouched, sphere) == (HEALTHY, HEALTHY, 16 + 1)
+    assert 8 <= second <= 13
+    assert 0 <= first <= 5
+    assert simulator.state.frame.numpy().tolist() == [1]

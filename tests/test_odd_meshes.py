@@ -43,7 +43,7 @@ def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: st
     """Vertices 1 and 9, whose spring has no length."""
     simulator = simulator_of(case("coincident vertices"), tmp_path, device, inflation={"k_normal": 0.0}, helium=0.0)
     at_rest = simulator.read_frame(net_forces=True)
-    assert np.abs(at_rest.net_forces[0]).max() < 1e-5
+    assert np.abs(at_rest.net_forces[0]).max() < 5e-5  # rounding: 2e-7 of 20 N, ten springs
     move(simulator, 8, (-0.1, 0.0, 0.0))
     force = simulator.read_frame(net_forces=True).net_forces[0][8]
     assert force[0] > 0.1  # back

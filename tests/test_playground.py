@@ -67,9 +67,9 @@ def play(playground: Playground) -> None:
 
 
 def assert_replayed(device, replay, played):
-    """To the last bit; on a GPU within rounding, where kernels are made for the number of spheres and strings, which
-    are all there from the beginning in a replay."""
-    np.testing.assert_allclose(replay, played, rtol=0, atol=0 if device == "cpu" else 1e-4)
+    """To the last bit; on a GPU within rounding of the largest number, where kernels are made for the number of spheres
+    and strings, which are all there from the beginning in a replay."""
+    np.testing.assert_allclose(replay, played, rtol=0, atol=0 if device == "cpu" else 1e-4 * np.abs(played).max())
 
 
 def test_the_journal_replays(device):

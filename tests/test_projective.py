@@ -10,9 +10,10 @@ from balloon_warp.errors import InputError
 from balloon_warp.model import State, build_model
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String, Water
 from balloon_warp.simulator import Simulator
-from balloon_warp.solvers.dense_inverse import MOST_PARTICLES, DenseInverse
+from balloon_warp.solvers.dense_inverse import MANY_WORLDS, MOST_PARTICLES, DenseInverse
 from balloon_warp.solvers.projective import ProjectiveSolver
 from balloon_warp.solvers.sparse_factor import SparseFactor
+from balloon_warp.solvers.step_matrices import StepMatrices
 
 SOFT = Stiffness(structural=20.0, shear=10.0, flexion=5.0)
 
@@ -239,16 +240,32 @@ def test_a_sphere_is_pushed_as_by_scatter(device):
 
 @pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
 def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
-    """Within the rounding of float32, with one matrix for all worlds or one for each."""
+    """Within the rounding of float32, with one matrix for all worlds or one for each. The factor is for the CPU."""
     states: list[State] = []
-    for global_step in (SparseFactor, DenseInverse):
-        simulator = Simulator(full_scene(solver="projective"), device, 3, vary)
+    for place, global_step in (("cpu", SparseFactor), (device, DenseInverse)):
+        simulator = Simulator(full_scene(solver="projective"), place, 3, vary)
         simulator.schedule = ProjectiveSolver(simulator.model, global_step)
         for _ in range(3):
             simulator.step()
         states.append(simulator.state)
     assert np.abs(states[0].velocities.numpy()).max() > 0.1
     np.testing.assert_allclose(states[0].points.numpy(), states[1].points.numpy(), rtol=0, atol=1e-5)
+
+
+def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):
+    """Of two balloons, 56 rows each, by threads that have a row each, or several rows of several worlds."""
+    many = MANY_WORLDS + 5
+    right_sides = np.random.default_rng(3).normal(size=(many, 112, 3)).astype(np.float32)
+    solutions = []
+    for rows in (right_sides, right_sides[-1:]):
+        model = build_model(full_scene(), device, len(rows))
+        solution = wp.zeros(rows.shape[:2], dtype=wp.vec3, device=device)
+        matrices = StepMatrices(model)
+        DenseInverse(model, matrices).solve(wp.array(rows, dtype=wp.vec3, device=device), solution)
+        solutions.append(solution.numpy())
+    np.testing.assert_array_equal(solutions[0][-1], solutions[1][0])
+    back = np.einsum("pq,wqa->wpa", matrices.matrix(0).toarray(), solutions[0])
+    np.testing.assert_allclose(back, right_sides, rtol=0, atol=1e-4)  # float32, times a condition of 100
 
 
 VARIED = {

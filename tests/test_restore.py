@@ -58,7 +58,7 @@ def simulators(way: tuple[str, str], device: str) -> list[Simulator]:
 
 
 def contents(simulator: Simulator) -> dict[str, bytes]:
-    return {name: array.numpy().tobytes() for name, array in simulator.changing.items()}
+    return {name: array.numpy().tobytes() for name, array in vars(simulator.state).items()}
 
 
 @pytest.mark.parametrize("way", WAYS, ids="-".join)
@@ -67,7 +67,7 @@ def test_the_same_bits_follow(way: tuple[str, str], device: str, tmp_path: Path)
     for _ in range(SAVED_AT):
         left.step()
     scene_then = left.model.scene
-    write_npz(tmp_path / "state.npz", ((name, array.numpy()) for name, array in left.changing.items()))
+    write_npz(tmp_path / "state.npz", ((name, array.numpy()) for name, array in vars(left.state).items()))
     for _ in range(FRAMES - SAVED_AT):
         left.step()
     with np.load(tmp_path / "state.npz") as saved:
@@ -87,6 +87,6 @@ def test_a_world_that_blew_up_is_still_known(device: str):
     left, restored = (Simulator(bad, device, 2, vary) for _ in range(2))
     for _ in range(3):
         left.advance()
-    restored.restore({name: array.numpy() for name, array in left.changing.items()})
-    np.testing.assert_array_equal(restored.first_bad.numpy(), left.first_bad.numpy())
-    assert restored.first_bad.numpy()[0] != restored.first_bad.numpy()[1]
+    restored.restore({name: array.numpy() for name, array in vars(left.state).items()})
+    np.testing.assert_array_equal(restored.state.first_bad.numpy(), left.state.first_bad.numpy())
+    assert restored.state.first_bad.numpy()[0] != restored.state.first_bad.numpy()[1]

@@ -4,7 +4,7 @@ from balloon_warp.model.build import build_model, lay_out
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Vary
 from balloon_warp.model.plan import ModelPlan, plan_model
-from balloon_warp.model.state import State, copy_of, initial_state
+from balloon_warp.model.state import State, copy_of, initial_state, overwrite
 from balloon_warp.model.timeline import Turn
 
 __all__ = [
@@ -17,5 +17,6 @@ __all__ = [
     "copy_of",
     "initial_state",
     "lay_out",
+    "overwrite",
     "plan_model",
 ]

@@ -18,7 +18,7 @@ USABLE = 0.9
 def world_bytes(model: Model) -> int:
     """Device memory of one world's state."""
     vectors = 3 * model.particle_count + 3 * model.sphere_count
-    return VECTOR_BYTES * vectors + 28 * model.balloon_count
+    return VECTOR_BYTES * vectors + 28 * model.balloon_count + 4
 
 
 def free_memory(device: wp.Device) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.frame import place_balloons
+from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.model.model import Model
 
 
@@ -38,6 +39,9 @@ class State:
     """of balloons with pressure or gas, above the air's [Pa], shape (world_count, balloon_count), float32"""
     gas_amounts: wp.array
     """[mol], shape (world_count, balloon_count), float64"""
+    first_bad: wp.array
+    """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
+    `HEALTHY`, shape (world_count,), int32"""
 
 
 def initial_state(model: Model) -> State:
@@ -68,9 +72,16 @@ def initial_state(model: Model) -> State:
         inflation_loads=rows_of_worlds(model.initial_loads),
         pressures=rows_of_worlds(model.initial_pressures),
         gas_amounts=rows_of_worlds(model.initial_gas_amounts),
+        first_bad=wp.full(worlds, HEALTHY, dtype=wp.int32, device=device),
     )
 
 
 def copy_of(state: State) -> State:
     """Another state that is as it is now."""
     return State(**{name: wp.clone(array) for name, array in vars(state).items()})
+
+
+def overwrite(state: State, other: State) -> None:
+    """Make a state what another of the same shapes is now."""
+    for name, array in vars(other).items():
+        wp.copy(getattr(state, name), array)

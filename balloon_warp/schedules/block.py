@@ -13,6 +13,7 @@ from balloon_warp.kernels.block_resident_air import resident_air_kernel
 from balloon_warp.kernels.block_streaming import streaming_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.residence import MOST_THREADS, WARP_THREADS, Residence, residence, residence_in_air
 from balloon_warp.schedules.rings import Ring
@@ -118,6 +119,7 @@ def _resident(model: Model, ends: SpringEnds, home: Residence) -> Recipe:
         home.registers,
     )
     tables = [body_table(model), string_table(model), obstacle_table(model), face_table(model), slots]
+    tables.append(health_table(model))
     return Recipe(kernel, home.threads, tables, [])
 
 
@@ -136,6 +138,7 @@ def _resident_in_air(model: Model, ends: SpringEnds, home: Residence, rings: Rin
     )
     slots = slot_table(model, ends, rings)
     tables = [body_table(model), string_table(model), obstacle_table(model), air_table(model), slots]
+    tables.append(health_table(model))
     return Recipe(kernel, home.threads, tables, [])
 
 
@@ -152,6 +155,7 @@ def _streaming(model: Model, ends: SpringEnds) -> Recipe:
     ]
     tables = [body_table(model), string_table(model), obstacle_table(model), face_table(model)]
     tables += [spring_table(model, ends), water_table(model), air_table(model), correction_table(model)]
+    tables.append(health_table(model))
     return Recipe(
         kernel=streaming_kernel(capacity, _power_of_two(model.sphere_count), traits, fresh),
         threads=min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS) if model.device.is_cuda else 1,

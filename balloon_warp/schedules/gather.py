@@ -7,12 +7,12 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.gather import meeting_kernel, particle_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.correct import Corrector
 from balloon_warp.schedules.gather_air import GatherAir
+from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.spheres import SphereMover
 from balloon_warp.schedules.tables import (
@@ -36,6 +36,7 @@ class GatherSchedule:
 
     def __init__(self, model: Model):
         self.model = model
+        self._health = HealthCheck(model)
         self._bodies = body_table(model)
         ends = spring_ends(model)
         self._traits = model_traits(model)
@@ -96,7 +97,7 @@ class GatherSchedule:
         if velocities is not state.velocities:
             wp.copy(state.velocities, velocities)
         self._spheres.end_frame(state)
-        self._launch(count_frame, 1, state.frame)
+        self._health.end_frame(state)
 
     def _advance_particles(
         self, state: State, time_in_frame: float, old: tuple[wp.array, wp.array], new: tuple[wp.array, wp.array]

@@ -8,12 +8,12 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.lanes import advance_groups
 from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState, LaneTraits
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.refresh import refresh_ramp
 from balloon_warp.schedules.tables import (
     air_table,
@@ -47,6 +47,7 @@ class LanesSchedule:
         if not model.device.is_cpu:
             raise InputError(f"--schedule lanes: runs on the CPU (got {model.device}); block is its like for a GPU")
         self.model = model
+        self._health = HealthCheck(model)
         group_count = -(-model.world_count // LANE_COUNT)
         thread_count = min(thread_count or os.cpu_count() or 1, group_count)
         self._threads = ThreadPoolExecutor(thread_count)
@@ -82,7 +83,7 @@ class LanesSchedule:
         worlds = world_state(state)
         for done in [self._threads.submit(self._advance_groups, worlds, share) for share in self._shares]:
             done.result()
-        wp.launch(count_frame, 1, inputs=[state.frame], device=self.model.device)
+        self._health.end_frame(state)
 
     def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:
         model = self.model

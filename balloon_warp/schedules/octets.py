@@ -9,11 +9,11 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.octets import octet_kernel
 from balloon_warp.kernels.octets_state import OCTET_NUMBERS, OctetState
 from balloon_warp.model import Model, State
+from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.octet_tables import face_octet_count, octet_count, octet_faces, octet_springs
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, string_table, world_state
@@ -39,6 +39,7 @@ class OctetsSchedule:
         if beyond := beyond_basics(model):
             raise InputError(f"--schedule octets: does not simulate {beyond}; use gather")
         self.model = model
+        self._health = HealthCheck(model)
         self._fresh_normals = model.scene.normals == "fresh"
         self._kernel = octet_kernel(self._fresh_normals, model.sphere_count > 0, model_traits(model).impulses)
         self._aims = AimRefresher(model)
@@ -79,7 +80,7 @@ class OctetsSchedule:
             ],
             device=model.device,
         )
-        wp.launch(count_frame, 1, inputs=[state.frame], device=model.device)
+        self._health.end_frame(state)
 
 
 def _octet_state(model: Model, faces: Any) -> Any:

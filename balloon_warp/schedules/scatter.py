@@ -9,7 +9,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact import move_spheres, resolve_contacts
-from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.inflation import add_face_areas, aim_inflation, measure_faces, ramp_inflation
 from balloon_warp.kernels.motion import euler_kernel, set_body_forces
 from balloon_warp.kernels.springs import add_rubber_forces, add_spring_forces, add_string_forces
@@ -18,6 +17,7 @@ from balloon_warp.kernels.water import add_water_forces, add_water_loads
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.schedules.correct import Corrector
+from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.scatter_air import ScatterAir
 from balloon_warp.schedules.tables import body_table, face_table, hinge_table, water_table
 from balloon_warp.schedules.traits import model_traits
@@ -32,6 +32,7 @@ class ScatterSchedule:
     def __init__(self, model: Model):
         worlds, device = model.world_count, model.device
         self.model = model
+        self._health = HealthCheck(model)
         self._traits = model_traits(model)
         self._corrector = Corrector(model)
         self._hinges = hinge_table(model)
@@ -68,7 +69,7 @@ class ScatterSchedule:
                 self._aim_inflation(state)
             self._advance_substep(state, substep * model.step_seconds)
             yield substep
-        self._launch(count_frame, 1, state.frame)
+        self._health.end_frame(state)
 
     def _advance_substep(self, state: State, time_in_frame: float) -> None:
         self._move_spheres(state)

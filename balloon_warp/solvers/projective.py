@@ -6,7 +6,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frame import count_frame
 from balloon_warp.kernels.projective import (
     apply_increments,
     ending_kernel,
@@ -15,6 +14,7 @@ from balloon_warp.kernels.projective import (
 )
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
 from balloon_warp.schedules.spheres import SphereMover
 from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, spring_table, string_table
@@ -41,6 +41,7 @@ class ProjectiveSolver:
         if beyond := beyond_basics(model):
             raise InputError(f'solver: "projective" does not simulate {beyond}; expected another solver')
         self.model = model
+        self._health = HealthCheck(model)
         self._global_step = (global_step or _global_step(model))(model, StepMatrices(model))
         self._bodies = body_table(model)
         ends = spring_ends(model)
@@ -82,7 +83,7 @@ class ProjectiveSolver:
             self._advance_substep(state, substep * model.step_seconds)
             yield substep
         self._spheres.end_frame(state)
-        wp.launch(count_frame, 1, inputs=[state.frame], device=model.device)
+        self._health.end_frame(state)
 
     def _advance_substep(self, state: State, time_in_frame: float) -> None:
         h, u, trial = self.model.step_seconds, self._displacements, self._trial_points

@@ -19,9 +19,14 @@ class SparseFactor:
 
     SciPy (SuperLU) factorizes once; a kernel solves, since SuperLU takes three times as long for many worlds, and its
     last bits depend on how many there are.
+
+    Raises:
+        ValueError: the device is not the CPU, whose vector instructions the kernel is made of.
     """
 
     def __init__(self, model: Model, matrices: StepMatrices):
+        if not model.device.is_cpu:
+            raise ValueError(f"SparseFactor runs on the CPU (got {model.device})")
         layout = _lay_out(matrices.pattern())
         factors = [layout.factorize(matrices.matrix(number)) for number in range(matrices.count)]
         shared = matrices.count == 1

@@ -24,6 +24,8 @@ LOOPBACK = "127.0.0.1"
 SETTINGS = {
     # A large mesh travels with its share: a copy that lay on one worker would be lost with it.
     "distributed.admin.large-graph-warning-threshold": "1 TiB",
+    # Nobody looks at what it monitors, and no worker starts where it fails, as it does in some containers.
+    "distributed.diagnostics.nvml": False,
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }

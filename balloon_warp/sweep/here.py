@@ -125,7 +125,7 @@ def _take_up(
 
 def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDArray]]:
     """All that a frame depends on of those before it; one at a time is on the host."""
-    for name, array in {**simulator.changing, **recorder.changing}.items():
+    for name, array in {**vars(simulator.state), **recorder.changing}.items():
         yield name, array.numpy()
 
 

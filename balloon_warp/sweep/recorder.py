@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.health import HEALTHY
+from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.kernels.measures import BalloonSums, measure_worlds, sum_balloons
 from balloon_warp.kernels.worlds import pick_healthy_worlds
 from balloon_warp.model import ModelPlan
@@ -118,7 +118,7 @@ class Recorder:
                 *(self._balloon_faces, model.face_offsets, model.face_particles, model.mass),
                 *(model.inflation_kind, model.keyframe_times, model.keyframe_values, model.frame_seconds, model.up),
                 *(state.frame, state.pressures, state.points, state.sphere_positions, self._sums),
-                *(self.simulator.first_bad, HEALTHY),
+                *(state.first_bad, HEALTHY),
             ],
             outputs=[self._measures, self._healthy],
         )

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
-from balloon_warp.health import HEALTHY
 from balloon_warp.model import build_model, lay_out, plan_model
 from balloon_warp.model.parameters import METHODS
 from balloon_warp.model.plan import ModelPlan
@@ -230,7 +229,6 @@ class Playground:
         self._rebuild(moment.scene, [None] * len(moment.scene.sphere), moment.substeps)
         for name, values in moment.state.items():
             getattr(self.simulator.state, name).assign(values)
-        self.simulator.first_bad.fill_(HEALTHY)
         self.simulator.frame_number = moment.frame
         for who in list(self.hands):
             self.release(who)

@@ -1,0 +1,79 @@
+"""How a frame ends: it is counted, and every particle and sphere is looked at, on the device."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.kernels.frame import end_frame
+from balloon_warp.kernels.health import HealthTable
+from balloon_warp.model import Model, State
+from balloon_warp.schedules.tables import body_table
+
+MOST_SPAN = 1.0e5
+"""from one particle of a balloon to another, over its size at the start: float32 then resolves a hundredth of that, and
+no spring's length any more"""
+FARTHEST = 1.0e7
+"""from the origin, over the size of the largest thing in the world: float32 then resolves no more than that thing as a
+whole. From rest, what is a meter large gets there by falling freely for 24 minutes."""
+LEAST_SIZE = 1.0
+"""[m], of that largest thing: small balloons may fall or rise as long as large ones"""
+PARTICLES_A_THREAD = 4
+"""on a GPU"""
+LARGEST_ROOT = 1.0e19
+"""whose square is a float32"""
+
+
+class HealthCheck:
+    """Finds the worlds that left the finite numbers, or whose particles or spheres are where they cannot be.
+
+    It reads the points that the frame has just written, once, and nothing else that grows with the number of worlds: no
+    spring's length, no velocity. A velocity that is not finite makes a place that is not, a substep later; so do gas
+    and pressure. What is written is looked at on the host again: see `Frame.is_finite`.
+
+    Args:
+        model: what is simulated.
+        lanes: threads that share a balloon; as many as suit the device, when missing.
+    """
+
+    def __init__(self, model: Model, lanes: int | None = None):
+        if lanes is None:
+            largest = max(shape.mesh.vertex_count for shape in model.shapes)
+            lanes = 1 if model.device.is_cpu else -(-largest // PARTICLES_A_THREAD)
+        self._shape = (model.world_count, model.balloon_count, lanes)
+        particles = wp.array(model.particle_offsets, dtype=wp.int32, device=model.device)
+        self._inputs = [body_table(model), health_table(model), particles, lanes]
+
+    def look(self, state: State) -> None:
+        """Lower `state.first_bad` of each world to its first bad particle or sphere."""
+        self._launch(state, 0)
+
+    def end_frame(self, state: State) -> None:
+        """Count the frame, and look at what it wrote."""
+        self._launch(state, 1)
+
+    def _launch(self, state: State, frames: int) -> None:
+        wp.launch(
+            end_frame,
+            self._shape,
+            inputs=[*self._inputs, frames, state.points, state.sphere_positions],
+            outputs=[state.frame, state.first_bad],
+            device=state.points.device,
+        )
+
+
+def health_table(model: Model) -> Any:
+    """How far particles and spheres may be."""
+    origins, sizes, farthest = [], [LEAST_SIZE], [0.0]
+    for shape, first in zip(model.shapes, model.particle_offsets, strict=False):
+        used = shape.mesh.points[shape.mesh.face_vertex_indices]
+        origins.append(first + int(shape.mesh.face_vertex_indices[0]))
+        sizes.append(float(np.ptp(used, axis=0).max()))
+        farthest.append(float(np.abs(used).max()))
+    spheres = model.initial_sphere_positions.numpy()
+    reach = FARTHEST * max(sizes) + max([*farthest, float(np.abs(spheres).max(initial=0.0))])
+    table = HealthTable()
+    table.origins = wp.array(origins, dtype=wp.int32, device=model.device)
+    table.squared_spans = wp.array(np.square(MOST_SPAN * np.array(sizes[1:])), dtype=float, device=model.device)
+    table.squared_reach = min(reach, LARGEST_ROOT) ** 2
+    return table
