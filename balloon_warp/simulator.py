@@ -28,9 +28,9 @@ from balloon_warp.solvers.step_matrices import FACTORIZED
 if TYPE_CHECKING:
     from balloon_warp.diagnosis import BlowUp
 
-KEPT_FRAMES = 256
+KEPT_FRAMES = 512
 """between two states of a single world that are kept, so that a blow-up can be followed from one: a copy costs less
-than half a frame, and so less than a five-hundredth of all"""
+than five frames, and so less than a hundredth of all"""
 
 
 class Simulator:

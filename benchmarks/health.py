@@ -71,10 +71,10 @@ def look_away(
     health: HealthTable,
     first_bad: wp.array[wp.int32],
     world: wp.int32,
-    balloon: wp.int32,
     particle: wp.int32,
     point: wp.vec3,
-    origin: wp.vec3,
+    points: Any,
+    first: wp.int32,
 ):
     """Stands in for the look at a particle."""
 

@@ -168,8 +168,7 @@ def resident_kernel(
             state.points[world, body.number] = point
             state.velocities[world, body.number] = velocity
             state.inflation_aims[world, body.number] = aim
-            origin = points[health.origins[body.balloon]]
-            look_at_particle(bodies, health, state.first_bad, world, body.balloon, body.number, point, origin)
+            look_at_particle(bodies, health, state.first_bad, world, body.number, point, points, 0)
 
     @wp.func
     def inflation_of(body: Body, aim: wp.vec3, time_in_frame: float):

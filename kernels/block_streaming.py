@@ -270,12 +270,9 @@ def streaming_kernel(capacity: int, sphere_capacity: int, traits: Traits, fresh_
                         new_velocities[particle] = velocity
                     wp.tile_scatter_masked(points, first + particle, point, active)
         for particle in range(lane, count, threads):
-            state.points[world, particle] = points[first + particle]
-            balloon = bodies.balloon[particle]
-            origin = points[first + health.origins[balloon]]
-            look_at_particle(
-                bodies, health, state.first_bad, world, balloon, particle, points[first + particle], origin
-            )
+            point = points[first + particle]
+            state.points[world, particle] = point
+            look_at_particle(bodies, health, state.first_bad, world, particle, point, points, first)
             if wp.static(traits.keeps_velocities):
                 state.velocities[world, particle] = new_velocities[particle]
         count_frame_in_block(state, world, lane)

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels import inflation
 from balloon_warp.kernels.gas import inflation_of_kind
-from balloon_warp.kernels.health import HealthTable, look_along, look_at_sphere
+from balloon_warp.kernels.health import HealthTable, look_at_particle, look_at_sphere
 from balloon_warp.kernels.tables import AirTable, BodyTable
 
 
@@ -65,7 +65,6 @@ def end_frame(
     # model
     bodies: BodyTable,
     health: HealthTable,
-    balloon_particles: wp.array[wp.int32],
     lanes: wp.int32,
     frames: wp.int32,
     # state in
@@ -75,19 +74,13 @@ def end_frame(
     frame: wp.array[wp.int32],
     first_bad: wp.array[wp.int32],
 ):
-    """A thread a (world, balloon, lane), which takes each so-manyth particle: the look at what a frame wrote. The first
-    balloon's threads look at the spheres, too, and one of all counts the frames that have passed."""
-    world, balloon, lane = wp.tid()
+    """A thread a (world, lane), which takes each so-manyth particle and sphere: the look at what a frame wrote. One of
+    all counts the frames that have passed."""
+    world, lane = wp.tid()
     row = points[world]
-    first = health.origins[balloon]
-    origin = row[first]
-    squared_span = health.squared_spans[balloon]
-    for particle in range(balloon_particles[balloon] + lane, balloon_particles[balloon + 1], lanes):
-        look_along(bodies, first_bad, world, particle, row[particle] - origin, squared_span)
-    if lane == 0:
-        look_along(bodies, first_bad, world, first, origin, health.squared_reach)
-    if balloon == 0:
-        for sphere in range(lane, sphere_positions.shape[1], lanes):
-            look_at_sphere(health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
-        if world == 0 and lane == 0:
-            frame[0] = frame[0] + frames
+    for particle in range(lane, points.shape[1], lanes):
+        look_at_particle(bodies, health, first_bad, world, particle, row[particle], row, 0)
+    for sphere in range(lane, sphere_positions.shape[1], lanes):
+        look_at_sphere(health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
+    if world == 0 and lane == 0:
+        frame[0] = frame[0] + frames

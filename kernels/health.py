@@ -1,5 +1,7 @@
 """What is no place for a particle or a sphere, found where places are written."""
 
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.tables import BodyTable
@@ -10,14 +12,18 @@ HEALTHY = 2**31 - 1
 
 @wp.struct
 class HealthTable:
-    """How far is too far."""
+    """How far is too far, in squares [m^2]."""
 
+    near: float
+    """from the world's origin: no balloon or sphere is bad whose parts are all nearer"""
+    reach: float
+    """from the world's origin"""
+    spans: wp.array[float]
+    """from one particle of a balloon to another"""
     origins: wp.array[wp.int32]
     """of each balloon the particle that the others' spans are taken from"""
-    squared_spans: wp.array[float]
-    """of each balloon [m^2]"""
-    squared_reach: float
-    """from the world's origin [m^2]"""
+    partners: wp.array[wp.int32]
+    """and the one that its own span is taken from"""
 
 
 @wp.func
@@ -28,36 +34,29 @@ def is_past(vector: wp.vec3, squared_limit: float):
 
 
 @wp.func
-def look_along(
-    bodies: BodyTable,
-    first_bad: wp.array[wp.int32],
-    world: wp.int32,
-    particle: wp.int32,
-    vector: wp.vec3,
-    squared_limit: float,
-):
-    """Lower the world's entry to the particle if a vector to it is past a limit. One without mass stays where it is."""
-    if is_past(vector, squared_limit):
-        if bodies.mass_share[particle] > 0.0:
-            wp.atomic_min(first_bad, world, particle)
-
-
-@wp.func
 def look_at_particle(
     bodies: BodyTable,
     health: HealthTable,
     first_bad: wp.array[wp.int32],
     world: wp.int32,
-    balloon: wp.int32,
     particle: wp.int32,
     point: wp.vec3,
-    origin: wp.vec3,
+    points: Any,
+    first: wp.int32,
 ):
-    """Lower the world's entry to the particle if that is bad. The balloon's `origin` may not be past the reach, other
-    particles not past a span from there."""
-    look_along(bodies, first_bad, world, particle, point - origin, health.squared_spans[balloon])
-    if particle == health.origins[balloon]:
-        look_along(bodies, first_bad, world, particle, point, health.squared_reach)
+    """Lower the world's entry to the particle if that is bad: too far from its balloon's origin, or itself that origin
+    and too far from the world's or from its partner. Most are near, which takes no memory to see. A particle without
+    mass stays where it is."""
+    if is_past(point, health.near):
+        if bodies.mass_share[particle] > 0.0:
+            balloon = bodies.balloon[particle]
+            other = health.origins[balloon]
+            bad = bool(False)
+            if particle == other:
+                other = health.partners[balloon]
+                bad = is_past(point, health.reach)
+            if bad or is_past(point - points[first + other], health.spans[balloon]):
+                wp.atomic_min(first_bad, world, particle)
 
 
 @wp.func
@@ -70,5 +69,5 @@ def look_at_sphere(
     position: wp.vec3,
 ):
     """Lower the world's entry to the sphere, numbered after the particles, if that is bad."""
-    if is_past(position, health.squared_reach):
+    if is_past(position, health.reach):
         wp.atomic_min(first_bad, world, particle_count + sphere)

@@ -9,6 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, lanes_scaled
+from balloon_warp.kernels.warps import block_barrier, put
 
 
 @wp.struct
@@ -100,47 +101,64 @@ class InverseTable:
 
 ROW_LANES = wp.constant(32)
 """threads beside each other, whose rows are, too, so that they load entries together"""
+PARTS = wp.constant(16)
+"""of every sum, each summed by itself: by several threads, or by one in the same order"""
+
+
+@wp.func
+def part_begin(count: wp.int32, part: wp.int32):
+    """The first term of a part."""
+    return count * part // PARTS
+
+
+@wp.kernel(enable_backward=False)
+def multiply_own_inverse(
+    # model
+    inverse: InverseTable,
+    tiles: wp.array[wp.vec2i],
+    # state in
+    right_sides: wp.array2d[wp.vec3],
+    # state out
+    solutions: wp.array2d[wp.vec3],
+):
+    """A block a (world, tile of 32 rows), a thread a (part, row): for worlds that are few or differ."""
+    world, tile, thread = wp.tid()
+    balloon = tiles[tile][0]
+    first_row = tiles[tile][1]
+    begin = inverse.particle_offsets[balloon]
+    count = inverse.particle_offsets[balloon + 1] - begin
+    rows = wp.min(count - first_row, ROW_LANES)
+    first_entry = inverse.entry_offsets[balloon] + first_row
+    matrix = inverse.of_world[world]
+    parts = wp.tile_empty(shape=wp.static(int(PARTS * ROW_LANES)), dtype=wp.vec3, storage="shared")
+    for item in range(thread, PARTS * ROW_LANES, wp.block_dim()):
+        part = item // ROW_LANES
+        row = wp.min(item % ROW_LANES, rows - 1)
+        total = wp.vec3()
+        for other in range(part_begin(count, part), part_begin(count, part + 1)):
+            total += inverse.entries[matrix, first_entry + other * count + row] * right_sides[world, begin + other]
+        put(parts, item, total)
+    block_barrier()
+    for row in range(thread, rows, wp.block_dim()):
+        total = wp.vec3()
+        for part in range(PARTS):
+            total += parts[part * ROW_LANES + row]
+        solutions[world, begin + first_row + row] = total
 
 
 @cache
-def inverse_product(rows: int, worlds: int, unrolled: int) -> Any:
-    """The kernel that multiplies by the inverses. Sums are in the same order, however the work is laid out.
+def shared_inverse_product(rows: int, worlds: int) -> Any:
+    """The kernel for many worlds that have the same matrix.
 
     Args:
         rows: of a thread; each right side that is loaded serves all.
-        worlds: of a thread; each entry that is loaded serves all, which have matrix 0 if they are several.
-        unrolled: terms of the sum whose loads are under way together.
+        worlds: of a thread; each entry that is loaded serves all.
     """
     Sums = wp.types.matrix(shape=(3 * rows, worlds), dtype=wp.float32)  # noqa: N806 - a type
     Entries = wp.types.vector(length=rows, dtype=wp.float32)  # noqa: N806 - a type
 
-    @wp.func
-    def add_term(
-        inverse: InverseTable,
-        right_sides: wp.array2d[wp.vec3],
-        matrix: wp.int32,
-        group: wp.int32,
-        first_entry: wp.int32,
-        count: wp.int32,
-        row: wp.int32,
-        begin: wp.int32,
-        other: wp.int32,
-        sums: Sums,
-    ):
-        """The part of one particle in a thread's rows. By symmetry, a column's entries stand in the rows' places."""
-        entries = Entries()
-        for each in range(rows):
-            column = wp.min(row + each * ROW_LANES, count - 1)
-            entries[each] = inverse.entries[matrix, first_entry + other * count + column]
-        for lane in range(worlds):
-            right_side = right_sides[wp.min(group * worlds + lane, right_sides.shape[0] - 1), begin + other]
-            for each in range(rows):
-                for axis in range(3):
-                    sums[3 * each + axis, lane] += entries[each] * right_side[axis]
-        return sums
-
     @wp.kernel(module="unique", enable_backward=False)
-    def multiply_inverse(
+    def multiply_shared_inverse(
         # model
         inverse: InverseTable,
         tiles: wp.array[wp.vec2i],
@@ -149,32 +167,34 @@ def inverse_product(rows: int, worlds: int, unrolled: int) -> Any:
         # state out
         solutions: wp.array2d[wp.vec3],
     ):
-        """A thread a (group of worlds, tile, lane), which has every so-manyth row of the tile."""
+        """A thread a (group of worlds, tile, lane), which has every 32nd row of the tile."""
         group, tile, lane = wp.tid()
         balloon = tiles[tile][0]
         row = tiles[tile][1] + lane
         begin = inverse.particle_offsets[balloon]
         count = inverse.particle_offsets[balloon + 1] - begin
-        first_entry = inverse.entry_offsets[balloon]
-        matrix = 0
-        if wp.static(worlds == 1):
-            matrix = inverse.of_world[group]
-        sums = Sums()
-        in_turns = count - count % unrolled
-        for turn in range(in_turns // unrolled):
-            for step in range(unrolled):
-                other = turn * unrolled + step
-                sums = add_term(
-                    inverse, right_sides, matrix, group, first_entry, count, row, begin, other, sums
-                )  # fmt: skip
-        for other in range(in_turns, count):
-            sums = add_term(inverse, right_sides, matrix, group, first_entry, count, row, begin, other, sums)
+        last_world = right_sides.shape[0] - 1
+        total = Sums()
+        part_count = int(PARTS)
+        for part in range(part_count):
+            of_part = Sums()
+            for other in range(part_begin(count, part), part_begin(count, part + 1)):
+                entries = Entries()
+                for each in range(rows):
+                    column = wp.min(row + each * ROW_LANES, count - 1)  # of the symmetric matrix
+                    entries[each] = inverse.entries[0, inverse.entry_offsets[balloon] + other * count + column]
+                for turn in range(worlds):
+                    right_side = right_sides[wp.min(group * worlds + turn, last_world), begin + other]
+                    for each in range(rows):
+                        for axis in range(3):
+                            of_part[3 * each + axis, turn] += entries[each] * right_side[axis]
+            total += of_part
         for each in range(rows):
-            for lane_world in range(worlds):
-                world = group * worlds + lane_world
-                if world < solutions.shape[0] and row + each * ROW_LANES < count:
+            for turn in range(worlds):
+                world = group * worlds + turn
+                if world <= last_world and row + each * ROW_LANES < count:
                     solutions[world, begin + row + each * ROW_LANES] = wp.vec3(
-                        sums[3 * each, lane_world], sums[3 * each + 1, lane_world], sums[3 * each + 2, lane_world]
+                        total[3 * each, turn], total[3 * each + 1, turn], total[3 * each + 2, turn]
                     )
 
-    return multiply_inverse
+    return multiply_shared_inverse

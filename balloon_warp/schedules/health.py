@@ -18,8 +18,6 @@ FARTHEST = 1.0e7
 whole. From rest, what is a meter large gets there by falling freely for 24 minutes."""
 LEAST_SIZE = 1.0
 """[m], of that largest thing: small balloons may fall or rise as long as large ones"""
-PARTICLES_A_THREAD = 4
-"""on a GPU"""
 LARGEST_ROOT = 1.0e19
 """whose square is a float32"""
 
@@ -33,16 +31,14 @@ class HealthCheck:
 
     Args:
         model: what is simulated.
-        lanes: threads that share a balloon; as many as suit the device, when missing.
+        lanes: threads that share a world; as many as suit the device, when missing.
     """
 
     def __init__(self, model: Model, lanes: int | None = None):
         if lanes is None:
-            largest = max(shape.mesh.vertex_count for shape in model.shapes)
-            lanes = 1 if model.device.is_cpu else -(-largest // PARTICLES_A_THREAD)
-        self._shape = (model.world_count, model.balloon_count, lanes)
-        particles = wp.array(model.particle_offsets, dtype=wp.int32, device=model.device)
-        self._inputs = [body_table(model), health_table(model), particles, lanes]
+            lanes = 1 if model.device.is_cpu else model.particle_count
+        self._shape = (model.world_count, lanes)
+        self._inputs = [body_table(model), health_table(model), lanes]
 
     def look(self, state: State) -> None:
         """Lower `state.first_bad` of each world to its first bad particle or sphere."""
@@ -64,16 +60,24 @@ class HealthCheck:
 
 def health_table(model: Model) -> Any:
     """How far particles and spheres may be."""
-    origins, sizes, farthest = [], [LEAST_SIZE], [0.0]
+    origins, partners, sizes, farthest = [], [], [LEAST_SIZE], [0.0]
     for shape, first in zip(model.shapes, model.particle_offsets, strict=False):
-        used = shape.mesh.points[shape.mesh.face_vertex_indices]
-        origins.append(first + int(shape.mesh.face_vertex_indices[0]))
+        corners = shape.mesh.face_vertex_indices
+        origins.append(first + int(corners[0]))
+        partners.append(first + int(corners[np.argmax(corners != corners[0])]))
+        used = shape.mesh.points[corners]
         sizes.append(float(np.ptp(used, axis=0).max()))
         farthest.append(float(np.abs(used).max()))
     spheres = model.initial_sphere_positions.numpy()
-    reach = FARTHEST * max(sizes) + max([*farthest, float(np.abs(spheres).max(initial=0.0))])
+    reach = min(FARTHEST * max(sizes) + max([*farthest, float(np.abs(spheres).max(initial=0.0))]), LARGEST_ROOT)
+    spans = MOST_SPAN * np.array(sizes[1:])
+
+    def array(values: Any, dtype: Any) -> wp.array:
+        return wp.array(values, dtype=dtype, device=model.device)
+
     table = HealthTable()
-    table.origins = wp.array(origins, dtype=wp.int32, device=model.device)
-    table.squared_spans = wp.array(np.square(MOST_SPAN * np.array(sizes[1:])), dtype=float, device=model.device)
-    table.squared_reach = min(reach, LARGEST_ROOT) ** 2
+    table.near = min(float(spans.min()) / 2.0, reach) ** 2
+    table.reach = reach**2
+    table.spans = array(np.square(spans), float)
+    table.origins, table.partners = array(origins, wp.int32), array(partners, wp.int32)
     return table

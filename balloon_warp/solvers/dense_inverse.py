@@ -1,6 +1,5 @@
 """The global step by a dense inverse: for the GPU, one matrix product for all worlds."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -9,27 +8,19 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.linear_systems import ROW_LANES, InverseTable, inverse_product
+from balloon_warp.kernels.linear_systems import (
+    PARTS,
+    ROW_LANES,
+    InverseTable,
+    multiply_own_inverse,
+    shared_inverse_product,
+)
 from balloon_warp.model import Model
 from balloon_warp.solvers.step_matrices import StepMatrices
 
-
-@dataclass(frozen=True)
-class Layout:
-    """How the product is shared out; see `inverse_product`."""
-
-    rows: int
-    worlds: int
-    unrolled: int
-    threads: int
-    """of a block"""
-
-
-OF_MANY_WORLDS = Layout(rows=4, worlds=8, unrolled=2, threads=128)
-"""which have the same matrix: 96 products for each 28 numbers loaded"""
-OF_EACH_WORLD = Layout(rows=1, worlds=1, unrolled=16, threads=32)
-"""with a matrix of its own, or too few of them to fill a GPU otherwise"""
 MANY_WORLDS = 64
+"""that fill a GPU, with as many rows and worlds a thread: 48 products for each 16 numbers loaded"""
+ROWS, WORLDS, THREADS = 4, 4, 128
 MOST_PARTICLES = 4096
 """of a balloon: its inverse takes 64 MiB then, and every iteration reads it"""
 
@@ -55,8 +46,8 @@ class DenseInverse:
 
         self._model = model
         shared = matrices.count == 1 and model.world_count >= MANY_WORLDS
-        self._layout = OF_MANY_WORLDS if shared else OF_EACH_WORLD
-        self._tiles = array(_tiles(counts, self._layout.rows), wp.vec2i)
+        self._product = shared_inverse_product(ROWS, WORLDS) if shared else None
+        self._tiles = array(_tiles(counts, ROWS if shared else 1), wp.vec2i)
         self._inverse = InverseTable()
         self._inverse.particle_offsets = array(model.particle_offsets, wp.int32)
         self._inverse.entry_offsets = array(np.cumsum([0, *counts[:-1] ** 2]), wp.int32)
@@ -71,18 +62,18 @@ class DenseInverse:
 
     def solve(self, right_sides: wp.array, solutions: wp.array) -> None:
         """A solution for each right side, both of shape (world_count, particle_count), vec3."""
-        layout = self._layout
-        wp.launch(
-            inverse_product(layout.rows, layout.worlds, layout.unrolled),
-            (-(-self._model.world_count // layout.worlds), len(self._tiles), int(ROW_LANES)),
-            inputs=[self._inverse, self._tiles, right_sides, solutions],
-            device=self._model.device,
-            block_dim=layout.threads,
-        )
+        worlds, device, tiles = self._model.world_count, self._model.device, len(self._tiles)
+        inputs = [self._inverse, self._tiles, right_sides, solutions]
+        if self._product:
+            groups = -(-worlds // WORLDS)
+            wp.launch(self._product, (groups, tiles, int(ROW_LANES)), inputs=inputs, device=device, block_dim=THREADS)
+        else:
+            threads = int(PARTS * ROW_LANES) if device.is_cuda else 1
+            wp.launch_tiled(multiply_own_inverse, dim=(worlds, tiles), inputs=inputs, device=device, block_dim=threads)
 
 
 def _tiles(counts: NDArray[np.integer], rows: int) -> list[tuple[int, int]]:
-    """Balloon and first row of each group of rows that a row of threads multiplies."""
+    """Balloon and first row of each group of rows that threads beside each other multiply."""
     tile = rows * int(ROW_LANES)
     return [(balloon, row) for balloon, count in enumerate(counts) for row in range(0, int(count), tile)]
 
