@@ -16,7 +16,7 @@ from balloon_warp.kernels.block import count_frame_in_block
 from balloon_warp.kernels.block_slots import SlotTable, slot_functions
 from balloon_warp.kernels.block_spheres import sphere_functions
 from balloon_warp.kernels.contact import leave_ground, leave_sphere, penalty_force
-from balloon_warp.kernels.health import HealthTable, look_at_particle
+from balloon_warp.kernels.health import HealthTable, is_past, look_at_particle
 from balloon_warp.kernels.inflation import FAR, aim_of, face_area_vector, face_center, nearer_area, push
 from balloon_warp.kernels.motion import lift, response
 from balloon_warp.kernels.pull import pull_of_strings
@@ -152,23 +152,20 @@ def resident_kernel(
         return body
 
     @wp.func
-    def write_particle(
-        bodies: BodyTable,
-        health: HealthTable,
-        state: WorldState,
-        world: wp.int32,
-        points: Any,
-        body: Body,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        aim: wp.vec3,
-    ):
-        """Out of registers, what a frame ends with, and a look at it."""
+    def write_particle(state: WorldState, world: wp.int32, body: Body, point: wp.vec3, velocity: wp.vec3, aim: wp.vec3):
+        """Out of registers, what a frame ends with."""
         if body.active:
             state.points[world, body.number] = point
             state.velocities[world, body.number] = velocity
             state.inflation_aims[world, body.number] = aim
-            look_at_particle(bodies, health, state.first_bad, world, body.number, point, points, 0)
+
+    @wp.func
+    def look_at_particles(
+        bodies: BodyTable, health: HealthTable, state: WorldState, world: wp.int32, lane: wp.int32, points: Any
+    ):
+        """At those of a thread."""
+        for particle in range(lane, state.points.shape[1], threads):
+            look_at_particle(bodies, health, state.first_bad, world, particle, points[particle], points, 0)
 
     @wp.func
     def inflation_of(body: Body, aim: wp.vec3, time_in_frame: float):
@@ -355,12 +352,16 @@ def resident_kernel(
                 substeps - 1, step_seconds, body, springs, body2, springs2, even,
                 aim, point, velocity, aim2, point2, velocity2, odd, face_centers, area_vectors, sums,
             )  # fmt: skip
-        points = even
-        if wp.static(odd_substeps):
-            points = odd
-        write_particle(bodies, health, state, world, points, body, point, velocity, aim)
+        write_particle(state, world, body, point, velocity, aim)
+        far = is_past(point, health.near)
         if wp.static(two):
-            write_particle(bodies, health, state, world, points, body2, point2, velocity2, aim2)
+            write_particle(state, world, body2, point2, velocity2, aim2)
+            far = far or is_past(point2, health.near)
+        if far:  # few are
+            if wp.static(odd_substeps):
+                look_at_particles(bodies, health, state, world, lane, odd)
+            else:
+                look_at_particles(bodies, health, state, world, lane, even)
 
     @wp.kernel(
         module="unique",

@@ -296,10 +296,10 @@ def resident_air_kernel(
             state.points[world, body.number] = point
             state.velocities[world, body.number] = velocity
             state.inflation_aims[world, body.number] = area_vector
-            points = even
             if wp.static(odd_substeps):
-                points = odd
-            look_at_particle(bodies, health, state.first_bad, world, body.number, point, points, 0)
+                look_at_particle(bodies, health, state.first_bad, world, body.number, point, odd, 0)
+            else:
+                look_at_particle(bodies, health, state.first_bad, world, body.number, point, even, 0)
             if body.number == body.origin:
                 state.gas_amounts[world, body.balloon] = amount
                 keep_load(state, world, body.balloon, load)

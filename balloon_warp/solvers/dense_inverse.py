@@ -18,9 +18,9 @@ from balloon_warp.kernels.linear_systems import (
 from balloon_warp.model import Model
 from balloon_warp.solvers.step_matrices import StepMatrices
 
-MANY_WORLDS = 64
-"""that fill a GPU, with as many rows and worlds a thread: 48 products for each 16 numbers loaded"""
-ROWS, WORLDS, THREADS = 4, 4, 128
+MANY_WORLDS = 256
+"""that fill a GPU with several rows and worlds a thread: 96 products for each 20 numbers loaded"""
+ROWS, WORLDS, THREADS = 8, 4, 128
 MOST_PARTICLES = 4096
 """of a balloon: its inverse takes 64 MiB then, and every iteration reads it"""
 
