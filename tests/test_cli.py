@@ -123,7 +123,7 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["run", "ball.usda", "-o", "ball.usda"], "ball.usda: is the mesh of the scene; expected another name"),
         (["run", "ball.obj", "-o", "out.png"], "out.png: cannot write .png; expected .usdc, .usda, .usd"),
         (["inspect", "missing.obj"], "missing.obj: "),
-        (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: expected a name that ends in .obj"),
+        (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
         (["render", "missing.usdc"], "missing.usdc: "),
         (["render", "ball.obj", "--size", "big"], "size: 'big'; expected WIDTHxHEIGHT"),
     ],

@@ -275,17 +275,24 @@ def test_command(tmp_path: Path) -> None:
     ("arguments", "sentence"),
     [
         (["-o", "out.obj", "--cells", "2"], "cells must be from 4 to 256 (got 2)"),
-        (["-o", "out.stl"], "ends in .obj"),
-        (["-o", "nowhere/out.obj", "--cells", "8"], "cannot be written"),
+        (["-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
+        (["-o", "nowhere/out.obj", "--cells", "8"], "nowhere/out.obj: the folder nowhere does not exist"),
+        (["-o", "../here/ball.obj", "--cells", "8"], "ball.obj: is the mesh itself; expected another name, with -o"),
     ],
 )
 def test_command_refuses(tmp_path: Path, monkeypatch, arguments: list[str], sentence: str) -> None:
-    monkeypatch.chdir(tmp_path)
+    """Before the surface is measured, which takes long: a mistake in the name, and a folder that takes no files."""
+    monkeypatch.setattr("balloon_warp.mesh.remesh.surface_nets", lambda *_, **__: pytest.fail("measured"))
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
     write_obj("ball.obj", ball())
+    before = (folder / "ball.obj").read_bytes()
     result = CliRunner().invoke(app, ["remesh", "ball.obj", *arguments])
     assert isinstance(result.exception, InputError)
     assert sentence in str(result.exception)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj"]
+    assert [path.name for path in folder.iterdir()] == ["ball.obj"]
+    assert (folder / "ball.obj").read_bytes() == before
 
 
 @pytest.mark.parametrize("name", ["spot_quadrangulated", "mh_fedora", "mh_casualsuit01", "mh_tongue"])

@@ -13,7 +13,7 @@ from pxr import Gf, Usd, UsdGeom
 from render_stages import add_camera, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere
 
 from balloon_warp.errors import InputError, MissingExtraError
-from balloon_warp.outputs.files import whole_file
+from balloon_warp.files import whole_file
 from balloon_warp.outputs.render import render, render_stage
 
 SMALL: dict[str, Any] = {"size": (64, 36), "samples": 1, "device": "cpu"}

@@ -35,7 +35,7 @@ def bench(
     from balloon_warp.benchmarks.run import run_cases
     from balloon_warp.benchmarks.scaling import CPU_SHARE, GPU_SHARE, measure_scaling
     from balloon_warp.device import pick_device
-    from balloon_warp.outputs.files import check_writable, whole_file
+    from balloon_warp.files import check_writable, whole_file
 
     if output:
         check_writable(output, (".json",))

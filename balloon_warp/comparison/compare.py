@@ -13,7 +13,7 @@ from balloon_warp.comparison.choices import shown
 from balloon_warp.comparison.run import Run, simulate
 from balloon_warp.comparison.sheet import Tile, compose_sheet
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.outputs.files import check_writable, whole_file
+from balloon_warp.files import check_writable, whole_file
 from balloon_warp.outputs.render.alike import render_alike
 from balloon_warp.outputs.render.files import write_png
 from balloon_warp.outputs.render.render import MOST_PIXELS, MOST_SAMPLES

@@ -4,7 +4,6 @@ Texture coordinates, normals, groups, materials, lines and curves are passed ove
 """
 
 import io
-import os
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import whole_file
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
@@ -91,13 +91,8 @@ def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
     for end in np.cumsum(mesh.face_vertex_counts).tolist():
         lines.append(f"f {' '.join(map(str, corners[begin:end]))}\n")
         begin = end
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        unfinished.write_text("".join(lines), encoding="ascii", newline="\n")
-        os.replace(unfinished, path)
-    except OSError as error:
-        unfinished.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    with whole_file(path) as temporary:
+        temporary.write_text("".join(lines), encoding="ascii", newline="\n")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:

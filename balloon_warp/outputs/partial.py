@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.files import whole_file
+from balloon_warp.files import whole_file
 
 JOB_NAME = "job.json"
 

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.outputs.files import whole_file
+from balloon_warp.files import whole_file
 from balloon_warp.outputs.npz import write_npz
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from balloon_warp.outputs.files import whole_file
+from balloon_warp.files import whole_file
 from balloon_warp.provenance import describe_scene, hash_meshes, hash_of_file, installed_versions
 from balloon_warp.sweep.groups import vary_columns
 from balloon_warp.sweep.task import BatchTask, Outcome

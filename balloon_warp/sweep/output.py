@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.files import check_writable
+from balloon_warp.files import check_writable
 from balloon_warp.outputs.table import TableWriter
 from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
 from balloon_warp.scene import Scene

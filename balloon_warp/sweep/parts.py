@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.files import whole_file
+from balloon_warp.files import whole_file
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.sweep.output import BatchOutput
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import check_writable, whole_file
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model, build_model
-from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene.write import scene_toml
 from balloon_warp.viewer.journal import Journal

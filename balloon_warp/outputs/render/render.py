@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.files import check_writable, whole_file
+from balloon_warp.files import check_writable, whole_file
 from balloon_warp.outputs.render.files import (
     PICTURE_SUFFIXES,
     Picture,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import whole_file
 from balloon_warp.model import ModelPlan
-from balloon_warp.outputs.files import whole_file
 from balloon_warp.outputs.usd.grid_layout import ROOM, grid_shifts, horizontal_axes, world_bounds
 from balloon_warp.outputs.usd.grid_world import GridWorld
 from balloon_warp.outputs.usd.metadata import describe_stage

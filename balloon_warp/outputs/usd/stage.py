@@ -8,9 +8,9 @@ from typing import Self
 from pxr import Sdf, Tf, Usd, UsdGeom
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import check_writable, whole_file
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
-from balloon_warp.outputs.files import check_writable, whole_file
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
