@@ -9,7 +9,7 @@ from unittest.mock import patch
 import warp as wp
 
 from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
-from balloon_warp.benchmarks.measure import seconds_a_frame
+from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.device import pick_device
 from balloon_warp.kernels import block_resident
@@ -19,6 +19,8 @@ from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.simulator import KEPT_FRAMES
 
+GPU_FRAMES = 100
+"""that are timed together: some take 30 us, as long as to launch one and wait for it"""
 REPEATS = 1000
 """looks in a frame: one alone is lost in the noise"""
 
@@ -97,7 +99,7 @@ def cost_of(case: Case, device: wp.Device) -> Cost:
     model = build_model(case.scene(), device, case.worlds)
     schedules = [make_schedule(model, case.schedule), blind_schedule(model, case.schedule)]
     beside: list[Any] = [Launches(model), Counts(model), Copies(model)]
-    frame, blind, ends, counts, copy = seconds_a_frame([*schedules, *beside])
+    frame, blind, ends, counts, copy = seconds_a_frame([*schedules, *beside], FRAMES if device.is_cpu else GPU_FRAMES)
     look = frame - blind if case.schedule == "block" else (ends - counts) / REPEATS
     kept = copy / KEPT_FRAMES / frame if case.worlds == 1 else 0.0
     return Cost(case.name, frame, look / frame, kept)

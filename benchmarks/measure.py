@@ -14,16 +14,17 @@ FRAMES = 10
 REPEATS = 5
 
 
-def seconds_a_frame(contenders: Sequence[Any]) -> list[float]:
+def seconds_a_frame(contenders: Sequence[Any], frames: int = FRAMES) -> list[float]:
     """Of each contender the median over some repeats, after a warm-up; the contenders take turns, so that what else
     the machine does slows all of them.
 
     Args:
         contenders: schedules, or what has a model and advances its states like one.
+        frames: that are timed together; each then has its part of some 30 us to launch the first and wait for the last.
     """
     advances = [prepared(contender, initial_state(contender.model)) for contender in contenders]
     devices = [contender.model.device for contender in contenders]
-    times = [[_seconds(*each) for each in zip(advances, devices, strict=True)] for _ in range(REPEATS + 1)]
+    times = [[_seconds(*each, frames) for each in zip(advances, devices, strict=True)] for _ in range(REPEATS + 1)]
     return [median(of_one[1:]) for of_one in zip(*times, strict=True)]
 
 
@@ -44,10 +45,10 @@ def _replay(graph: Any, recorded: tuple[Any, State]) -> None:
     wp.capture_launch(graph)
 
 
-def _seconds(advance: Callable[[], None], device: wp.Device) -> float:
+def _seconds(advance: Callable[[], None], device: wp.Device, frames: int) -> float:
     wp.synchronize_device(device)
     began = time.perf_counter()
-    for _ in range(FRAMES):
+    for _ in range(frames):
         advance()
     wp.synchronize_device(device)
-    return (time.perf_counter() - began) / FRAMES
+    return (time.perf_counter() - began) / frames
