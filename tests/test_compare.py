@@ -1,6 +1,7 @@
 """Runs of a scene side by side."""
 
 import csv
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,10 @@ from PIL import Image
 
 from balloon_warp import BlowUpError, InputError, Scene, Simulator
 from balloon_warp.cli import main
+from balloon_warp.cli.compare import figure_console, print_comparison
 from balloon_warp.comparison.choices import parse_choices
 from balloon_warp.comparison.compare import Comparison, compare
+from balloon_warp.comparison.run import Run
 from balloon_warp.comparison.sheet import Tile, compose_sheet
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.obj import write_obj
@@ -89,6 +92,12 @@ def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path: Path):
     assert compared(tmp_path, {K_NORMAL: [0.5]}, frame=6).runs[0].figures["volume"] > figures["volume"]
 
 
+def test_each_of_several_frames_is_shown_and_one_past_the_end_is_refused(tmp_path: Path):
+    result = compared(tmp_path, {"picture_frame": [2, 5, 7]})
+    assert [run.figures.get("frame") for run in result.runs] == [2, 5, None]
+    assert result.runs[2].sentence == "frame: 7 is not in the scene; expected 0 to 6"
+
+
 def test_refused_and_exploded_runs_stand_beside_the_others(tmp_path: Path):
     result = compared(tmp_path, {K_NORMAL: [0.1, 9e11, "much"]}, table=tmp_path / "out.csv")
     assert [run.outcome for run in result.runs] == ["done", "blew up", "refused"]
@@ -137,6 +146,17 @@ def test_long_labels_are_broken_and_stay_over_their_tile():
     sheet = compose_sheet([Tile(["word " * 12], black, ""), Tile([], black, "")], 2, SIZE)
     assert len(sheet) > len(short) + 24  # two lines more at least
     assert (sheet[: len(sheet) - len(short), -SIZE[0] :] == 255).all()  # nothing over the other tile
+
+
+def test_a_table_of_many_figures_is_not_cut_off(capsys: pytest.CaptureFixture[str]):
+    """However narrow the terminal: its header is one line, and every name is whole."""
+    figures = {f"sphere_{number}_height": 0.5 for number in range(8)} | {"particles": 8, "substeps": 4}
+    runs = [Run({"picture_frame": number}, "done", "", {"frame": number, **figures}) for number in (1, 2)]
+    print_comparison(figure_console(), Comparison(runs, "out.png", None))
+    alike, header, *rows = capsys.readouterr().out.splitlines()
+    assert alike == "particles 8, substeps 4"
+    assert re.split(r"\s{2,}", header) == ["picture_frame", "frame", *(f"sphere {n} height" for n in range(8))]
+    assert [row.split() for row in rows] == [[number, number, *["0.5"] * 8] for number in "12"]
 
 
 def test_the_command_prints_a_table_and_says_what_it_wrote(

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 COUNTS = ("frame", "particles", "substeps")
 """of which a table says but once what is alike in all runs"""
-TABLE_WIDTH = 132
-"""characters at least: a narrower terminal breaks the lines, which is better than to cut off the figures"""
+TABLE_WIDTH = 10_000
+"""characters, more than any table has: rich would cut off names and figures"""
 HEADERS = {
     "volume": "volume [m³]",
     "area": "area [m²]",
@@ -88,12 +88,16 @@ def compare(
                 task, completed=run * count + done, total=runs * count
             ),
         )
-    console = Console(highlight=False, soft_wrap=True)
-    console.width = max(console.width, TABLE_WIDTH)
+    console = figure_console()
     print_comparison(console, comparison)
     for path in (comparison.picture, comparison.table):
         if path:
             console.print(f"wrote {path}", markup=False)
+
+
+def figure_console() -> Console:
+    """One that leaves it to the terminal to break lines."""
+    return Console(highlight=False, soft_wrap=True, width=TABLE_WIDTH)
 
 
 def print_comparison(console: Console, comparison: "Comparison") -> None:

@@ -57,14 +57,15 @@ def simulate(
 
     Args:
         stage: the stage to write that frame into, if any.
-        frame: the frame that is shown; when missing, the one that the scene names as its picture, else the last.
+        frame: the frame that is shown, unless `picture_frame` is varied; when missing, the one that the scene names as
+            its picture, else the last.
         on_frame: told how many frames are done, and of how many, after each.
         clock: what frames are timed with.
     """
     try:
-        figures, seconds = _measured(
-            override_scene(scene, values.items()), stage, frame, device, schedule, on_frame, clock
-        )
+        scene = override_scene(scene, values.items())
+        frame = scene.picture_frame if "picture_frame" in values else frame  # what a label says is shown, or refused
+        figures, seconds = _measured(scene, stage, frame, device, schedule, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
