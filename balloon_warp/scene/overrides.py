@@ -51,14 +51,14 @@ def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> Non
 def _put(place: Any, names: list[str], value: Any, path: str) -> None:
     name, rest = names[0], names[1:]
     if isinstance(place, list):
+        listed = ".".join(path.split(".")[: -len(names)])
+        if not place:
+            raise InputError(f"{path}: cannot be set, the scene has no {listed}")
         if not name.isdecimal():
-            if not place:
-                raise InputError(f"{path}: cannot be set, the scene has no {path.split('.')[0]}")
             for item in place:
                 _put(item, names, value, path)
             return
         if int(name) >= len(place):
-            listed = path.split(".")[0]
             raise InputError(f"{path}: there is no {listed} {name}, the scene has {len(place)}, counted from 0")
         if rest:
             _put(place[int(name)], rest, value, path)
