@@ -1,5 +1,6 @@
 """Symplectic and forward Euler: order, and what becomes of the energy."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -8,6 +9,7 @@ from conserved import energy, motion, put
 from meshes import mesh_of, quad_sphere
 
 from balloon_warp.errors import InputError
+from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 
@@ -94,6 +96,24 @@ def test_a_balloon_gains_energy_by_forward_euler_alone(device):
     assert ends["forward_euler"][-1] > 2.0
     assert (np.diff(ends["forward_euler"]) > 0.0).all()
     assert np.abs(ends["symplectic_euler"] - 1.0).max() < 0.05  # it swings by about h omega / 2
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_stable_step_is_exact_for_two_particles_on_a_spring(solver: Solver, device: str):
+    """Gershgorin's bound is the very frequency there, so that a hundredth more of a step gains energy, and a hundredth
+    less loses it: w^2 h^2 + 2 g h = 4, or h = g / w^2 by forward Euler."""
+    rate = 0.2 * OMEGA
+    limit = (np.hypot(rate, 2.0 * OMEGA) - rate) / OMEGA**2 if solver == "symplectic_euler" else rate / OMEGA**2
+    scene = two_particles("symplectic_euler", 50, "cpu").model.scene
+    damped = scene.balloon[0].model_copy(update={"damping": rate * 2.0 * MASS})
+    auto = {"solver": solver, "balloon": [damped], "substeps": "auto", "frames_per_second": 1.0 / (100.2 * limit)}
+    model = build_model(scene.model_copy(update=auto), device)
+    assert model.substeps == 126  # the next number above 100.2 / 0.8
+    for part, grows in ((1.01, True), (0.99, False)):
+        simulator = Simulator.of_model(replace(model, frame_seconds=200.0 * part * limit, substeps=200))
+        stretch(simulator, 1.0 + STRETCH)
+        found = energies(simulator, frames=5)
+        assert (found[-1] > found[0]) == grows
 
 
 def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():

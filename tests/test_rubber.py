@@ -92,6 +92,22 @@ def test_constants_change_along_an_axis():
     assert np.ptp(shape.stiffness_scale) > 2.0
 
 
+def test_the_seed_decides_on_the_draws_alone():
+    """Each spring's factor is its own, even over the whole range, and the same again from the same seed."""
+
+    def scales(seed: int) -> np.ndarray:
+        balloon = balloon_of(Stiffness(variation=0.4, seed=seed), mesh=quad_sphere(8))
+        return build_model(Scene(balloon=[balloon]), "cpu").shapes[0].stiffness_scale
+
+    first, again, other = scales(3), scales(3), scales(4)
+    np.testing.assert_array_equal(first, again)
+    assert abs(np.corrcoef(first, other)[0, 1]) < 0.1  # of two thousand springs it is 0.02 or so by chance
+    # a fifth of uniform draws is in each fifth of the range, within three standard deviations
+    counts, _ = np.histogram(first, 5, (0.6, 1.4))
+    assert counts.sum() == len(first) > 2000
+    np.testing.assert_allclose(counts, len(first) / 5, atol=3.0 * np.sqrt(0.16 * len(first)))
+
+
 def test_a_softer_side_bulges_more(device):
     """What the gradient is for: the top, a quarter as stiff as the bottom, stretches more."""
     soft_top = balloon_of(

@@ -79,6 +79,21 @@ def test_forces_have_neither_a_sum_nor_a_moment(mesh: PolygonMesh, device: str):
         np.testing.assert_allclose(np.cross(points, forces).sum(axis=0), 0.0, atol=atol)
 
 
+def test_a_fold_that_is_pushed_through_itself_comes_back_the_short_way(device):
+    """Two triangles folded nearly shut, and past that: the angle jumps by a whole turn, and the moment does not."""
+    edge, open_by = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], np.radians(5.0)
+
+    def fold(half: float) -> np.ndarray:
+        wings = [[0.5, np.cos(half), np.sin(half)], [0.5, np.cos(half), -np.sin(half)]]
+        return np.array([*edge, *wings])
+
+    mesh = mesh_of(fold(open_by), [[0, 1, 2], [1, 0, 3]])
+    for forces in forces_at(scene_of(mesh), fold(-0.5 * open_by), device):
+        moment = TORSION.torsion * 3.0 * open_by  # from 5 to -2.5 degrees on either side, 1 m from the edge
+        np.testing.assert_allclose(np.linalg.norm(forces[2:], axis=1), moment, rtol=1e-5)
+        assert forces[2, 2] > 0.0 > forces[3, 2]
+
+
 def test_at_rest_there_is_no_force(device):
     for forces in forces_at(scene_of(quad_sphere(3)), 2.0 * quad_sphere(3).points + [1.0, 2.0, 3.0], device):
         np.testing.assert_allclose(forces, 0.0, atol=1e-5)
