@@ -220,7 +220,7 @@ def test_another_policy_is_refused(tmp_path: Path):
 
 
 def test_a_cluster_restarts_what_one_process_does(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setitem(shares.GRAIN, "cpu", 1)  # a share for each world
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # a share for each world
     alone = batch(tmp_path / "alone", "restart", device="cpu")
     together = batch(tmp_path / "together", "restart", cluster=Cluster(workers=2))
     assert together.blow_ups == alone.blow_ups

@@ -34,6 +34,8 @@ distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
 
 WORLDS = 24
+GRAIN = dict(shares.GRAIN)
+"""as it is before a test has it finer"""
 
 
 def scene(**fields) -> Scene:
@@ -53,7 +55,7 @@ def scene(**fields) -> Scene:
 @pytest.fixture(autouse=True)
 def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small batches are cut, too. And a busy machine has time."""
-    monkeypatch.setitem(shares.GRAIN, "cpu", 1)
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     monkeypatch.setattr(shares, "SHARES", 8)
     monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 120.0)
     monkeypatch.setattr(cluster_module, "WORKER_SECONDS", 120.0)
@@ -344,7 +346,7 @@ def hears_ctrl_c() -> bool:
 )
 def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
     """At most eight shares of at least 64 particles, which are eight cubes; each has its own part of what varies."""
-    monkeypatch.setitem(shares.GRAIN, "cpu", 64)
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 64))
     mass = np.linspace(1.0, 0.01, worlds)
     groups = plan_groups(Scene(balloon=[Balloon(mesh=cube())]), worlds, {"balloon.mass": mass})
     cut = cut_into_shares(groups, "cpu")
@@ -353,3 +355,11 @@ def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monke
     np.testing.assert_array_equal(np.concatenate([share.plan.parameters["mass"][:, 0] for share in cut]), mass)
     assert {len(share.plan.parameters["gravity"]) for share in cut} == {1}
     assert {share.plan.substeps for share in cut} == {groups[0].plan.substeps}  # that of the lightest world
+
+
+def test_a_share_fills_the_lanes_of_a_cpu(monkeypatch: pytest.MonkeyPatch):
+    """However many particles a world has: with fewer worlds than lanes the others stand idle."""
+    monkeypatch.setattr(shares, "GRAIN", GRAIN)
+    groups = plan_groups(Scene(balloon=[Balloon(mesh=quad_sphere(20))]), 20, {"balloon.mass": np.full(20, 1.0)})
+    assert groups[0].plan.particle_count > GRAIN["cpu"].particles
+    assert [len(share.worlds) for share in cut_into_shares(groups, "cpu")] == [7, 7, 6]

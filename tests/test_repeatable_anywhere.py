@@ -97,7 +97,7 @@ def test_the_number_of_workers_is_not_in_the_table(
     count: int, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ):
     pytest.importorskip("distributed", reason="needs the extra `cluster`")
-    monkeypatch.setitem(shares.GRAIN, "cpu", 1)  # small batches are cut, too
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # small batches are cut, too
     monkeypatch.setattr(shares, "SHARES", 4)
     alone = tables_alone(tmp_path_factory.getbasetemp() / "alone")
     with start_workers([{}] * count) as workers:

@@ -59,7 +59,10 @@ def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) 
 
 def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
     """Start the same as a process of its own, and send it a signal once it has saved something: status and words."""
-    fine = "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = 1; from balloon_warp.cli import main; main()"
+    fine = (
+        "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = shares.Grain(1, 1); "
+        "from balloon_warp.cli import main; main()"
+    )
     command = [sys.executable, "-c", fine, "batch", str(ball / "ball.obj"), "-o", str(folder), *words]
     process = subprocess.Popen(
         [*command, "--worlds", "8", "--vary", "gravity=1:9", "--grid", "--export", "1,6", "--schedule", "lanes"]
@@ -122,7 +125,7 @@ def test_a_cluster_goes_on_without_the_shares_that_are_done(
     number: int,
 ):
     """Eight shares of a world each."""
-    monkeypatch.setitem(shares.GRAIN, "cpu", 1)
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     out = tmp_path / "out"
     if number == signal.SIGKILL:
         end(ball, out, number, "--cluster", address, "--device", "cpu")

@@ -4,11 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, log2
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
+from balloon_warp.kernels.lanes_types import LANE_COUNT
 from balloon_warp.model import lay_out
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
@@ -19,8 +21,17 @@ from balloon_warp.sweep.recorder import Record, Recorder
 
 SHARES = 64
 """into how many shares a large batch is cut, about: enough to keep many workers busy to the end"""
-GRAIN = {"cpu": 2**11, "cuda": 2**18}
-"""particles that a share has at least, by the kind of device: enough to fill it"""
+
+
+class Grain(NamedTuple):
+    """What a share has at least, enough to fill a device."""
+
+    worlds: int
+    particles: int
+
+
+GRAIN = {"cpu": Grain(LANE_COUNT, 2**11), "cuda": Grain(1, 2**18)}
+"""by the kind of device; on a CPU `lanes` takes as long for one world as for eight"""
 
 
 @dataclass(frozen=True)
@@ -40,9 +51,11 @@ def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
     planned step of the whole, and the geometry, so that a worker needs neither the other worlds nor any file.
     """
     world_count = sum(len(group.worlds) for group in groups)
+    least = GRAIN[device_kind]
     shares = []
     for group in groups:
-        size = 2 ** ceil(log2(max(world_count / SHARES, GRAIN[device_kind] / group.plan.particle_count, 1.0)))
+        enough = max(least.worlds, least.particles / group.plan.particle_count)
+        size = 2 ** ceil(log2(max(world_count / SHARES, enough)))
         begin = 0
         for worlds in np.array_split(group.worlds, ceil(len(group.worlds) / size)):
             shares.append(group.part(np.arange(begin, begin + len(worlds))))
