@@ -180,7 +180,12 @@ def _write_stage(
 
 
 def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None]) -> int:
-    """The frame that a run begins at: the last checkpoint's, if that is wanted and there is one."""
+    """The frame that a run begins at: the last checkpoint's, if that is wanted and there is one.
+
+    Raises:
+        InputError: it is of another run or damaged, or something else is in its place.
+    """
+    checkpoints.folder.require_own()
     leftover, folder = checkpoints.leftover, checkpoints.folder.path
     if not resume and leftover is not None:
         on_note(

@@ -1,9 +1,11 @@
-"""What the tests of stopped batches share."""
+"""What the tests of stopped runs and batches share."""
 
 import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from balloon_warp.sweep.output import STAGE_NAME
 
@@ -14,6 +16,20 @@ NAMES = ("table.npz", "table.csv", STAGE_NAME)
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in NAMES if (folder / name).exists()}
+
+
+class Spy:
+    """What a pickle can do when it is read."""
+
+    def __reduce__(self) -> tuple:
+        return os.mkdir, ("run",)
+
+
+def plant_spy(path: Path, array: str) -> None:
+    """Put a pickle, which makes the folder `run` when it is read, in the place of an array of an .npz file."""
+    with np.load(path) as saved:
+        arrays = dict(saved)
+    np.savez(path, **{**arrays, array: np.array([Spy()], dtype=object)})
 
 
 def press_ctrl_c_once(begun: Callable[[int], bool]) -> Callable[[int], None]:

@@ -39,9 +39,9 @@ def samples(layer: Sdf.Layer) -> dict[tuple[str, float], np.ndarray]:
 
 def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path: Path):
     warnings: list[str] = []
-    summary = animate(
-        HOPELESS, tmp_path / "a.usdc", device=device, schedule="gather", on_blowup="freeze", on_warning=warnings.append
-    )
+    how = {"device": device, "schedule": "gather", "checkpoint_seconds": 1e-9}
+    summary = animate(HOPELESS, tmp_path / "a.usdc", on_blowup="freeze", on_warning=warnings.append, **how)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"]  # what was saved meanwhile is in it
     assert summary.frames == 6
     assert "blew up in frame 7, " in (summary.blow_up or "")
     assert [sentence.rpartition(". ")[2] for sentence in warnings] == ["The stage ends at frame 6, the last good one"]
@@ -74,6 +74,29 @@ def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str,
     assert (tmp_path / "restarted.usdc").read_bytes() == (tmp_path / "expected.usdc").read_bytes()
     with pytest.raises(BlowUpError):
         run("longer.usdc", scene.model_copy(update={"substeps": summary.substeps // 2}), "stop", [])
+
+
+def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path: Path):
+    """To the same bytes; what the longer steps had saved is gone."""
+
+    class StopError(Exception):
+        pass
+
+    frames: list[int] = []
+
+    def stop(frame: int) -> None:
+        frames.append(frame)
+        if frames.count(5) == 3:
+            raise StopError
+
+    how = {"device": device, "schedule": "gather", "on_blowup": "restart"}
+    animate(GAINS_ENERGY, tmp_path / "whole.usdc", **how)
+    with pytest.raises(StopError):
+        animate(GAINS_ENERGY, tmp_path / "out.usdc", checkpoint_seconds=1e-9, on_frame=stop, **how)
+    assert not (tmp_path / "out.usdc.partial.old").exists()
+    summary = animate(GAINS_ENERGY, tmp_path / "out.usdc", resume=True, **how)
+    assert (summary.begin, summary.restarts, summary.substeps) == (4, 2, 12)
+    assert (tmp_path / "out.usdc").read_bytes() == (tmp_path / "whole.usdc").read_bytes()
 
 
 @pytest.mark.parametrize("on_blowup", ["stop", "restart"])

@@ -1,5 +1,6 @@
 """A run that is stopped or killed, and goes on: to the same bytes as one that was left alone."""
 
+import json
 import os
 import shutil
 import signal
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from batches import plant_spy
 from meshes import quad_sphere
 from pxr import Usd
 
@@ -130,6 +132,41 @@ def test_another_mesh_is_refused(tmp_path: Path):
         animate(scene, output, resume=True)
 
 
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("versions.warp-lang", "0.1"),
+        ("versions.balloon-warp", "0.0.1"),
+        ("device", "another"),
+        ("schedule", "lanes"),
+        ("substeps", 1),
+    ],
+)
+def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path: Path):
+    """What simulates may be another with another version; the schedule and the step may be chosen by it."""
+    output = tmp_path / "out.usdc"
+    job = stop(SCENE, output) / "job.json"
+    said = json.loads(job.read_text())
+    *above, name = path.split(".")
+    place = said[above[0]] if above else said
+    assert place[name] != value
+    place[name] = value
+    job.write_text(json.dumps(said))
+    with pytest.raises(
+        InputError, match=rf"is of another run: {path} is {json.dumps(value)} there and .* here; expected"
+    ):
+        animate(SCENE, output, resume=True)
+
+
+@pytest.mark.parametrize("name", ["out.usdc.partial", "out.usdc.partial.old"])
+def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path: Path):
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "thesis.txt").write_text("not ours")
+    with pytest.raises(InputError, match=rf"{name}: is in the way of checkpoints; expected nothing of that name$"):
+        animate(SCENE, tmp_path / "out.usdc", on_frame=lambda _: pytest.fail("simulates"))
+    assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
+
+
 def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_path: Path):
     output, notes = tmp_path / "out.usdc", []
     folder = stop(SCENE, output)
@@ -165,6 +202,48 @@ def test_a_damaged_checkpoint_is_refused(name: str, tmp_path: Path):
     with pytest.raises(InputError, match=name):
         animate(SCENE, output, resume=True)
     assert not output.exists()
+
+
+@pytest.mark.parametrize("name", [f"state_{STOPPED_AT - 2:06d}.npz", f"frames_{STOPPED_AT:06d}.usdc"])
+def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_path: Path):
+    """Before the last state is removed, or after the frames of one that was not to be."""
+    whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
+    animate(SCENE, whole)
+    folder = stop(SCENE, output)
+    assert not (folder / name).exists()
+    (folder / name).write_bytes(b"not needed")
+    assert animate(SCENE, output, resume=True).begin == STOPPED_AT - 1
+    assert output.read_bytes() == whole.read_bytes()
+
+
+def test_nothing_in_a_checkpoint_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    path = stop(SCENE, tmp_path / "out.usdc") / f"state_{STOPPED_AT - 1:06d}.npz"
+    plant_spy(path, "points")
+    with pytest.raises(InputError, match=rf"{path.name}: cannot be read: "):
+        animate(SCENE, tmp_path / "out.usdc", resume=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As outputs do, none under its own name from the first byte on."""
+    whole, replace = set(), os.replace
+
+    def name(source: Path, target: Path) -> None:
+        whole.add(target)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", name)
+    assert {*stop(SCENE, tmp_path / "out.usdc").iterdir()} <= whole
+
+
+def test_checkpoints_go_all_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A kill while they are removed leaves nothing that --resume takes for a run."""
+    output = tmp_path / "out.usdc"
+    folder = stop(SCENE, output)
+    monkeypatch.setattr(shutil, "rmtree", lambda *_, **__: None)
+    animate(SCENE, output, resume=True)
+    assert not folder.exists()
 
 
 def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_harms_nothing(tmp_path: Path):

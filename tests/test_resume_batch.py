@@ -1,7 +1,6 @@
 """A batch that was stopped or killed goes on to the same files, byte by byte, as one that was not."""
 
 import json
-import os
 import resource
 import shutil
 import threading
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from batches import NAMES, OFTEN, contents, press_ctrl_c_once
+from batches import NAMES, OFTEN, contents, plant_spy, press_ctrl_c_once
 from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
 
@@ -200,22 +199,12 @@ def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
     assert len(str(refusal.value).splitlines()) == 1
 
 
-class Spy:
-    """What a pickle can do when it is read."""
-
-    def __reduce__(self) -> tuple:
-        return os.mkdir, ("run",)
-
-
 @pytest.mark.parametrize(("name", "array"), [("rows_000000.npz", "values"), ("state_000002_0000.npz", "points")])
 def test_nothing_in_a_checkpoint_is_run(
     stopped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, array: str
 ):
     monkeypatch.chdir(tmp_path)
-    path = stopped / "partial" / name
-    with np.load(path) as saved:
-        arrays = dict(saved)
-    np.savez(path, **{**arrays, array: np.array([Spy()], dtype=object)})
+    plant_spy(stopped / "partial" / name, array)
     with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
         run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
     assert not (tmp_path / "run").exists()
@@ -244,12 +233,13 @@ def test_what_an_earlier_batch_left_is_told_and_stays_until_the_first_checkpoint
     assert len(list((stopped / "partial").glob("rows_*"))) == 1
 
 
-def test_something_else_of_that_name_is_told_before_the_batch(tmp_path: Path):
-    (tmp_path / "partial").mkdir()
-    (tmp_path / "partial" / "thesis.txt").write_text("not ours")
-    with pytest.raises(InputError, match=r"partial: is in the way of checkpoints; expected nothing of that name$"):
+@pytest.mark.parametrize("name", ["partial", "partial.old"])
+def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_path: Path):
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "thesis.txt").write_text("not ours")
+    with pytest.raises(InputError, match=rf"{name}: is in the way of checkpoints; expected nothing of that name$"):
         run_batch(scene(), tmp_path, 2, device="cpu", on_frame=stop_after(0))
-    assert (tmp_path / "partial" / "thesis.txt").read_text() == "not ours"
+    assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path: Path):

@@ -49,10 +49,11 @@ class PartialFolder:
         Raises:
             InputError: it is something else of the same name.
         """
-        if self.path.exists() and not (self.path / JOB_NAME).is_file():
-            begun = self.path.is_dir() and all(path.name.startswith(".") for path in self.path.iterdir())
-            if not begun:
-                raise InputError(f"{self.path}: is in the way of checkpoints; expected nothing of that name")
+        for path in (self.path, self.aside):
+            if path.exists() and not (path / JOB_NAME).is_file():
+                begun = path.is_dir() and all(file.name.startswith(".") for file in path.iterdir())
+                if not begun:
+                    raise InputError(f"{path}: is in the way of checkpoints; expected nothing of that name")
 
     def begin(self, job: Mapping[str, Any]) -> None:
         """Make the folder, for a job; what was there of an earlier one is put aside.
