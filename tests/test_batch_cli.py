@@ -39,6 +39,15 @@ def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
+def test_a_batch_in_which_nothing_varies_says_so(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    assert batch(monkeypatch, "--worlds", "2") == 0
+    assert capsys.readouterr().err.startswith("note: all worlds are alike; --vary PATH=LOW:HIGH")
+    assert batch(monkeypatch, "--worlds", "1") == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_the_summary_is_one_object_and_the_files_are_where_it_says(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

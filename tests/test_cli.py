@@ -13,8 +13,9 @@ import pytest
 from meshes import cube, quad_sphere
 from PIL import Image
 
-from balloon_warp import bundled_scenes
+from balloon_warp import bundled_scenes, load_scene
 from balloon_warp.mesh.obj import read_obj, write_obj
+from balloon_warp.scene.write import scene_toml
 
 SUMMARY_KEYS = [
     "output",
@@ -87,6 +88,24 @@ def test_scenes_are_listed_a_line_each(tmp_path: Path):
     assert len(done.stdout.splitlines()) == 1 + len(bundled_scenes())
 
 
+def test_a_scene_of_ones_own_begins_with_that_of_a_mesh(ball: Path):
+    """What `run` makes of the mesh and of the scene file are the same."""
+    (ball / "mine").mkdir()
+    done = balloon_warp(ball, "scenes", "ball.obj", "-o", "mine/mine.toml")
+    assert (done.returncode, done.stdout) == (0, "wrote mine/mine.toml\n"), done.stderr
+    assert load_scene(ball / "mine" / "mine.toml") == load_scene(ball / "ball.obj")
+    printed = balloon_warp(ball, "scenes", "ball.obj").stdout
+    assert '[[balloon]]\nmesh = "ball.obj"\n' in printed  # where it is seen from here
+    assert "stiffness = { structural = 100.0, " in printed
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_bundled_scene_can_be_written_as_a_file(tmp_path: Path, name: str):
+    path = tmp_path / "mine.toml"
+    path.write_text(scene_toml(load_scene(name), tmp_path))
+    assert load_scene(path) == load_scene(name)
+
+
 def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
     done = balloon_warp(ball, "remesh", "ball.obj", "-o", "quads.obj", "--cells", "8")
     assert done.returncode == 0, done.stderr
@@ -106,6 +125,8 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
     [
         (["run", "squirel"], "squirel: no such scene or file; bundled scenes are bowl_to_sphere, "),
         (["run", "ball.txt"], "ball.txt: "),
+        (["scenes", "-o", "mine.toml"], "--output mine.toml: expected a scene to write"),
+        (["scenes", "squirrel_tether", "-o", "mine.txt"], "mine.txt: cannot write .txt; expected .toml"),
         (["run", "broken.obj"], "broken.obj, line 1: "),
         (["run", "bad.toml"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
         (

@@ -74,6 +74,11 @@ def test_an_override_makes_tables_that_are_not_there(scene_file: Path):
         ("sphere.0.mass=-1", r"sphere\.0\.mass: must be greater than 0 \(got -1\)"),
         ("sphere.0.mass=1e-46", r"sphere\.0\.mass: must be at least 1e-12 \(got 1e-46\)"),
         ("balloon.inflation.k_norml=3", r"balloon\.0\.inflation\.k_norml: unknown field; did you mean k_normal\?"),
+        ("k_normal=3", r"k_normal: unknown field; did you mean balloon\.inflation\.k_normal\?$"),
+        ("mass=3", r"mass: unknown field; did you mean balloon\.mass or sphere\.mass\?$"),
+        ("balloon.shear=3", r"balloon\.0\.shear: unknown field; did you mean balloon\.stiffness\.shear\?$"),
+        ("balloon.penalty=3", r"balloon\.0\.penalty: unknown field; did you mean sphere\.penalty\?$"),
+        ("balloon.color=red", r"balloon\.0\.color: must be numbers in brackets \(got 'red'\)"),
         ("colour=1", r"colour: unknown field; known here are description, up_axis, gravity, .*"),
         ("balloon.inflation.k_normal=much", r"k_normal: must be a valid number or a valid list \(got 'much'\)"),
         (

@@ -22,8 +22,8 @@ def batch(
         list[str] | None,
         typer.Option(
             metavar="PATH=LOW:HIGH|VALUE,...",
-            help="What differs: a range is sampled, --vary balloon.inflation.k_normal=0:8, a list is cycled, "
-            "--vary sphere.0.mass=1,10,100 or --vary balloon.mesh=a.obj,b.obj",
+            help="What differs: a range is sampled, --vary balloon.mass=1:3; a list is cycled, "
+            "--vary sphere.0.mass=1,10 or --vary balloon.mesh=a.obj,b.obj.",
         ),
     ] = None,
     grid: Annotated[bool, typer.Option("--grid", help="Divide the ranges evenly instead of sampling them.")] = False,
@@ -82,6 +82,9 @@ def batch(
     if (cluster, gpus, workers) != (None, None, None):
         spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
+    exported = parse_export(export, worlds)
+    if not choices and worlds > 1:
+        note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     with frame_progress() as progress:
         task = progress.add_task(name, total=loaded.frames)
         summary = run_batch(
@@ -89,7 +92,7 @@ def batch(
             output or Path(f"{name}_batch"),
             worlds,
             spread(choices, worlds, seed=seed, grid=grid),
-            export=parse_export(export, worlds),
+            export=exported,
             name=name,
             device=device,
             schedule=schedule,

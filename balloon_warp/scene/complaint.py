@@ -3,6 +3,7 @@
 import difflib
 import re
 import typing
+from collections.abc import Iterator
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -48,10 +49,23 @@ def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], ty
 
 
 def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
-    """The known field that was probably meant, or all that are known there."""
-    name, table = str(details["loc"][-1]), _walk(details, schema)[1]
+    """The known field that was probably meant: of the same name elsewhere, near by if it is, or of a similar name
+    there; or all that are known there."""
+    name, (steps, table) = str(details["loc"][-1]), _walk(details, schema)
+    homes = list(_homes(name, schema))
+    if near := [home for home in homes if home.split(".")[0] == steps[0]] or homes:
+        return f"; did you mean {' or '.join(near)}?"
     close = difflib.get_close_matches(name[:100], table.model_fields, n=1)  # takes time with the square of its length
     return f"; did you mean {close[0]}?" if close else f"; known here are {', '.join(table.model_fields)}"
+
+
+def _homes(name: str, table: type[BaseModel]) -> Iterator[str]:
+    """The paths of all fields of a name, in a table and those within it."""
+    for field, info in table.model_fields.items():
+        if field == name:
+            yield field
+        elif inner := _table_in(info.annotation):
+            yield from (f"{field}.{home}" for home in _homes(name, inner))
 
 
 def _table_in(annotation: object) -> type[BaseModel] | None:
@@ -64,6 +78,7 @@ def _expected(message: str) -> str:
     """Pydantic's sentence as what a value must be."""
     for opening, replacement in (
         ("Input should be a valid dictionary", "a table"),
+        ("Input should be a valid tuple", "numbers in brackets"),
         ("Input should be an instance of PolygonMesh", "a PolygonMesh"),
         ("Input is not a valid path", "a path"),
         ("List should have at least 1 item", "a list of at least one item"),

@@ -14,10 +14,11 @@ def scene_toml(scene: Scene, folder: Path) -> str:
     all its digits.
     """
     table = scene.model_dump(mode="json", exclude_defaults=True, exclude={"balloon": {"__all__": {"mesh"}}})
-    for said, balloon in zip(table["balloon"], scene.balloon, strict=True):
+    base = Path(os.path.abspath(folder))
+    for number, balloon in enumerate(scene.balloon):
         mesh = Path(os.path.abspath(str(balloon.mesh)))
-        base = Path(os.path.abspath(folder))
-        said["mesh"] = str(mesh.relative_to(base) if mesh.is_relative_to(base) else mesh)
+        place = mesh.relative_to(base) if mesh.is_relative_to(base) else mesh
+        table["balloon"][number] = {"mesh": str(place), **table["balloon"][number]}
     lines = [f"{name} = {_value(value)}" for name, value in table.items() if not _is_table(value)]
     for name, value in table.items():
         for part in value if isinstance(value, list) else [value]:
@@ -40,8 +41,13 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         return _quoted(value)
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_quoted(name)} = {_value(inner)}" for name, inner in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(name)} = {_value(inner)}" for name, inner in value.items()) + " }"
     return "[" + ", ".join(_value(item) for item in value) + "]"
+
+
+def _key(name: str) -> str:
+    """Bare where it is a word; dots would part it."""
+    return name if name.isascii() and name.isidentifier() else _quoted(name)
 
 
 def _quoted(text: str) -> str:
