@@ -101,11 +101,12 @@ def test_tones_are_neutral_and_end_in_white():
     assert out.numpy().astype(int) == pytest.approx(255 * encoded, abs=1.0)
 
 
+@pytest.mark.parametrize("angles", [(), (200.0, 0.0), (-90.0, 90.0)])
 @pytest.mark.parametrize("aspect", [16 / 9, 0.5])
-def test_the_camera_is_as_near_as_the_margin_lets_it(aspect: float):
+def test_the_camera_is_as_near_as_the_margin_lets_it(aspect: float, angles: tuple[float, ...]):
     random = np.random.default_rng(3)
     centers, radii = random.uniform(-3, 5, (30, 3)), random.uniform(0.0, 1.0, 30)
-    fit = CameraFit(aspect)
+    fit = CameraFit(aspect, *angles)
     fit.include(centers[:10], radii[:10])
     fit.include(centers[10:], radii[10:])
     camera = fit.camera()

@@ -15,7 +15,8 @@ from balloon_warp.outputs.render.raycaster import RayCaster
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 BLACK = (0.0, 0.0, 0.0)
-RED, GREEN = (0.8, 0.02, 0.02), (0.02, 0.6, 0.05)
+RED, GREEN, BLUE = (0.8, 0.02, 0.02), (0.02, 0.6, 0.05), (0.02, 0.05, 0.8)
+WHITE, GRAY = (0.9, 0.9, 0.9), (0.3, 0.3, 0.3)
 HALF_COVERED = 175
 """sRGB byte of half black, half backdrop: the backdrop is about 0.86 in linear light, half of it 0.43"""
 
@@ -97,6 +98,24 @@ def test_units_do_not_show(tmp_path: Path):
         seen.append(picture(stage, tmp_path).astype(int))
     # Round-off may move a sample across an edge; nothing else may change.
     assert np.abs(seen[0] - seen[1]).mean() < 0.05
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "nearest"),
+    [(0.0, 0.0, RED), (180.0, 0.0, GREEN), (90.0, 0.0, BLUE), (40.0, 90.0, WHITE), (0.0, None, RED)],
+)
+def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: float, nearest, tmp_path: Path):
+    """Balls in front, behind, to the right and above: the middle of the picture shows the nearest. The stage's camera,
+    which looks from the front, does not count then."""
+    stage = new_stage(tmp_path / "stage.usda", up_axis)
+    add_camera(stage, distance=20.0, focal_length=40.0, aperture=24.0)
+    places = {RED: (0, 0, 2), GREEN: (0, 0, -2), BLUE: (2, 0, 0), BLACK: (-2, 0, 0), WHITE: (0, 2, 0), GRAY: (0, -2, 0)}
+    for number, (color, place) in enumerate(places.items()):
+        add_sphere(stage, f"Ball_{number}", place, 1.0, color, roughness=1.0)
+    seen = picture(stage, tmp_path, azimuth=azimuth, elevation=elevation)[95:105, 95:105].mean(axis=(0, 1))
+    expected = np.array(nearest)
+    np.testing.assert_array_equal(seen > 0.7 * seen.max(), expected > 0.7 * expected.max())
 
 
 def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path: Path):

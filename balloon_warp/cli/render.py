@@ -21,6 +21,15 @@ def render(
         int | None, typer.Option(help="Frame for a .png; if not given, the one that the stage names, else the last.")
     ] = None,
     size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size in pixels.")] = "960x540",
+    azimuth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEGREES", help="Look from there: 0 is the front, 90 the right, 180 the back; 32 if not given."
+        ),
+    ] = None,
+    elevation: Annotated[
+        float | None, typer.Option(metavar="DEGREES", help="Look from so far above: 90 is the top; 13 if not given.")
+    ] = None,
     samples: Annotated[int, typer.Option(help="Rays a pixel.")] = 4,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
 ) -> None:
@@ -40,6 +49,8 @@ def render(
             size=pixels,
             samples=samples,
             device=device,
+            azimuth=azimuth,
+            elevation=elevation,
             on_frame=lambda done, count: progress.update(task, completed=done, total=count),
         )
     Console(highlight=False, soft_wrap=True).print(f"wrote {picture}", markup=False)

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 VERTICAL_VIEW = np.radians(26.0)
 """angle from the picture's bottom to its top, as a portrait lens sees"""
-AZIMUTH = np.radians(32.0)
-"""three-quarter view: from the front (+Z) toward +X"""
-ELEVATION = np.radians(13.0)
+AZIMUTH = 32.0
+"""three-quarter view: from the front (+Z) toward +X [degrees]"""
+ELEVATION = 13.0
+"""from level toward above [degrees]"""
 MARGIN = 0.80
 """share of the picture's half size within which the action stays"""
 
@@ -41,15 +42,16 @@ class CameraFit:
 
     Args:
         aspect: the picture's width over its height.
+        azimuth: where one looks from, from the front (+Z) toward +X [degrees].
+        elevation: from level toward above [degrees].
     """
 
-    def __init__(self, aspect: float):
+    def __init__(self, aspect: float, azimuth: float = AZIMUTH, elevation: float = ELEVATION):
+        around, above = np.radians([azimuth, elevation])
         self.half_height = float(np.tan(VERTICAL_VIEW / 2.0))
         self.half_width = self.half_height * aspect
-        backward = np.array(
-            [np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION), np.cos(AZIMUTH) * np.cos(ELEVATION)]
-        )
-        right = np.array([np.cos(AZIMUTH), 0.0, -np.sin(AZIMUTH)])
+        backward = np.array([np.sin(around) * np.cos(above), np.sin(above), np.cos(around) * np.cos(above)])
+        right = np.array([np.cos(around), 0.0, -np.sin(around)])
         self.axes = np.stack([right, np.cross(backward, right), backward])
         half = MARGIN * np.array([self.half_width, self.half_height])
         self._cosines = 1.0 / np.hypot(1.0, half)

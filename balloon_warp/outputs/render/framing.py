@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.render.camera import Camera, CameraFit
+from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, Camera, CameraFit
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 MOST_FRAMES = 40
@@ -26,17 +26,20 @@ class Framing:
     """a camera that has it all in the picture"""
 
 
-def frame_action(moments: Sequence[tuple[RenderStage, int]], aspect: float) -> Framing:
+def frame_action(
+    moments: Sequence[tuple[RenderStage, int]], aspect: float, azimuth: float = AZIMUTH, elevation: float = ELEVATION
+) -> Framing:
     """Look where the action is at some moments.
 
     Args:
         moments: the stages and frames that will be shown; the stages' prims have been read.
         aspect: the picture's width over its height.
+        azimuth, elevation: where one looks from, as `CameraFit` has them [degrees].
 
     Raises:
         InputError: everything is in one point.
     """
-    fit = CameraFit(aspect)
+    fit = CameraFit(aspect, azimuth, elevation)
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
     looked_at = np.unique(np.linspace(0, len(moments) - 1, min(len(moments), MOST_FRAMES)).round().astype(int))
     for stage, frame in (moments[place] for place in looked_at):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
+from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION
 from balloon_warp.outputs.render.files import (
     PICTURE_SUFFIXES,
     Picture,
@@ -37,6 +38,8 @@ def render_stage(
     size: tuple[int, int] = (960, 540),
     samples: int = 4,
     device: str | None = None,
+    azimuth: float | None = None,
+    elevation: float | None = None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
 ) -> list[int]:
     """Make a picture (.png) or an animation (.gif, .mp4) of a stage. The file appears whole or not at all.
@@ -48,6 +51,10 @@ def render_stage(
         size: width and height in pixels.
         samples: rays a pixel.
         device: a Warp device; the GPU where there is one, when missing.
+        azimuth: where one looks from [degrees], from the front, +Z, or -Y where Z is up, toward +X; `AZIMUTH` when
+            missing.
+        elevation: from level toward above, 0 to 90 [degrees]; `ELEVATION` when missing. With both missing a camera of
+            the stage comes first.
         on_frame: told how many frames are done, and of how many, after each.
 
     Returns:
@@ -61,9 +68,10 @@ def render_stage(
     suffix = output.suffix.lower()
     check_writable(output, PICTURE_SUFFIXES)
     _check_request(suffix, frame, size, samples)
+    _check_angles(azimuth, elevation)
     stage = RenderStage(path)
     frames, frame_seconds = _choose_frames(stage, suffix, frame)
-    pictures = _pictures(stage, frames, size, samples, device, on_frame)
+    pictures = _pictures(stage, frames, size, samples, device, (azimuth, elevation), on_frame)
     with whole_file(output) as temporary:
         if suffix == ".png":
             write_png(temporary, next(pictures))
@@ -89,6 +97,13 @@ def _check_request(suffix: str, frame: int | None, size: tuple[int, int], sample
             raise InputError(f"size: {size[0]}x{size[1]} for an .mp4; expected an even width and height")
     if frame is not None and suffix != ".png":
         raise InputError(f"frame: {frame} for a {suffix}, which shows all frames; expected a .png")
+
+
+def _check_angles(azimuth: float | None, elevation: float | None) -> None:
+    if azimuth is not None and not math.isfinite(azimuth):
+        raise InputError(f"azimuth: {azimuth:g} degrees; expected a finite angle")
+    if elevation is not None and not 0.0 <= elevation <= 90.0:
+        raise InputError(f"elevation: {elevation:g} degrees; expected 0 to 90")
 
 
 def _choose_frames(stage: RenderStage, suffix: str, frame: int | None) -> tuple[list[int], float]:
@@ -123,16 +138,20 @@ def _pictures(
     size: tuple[int, int],
     samples: int,
     device: str | None,
+    angles: tuple[float | None, float | None],
     on_frame: Callable[[int, int], None],
 ) -> Iterator[Picture]:
     from balloon_warp.outputs.render.raycaster import RayCaster  # loads Warp: only once the stage is known to be good
 
     aspect = size[0] / size[1]
     stage.read_prims(frames[0])
-    framing = frame_action([(stage, frame) for frame in frames], aspect)
+    azimuth, elevation = (
+        usual if given is None else given for given, usual in zip(angles, (AZIMUTH, ELEVATION), strict=True)
+    )
+    framing = frame_action([(stage, frame) for frame in frames], aspect, azimuth, elevation)
     caster = RayCaster(stage, framing.center, framing.size, size, samples, device)
     for done, frame in enumerate(frames, start=1):
-        camera = stage.camera(frame, aspect) or framing.camera
+        camera = (angles == (None, None) and stage.camera(frame, aspect)) or framing.camera
         caster.place(frame, 0.5 * LEAST_LINE_PIXELS * camera.pixel_size(framing.center, size[1]))
         yield caster.picture(camera)
         on_frame(done, len(frames))
