@@ -18,7 +18,7 @@ from balloon_warp.kernels.linear_systems import (
 from balloon_warp.model import Model
 from balloon_warp.solvers.step_matrices import StepMatrices
 
-MANY_WORLDS = 256
+MANY_WORLDS = 400
 """that fill a GPU with several rows and worlds a thread: 96 products for each 20 numbers loaded"""
 ROWS, WORLDS, THREADS = 8, 4, 128
 MOST_PARTICLES = 4096
