@@ -1,11 +1,13 @@
 """What the tests of stopped runs and batches share."""
 
+import json
 import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from balloon_warp.sweep.output import STAGE_NAME
 
@@ -16,6 +18,28 @@ NAMES = ("table.npz", "table.csv", STAGE_NAME)
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in NAMES if (folder / name).exists()}
+
+
+def tamper(job: Path, path: str, value: object) -> None:
+    """Have a job say something else."""
+    said = json.loads(job.read_text())
+    *above, name = path.split(".")
+    place = said[above[0]] if above else said
+    assert place[name] != value
+    place[name] = value
+    job.write_text(json.dumps(said))
+
+
+def watch_names(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
+    """The files that get their names once they are whole, from here on."""
+    whole, replace = set(), os.replace
+
+    def name(source: Path, target: Path) -> None:
+        whole.add(target)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", name)
+    return whole
 
 
 class Spy:

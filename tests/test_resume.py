@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batches import plant_spy
+from batches import plant_spy, tamper, watch_names
 from meshes import quad_sphere
 from pxr import Usd
 
@@ -145,13 +145,7 @@ def test_another_mesh_is_refused(tmp_path: Path):
 def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path: Path):
     """What simulates may be another with another version; the schedule and the step may be chosen by it."""
     output = tmp_path / "out.usdc"
-    job = stop(SCENE, output) / "job.json"
-    said = json.loads(job.read_text())
-    *above, name = path.split(".")
-    place = said[above[0]] if above else said
-    assert place[name] != value
-    place[name] = value
-    job.write_text(json.dumps(said))
+    tamper(stop(SCENE, output) / "job.json", path, value)
     with pytest.raises(
         InputError, match=rf"is of another run: {path} is {json.dumps(value)} there and .* here; expected"
     ):
@@ -227,13 +221,7 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """As outputs do, none under its own name from the first byte on."""
-    whole, replace = set(), os.replace
-
-    def name(source: Path, target: Path) -> None:
-        whole.add(target)
-        replace(source, target)
-
-    monkeypatch.setattr(os, "replace", name)
+    whole = watch_names(monkeypatch)
     assert {*stop(SCENE, tmp_path / "out.usdc").iterdir()} <= whole
 
 

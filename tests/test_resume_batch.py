@@ -6,22 +6,21 @@ import shutil
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from batches import NAMES, OFTEN, contents, plant_spy, press_ctrl_c_once
+from batches import NAMES, OFTEN, contents, plant_spy, press_ctrl_c_once, tamper, watch_names
 from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
 
 from balloon_warp import InputError, Scene, run_batch
-from balloon_warp.diagnosis import BlowUp
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import grid
-from balloon_warp.pulls import Pull
 from balloon_warp.scene import Balloon, Ground, Sphere, String
-from balloon_warp.sweep.failures import Failures
-from balloon_warp.sweep.journal import FAILURES
+from balloon_warp.sweep import checkpoints
+from balloon_warp.sweep.parts import write_rows
 
 FRAMES, WORLDS = 6, 5
 
@@ -180,13 +179,20 @@ def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
     assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
 
 
-def test_other_versions_are_refused(stopped: Path):
-    """What simulates may have changed with them."""
-    job = stopped / "partial" / "job.json"
-    said = json.loads(job.read_text())
-    said["versions"]["warp-lang"] = "0.1"
-    job.write_text(json.dumps(said))
-    with pytest.raises(InputError, match=r'batch: versions.warp-lang is "0\.1" there and "'):
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("versions.warp-lang", "0.1"),
+        ("device", "another"),
+        ("substeps", 1),
+        ("on_blowup", "restart"),
+        ("simulated", "in 3 shares"),
+    ],
+)
+def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
+    """What simulates may be another with another version."""
+    tamper(stopped / "partial" / "job.json", path, value)
+    with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
         run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
 
 
@@ -219,6 +225,52 @@ def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path: P
     run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
     assert notes == [f"goes on after frame 2, from {partial}"]
     assert contents(stopped) == contents(tmp_path / "whole")
+
+
+def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A kill came between the two: the stage's part is there, and that of the table, which makes it count, is not."""
+    how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
+
+    def kill(output: object, part: object, rows: Path) -> None:
+        if rows.name == "rows_000002.npz":
+            assert rows.with_name("worlds_000002.usdc").exists()
+            raise RuntimeError("killed")
+        write_rows(output, part, rows)
+
+    monkeypatch.setattr(checkpoints, "write_rows", kill)
+    with pytest.raises(RuntimeError, match="killed"):
+        run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=OFTEN)
+    monkeypatch.undo()
+    notes: list[str] = []
+    run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_note=notes.append)
+    assert notes == [f"goes on after frame 1, from {tmp_path / 'out' / 'partial'}"]
+    run_batch(scene(), tmp_path / "whole", 2, **how)
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A kill came between the two."""
+    save_state = checkpoints.BatchCheckpoints.save_state
+
+    def kill(self: checkpoints.BatchCheckpoints, frame: int, *state: Any) -> None:
+        if frame == 2:
+            raise RuntimeError("killed")
+        save_state(self, frame, *state)
+
+    monkeypatch.setattr(checkpoints.BatchCheckpoints, "save_state", kill)
+    with pytest.raises(RuntimeError, match="killed"):
+        run_batch(scene(), tmp_path, 2, device="cpu", checkpoint_seconds=OFTEN)
+    assert sorted(path.name for path in (tmp_path / "partial").glob("rows_*")) == ["rows_000000.npz", "rows_000001.npz"]
+
+
+def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """None has its own name from the first byte on."""
+    whole = watch_names(monkeypatch)
+    with pytest.raises(RuntimeError):
+        run_batch(scene(), tmp_path, 2, export=[0], device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(FRAMES))
+    kinds = {path.name.partition("_")[0] for path in (tmp_path / "partial").iterdir()}
+    assert kinds == {"job.json", "rows", "worlds", "state", "worlds.usda", "still.usdc"}
+    assert {*(tmp_path / "partial").iterdir()} <= whole
 
 
 def test_what_an_earlier_batch_left_is_told_and_stays_until_the_first_checkpoint(stopped: Path):
@@ -276,13 +328,6 @@ def test_nothing_to_resume_begins_at_the_start(tmp_path: Path):
         f"there is no checkpoint in {tmp_path / 'partial'}: nothing to resume, so this begins at the start"
     ]
     assert summary.resumed == 0.0
-
-
-def test_what_blew_up_in_a_share_is_kept_with_it():
-    spring = Pull("the structural spring to particle 7", 3.5, stretch=np.inf)
-    blow_up = BlowUp(5, 2, 40, 1e-4, "particle 7", 3, np.inf, spring, touched=("the ground",), stable_step=2e-5)
-    failures = Failures([blow_up], {3: 80, 11: 160})
-    assert FAILURES.validate_python(json.loads(json.dumps(FAILURES.dump_python(failures)))) == failures
 
 
 def test_a_failed_job_takes_what_is_behind_it_along():
