@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meshes import quad_sphere
+from meshes import open_cube, quad_sphere
 from PIL import Image
 
 from balloon_warp import BlowUpError, InputError, Scene, Simulator
@@ -90,6 +90,18 @@ def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path: Path):
         figures["roundness"], 36 * np.pi * signed_volume(shape) ** 2 / total_area(shape) ** 3, rtol=5e-5
     )
     assert compared(tmp_path, {K_NORMAL: [0.5]}, frame=6).runs[0].figures["volume"] > figures["volume"]
+
+
+def test_only_one_closed_balloon_is_round(tmp_path: Path):
+    """What volumes and areas of several add up to says nothing of their shape."""
+    alone = compared(tmp_path, {K_NORMAL: [0.0]}).runs[0].figures
+    assert 0.5 < alone["roundness"] < 1.0
+    ball, aside = BALL.balloon[0], BALL.balloon[0].model_copy(update={"position": (3.0, 0.0, 0.0)})
+    for balloons in ([ball, aside], [ball.model_copy(update={"mesh": open_cube()})]):
+        scene = BALL.model_copy(update={"balloon": balloons})
+        run = compare(scene, {K_NORMAL: [0.0]}, tmp_path / "out.png", size=SIZE, samples=1, device="cpu").runs[0]
+        assert run.outcome == "done"
+        assert "roundness" not in run.figures
 
 
 def test_each_of_several_frames_is_shown_and_one_past_the_end_is_refused(tmp_path: Path):

@@ -11,7 +11,6 @@ import numpy as np
 
 from balloon_warp.comparison.choices import shown
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
-from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
@@ -101,7 +100,8 @@ def _measured(
     if stage:
         with StageWriter(stage, simulator.model) as writer:
             writer.write(simulator.read_frame())
-    if all(is_closed(mesh_edges(shape.mesh)) for shape in simulator.model.shapes):
+    shapes = simulator.model.shapes
+    if len(shapes) == 1 and shapes[0].closed:
         figures["roundness"] = 36.0 * np.pi * figures["volume"] ** 2 / figures["area"] ** 3
     heights = map(float, record.measures[0, len(MEASURES) :])
     figures = {
