@@ -49,6 +49,7 @@ METHODS = [
             "balloon.inflation={kind='gas', pump=[[0.2, 0.0], [0.3, 2.3], [1.6, 2.3], [1.7, 0.0]]}",
         ),
     ),
+    Method("water", ("water={level=0.3, density=30.0}",)),
     Method("schedule `gather`", schedule="gather"),
     Method("schedule `scatter`", schedule="scatter"),
 ]
@@ -135,14 +136,18 @@ def as_markdown(rows: Sequence[Row]) -> str:
         cells = ["blows up", *["-"] * 5]
         if figures:
             cells = [
-                *(f"{ratio:.2g}" if ratio else "-" for ratio in (row.ratio, row.gather_ratio)),
+                *(_two_digits(ratio) if ratio else "-" for ratio in (row.ratio, row.gather_ratio)),
                 f"{figures['substeps']}",
                 f"{1000 * figures['volume']:.1f}",
                 f"{figures['largest_stretch']:.2f}",
-                f"{1000 * figures['kinetic_energy']:.2g}",
+                _two_digits(1000 * figures["kinetic_energy"]),
             ]
         lines.append(f"| {row.method.name} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def main() -> None:

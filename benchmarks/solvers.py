@@ -24,7 +24,7 @@ REFINED = 4
 """how many substeps the reference takes for each that stability asks"""
 STIFFNESS = (1.0, 100.0, 10_000.0)
 """factors on the spring constants"""
-STEPS = ((1, 10), (1, 40), (1, 160), (2, 20), (4, 10), (4, 40), (16, 10))
+STEPS = ((1, 10), (1, 40), (1, 160), (2, 20), (4, 10), (4, 40), (16, 10), (64, 10))
 """substeps and iterations of the implicit solver"""
 WORLDS = {"cpu": (1, 64), "cuda": (1, 4096)}
 

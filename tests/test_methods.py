@@ -23,6 +23,13 @@ def test_the_readme_has_a_line_for_every_method():
     assert [method.name for method in METHODS if not re.search(rf"^\| {re.escape(method.name)} \|", README, re.M)] == []
 
 
+def test_each_line_of_the_readme_has_the_values_that_were_measured():
+    """Or nobody could repeat it; of a long table its beginning."""
+    for method in METHODS:
+        [line] = re.findall(rf"^\| {re.escape(method.name)} \|.*", README, re.M)
+        assert [value for value in method.overrides if value.split(",")[0] not in line] == [], method.name
+
+
 def test_a_method_that_blows_up_is_said_to_and_one_that_is_refused_is_a_mistake():
     rows = measure_methods([Method("first"), Method("wild", ("balloon.inflation.k_normal=9e11",))], "cpu", 1, 3)
     assert as_markdown(rows).splitlines()[-1].startswith("| wild | blows up |")
