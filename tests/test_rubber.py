@@ -72,6 +72,24 @@ def test_viscosity_leaves_a_rigid_motion_alone(device):
         np.testing.assert_allclose(forces, 0.0, atol=1e-4)
 
 
+def test_a_balloon_that_is_inflated_past_its_limit_bursts(device):
+    """Where nothing pulls any more, its skin flies off; as long as something does, the same inflation stretches it by a
+    quarter."""
+
+    def largest_stretch(yield_stretch: float) -> float:
+        stiffness = Stiffness(yield_stretch=yield_stretch)
+        balloon = balloon_of(stiffness, mesh=quad_sphere(4), damping=2.0, inflation=Inflation(k_normal=2.0))
+        simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device)
+        for _ in range(90):
+            simulator.step()
+        first, second = simulator.read_frame().points[0][simulator.model.shapes[0].springs.pairs].swapaxes(0, 1)
+        return float((np.linalg.norm(second - first, axis=1) / simulator.model.shapes[0].springs.rest_lengths).max())
+
+    whole = largest_stretch(1.6)
+    assert 1.2 < whole < 1.5
+    assert largest_stretch(1.1) > 3.0 * whole
+
+
 @pytest.mark.parametrize(("stretch", "pulls"), [(1.45, True), (1.55, False)])
 def test_an_overextended_spring_pulls_no_more(stretch: float, pulls: bool, device: str):
     pair = mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]])
