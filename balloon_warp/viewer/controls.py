@@ -1,5 +1,6 @@
 """The panel: everything that can be set, in folders."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -227,10 +228,10 @@ class Controls:
             inflation = scene.balloon[0].inflation
             self.inflation.label = INFLATIONS[inflation.keyframed]
             most = max(max(abs(value) for _, value in inflation.keyframes) * 2.0, 1e-3)
-            _range(self.inflation, -most if inflation.keyframed == "pump" else 0.0, most)
+            _range(self.inflation, most, signed=inflation.keyframed == "pump")
             for value, slider in self._values:
                 most = max(5.0 * abs(value.read(scene)), value.least_reach)
-                _range(slider, -most if value.signed else 0.0, most)
+                _range(slider, most, value.signed)
         _put(self.inflation, picture.inflation)
         for value, slider in self._values:
             _put(slider, value.read(scene))
@@ -258,9 +259,12 @@ def _put(handle: Any, value: Any) -> None:
     handle.value = value
 
 
-def _range(slider: Any, low: float, high: float) -> None:
-    slider.min, slider.max = low, high
-    slider.step = (high - low) / 1000.0
+def _range(slider: Any, most: float, signed: bool) -> None:
+    """From 0, or as far below it, up to a value with two digits."""
+    digit = 10.0 ** (math.floor(math.log10(most)) - 1)
+    most = float(f"{math.ceil(most / digit - 1e-9) * digit:.2g}")
+    slider.min, slider.max = -most if signed else 0.0, most
+    slider.step = (slider.max - slider.min) / 1000.0
 
 
 def _legend() -> str:

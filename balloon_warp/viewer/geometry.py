@@ -90,3 +90,19 @@ class Drawing:
             stretch = max(stretch, float(long[shape.springs.rest_lengths > 0.0].max(initial=0.0)))
         pressure = force / area if area > 0.0 else 0.0
         return {"volume": volume, "pressure": pressure, "stretch": stretch}
+
+
+def string_reach(
+    model: Model, size: float, center: NDArray[np.floating], up: NDArray[np.floating]
+) -> NDArray[np.floating]:
+    """Where strings let balloons of a size come to: the anchors, and as far above them, or below where they hang; shape
+    (2 string_count, 3).
+
+    Args:
+        center: where the balloons are at the start, shape (3,).
+        up: unit vector, shape (3,).
+    """
+    anchors = model.string_anchor.numpy()[0].reshape(-1, 3)
+    far = model.string_length.numpy()[0] + size
+    sides = np.where((center - anchors) @ up >= 0.0, 1.0, -1.0)
+    return np.concatenate([anchors, anchors + (sides * far)[:, None] * up])

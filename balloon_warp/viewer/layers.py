@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from balloon_warp.viewer import colors
-from balloon_warp.viewer.geometry import Drawing, Lines
+from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
 from balloon_warp.viewer.session import Picture
 
 LAYERS = {
@@ -83,7 +84,7 @@ class Layers:
         scene.set_up_direction("+y" if picture.scene.up_axis == "Y" else "+z")
         side = np.array([0.55, 0.0, 1.0]) if picture.scene.up_axis == "Y" else np.array([0.55, -1.0, 0.0])
         center = (low + high) / 2
-        self.home = center + 1.7 * self.size * (side / np.linalg.norm(side)) + 0.4 * self.size * up, center
+        self.home = _home(np.concatenate([start, string_reach(picture.model, self.size, center, up)]), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
             camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)
         self._balloons, self._bands = [], []
@@ -198,6 +199,15 @@ class Layers:
                 self._strings = self.server.scene.add_line_segments(
                     "/strings", segments, colored, thickness=0.008 * self.size
                 )
+
+
+def _home(
+    points: NDArray[np.floating], up: NDArray[np.floating], side: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Where a camera stands that sees points, from a side and a little above, and what it looks at; shape (3,) each."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    center, size = (low + high) / 2, float((high - low).max())
+    return center + 1.7 * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
 
 
 def _see(handle: Any, visible: bool) -> None:
