@@ -166,24 +166,48 @@ def test_bundled_scene_files_name_no_default_that_they_do_not_change():
         assert {key for key in said if said[key] == defaults[key]} == set(), name
 
 
+@pytest.mark.parametrize("kind", ["normal_force", "pressure"])
 @pytest.mark.parametrize("scale", [0.01, 200.0])
-def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float):
+def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float, kind: str):
     """Its motion is the same at any size, up to rounding."""
 
     def motion(factor: float) -> np.ndarray:
         mesh = quad_sphere(3)
         mesh.points[:] *= factor
         write_obj(tmp_path / "ball.obj", mesh)
-        scene = load_scene(tmp_path / "ball.obj")
+        scene = load_with(tmp_path / "ball.obj", f"balloon.inflation.kind={kind}")
         simulator = Simulator(scene, "cpu")
         for _ in range(40):
             simulator.step()
         points = simulator.read_frame().points[0]
+        assert np.ptp(points, axis=0)[0] > 1.02 * np.ptp(mesh.points, axis=0)[0]  # it has begun to grow
         assert scene.ground is not None
         assert points[:, 1].min() == pytest.approx(scene.ground.height)  # it has fallen to the floor below it
         return points / factor
 
     np.testing.assert_allclose(motion(scale), motion(1.0), atol=1e-3)
+
+
+def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much(tmp_path: Path):
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+
+    def amounts(*overrides: str) -> list[float]:
+        scene = load_with(tmp_path / "ball.obj", "balloon.inflation.kind=gas", "frames=95", *overrides)
+        return [float(frame.gas_amounts[0]) for frame in Simulator(scene, "cpu").run()]
+
+    pumped = amounts()
+    assert pumped[95] / pumped[0] == pytest.approx(1.5, rel=1e-3)  # the ramp is pumped in steps
+    assert np.ptp(amounts("balloon.inflation.start_pressure=100")) == 0.0
+    assert np.ptp(amounts("balloon.inflation.amount=160")) == 0.0
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "pressure", "gas"])
+@pytest.mark.parametrize("scale", [1e-6, 1e8])
+def test_a_mesh_of_any_size_gets_a_scene(tmp_path: Path, scale: float, kind: str):
+    mesh = quad_sphere(2)
+    mesh.points[:] *= scale
+    write_obj(tmp_path / "ball.obj", mesh)
+    assert load_with(tmp_path / "ball.obj", f"balloon.inflation.kind={kind}").balloon[0].inflation.kind == kind
 
 
 def test_an_open_mesh_is_held_at_its_border_unless_that_is_all_of_it(tmp_path: Path):

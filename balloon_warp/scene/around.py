@@ -8,12 +8,21 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.size import require_size
 from balloon_warp.mesh.topology import border_edges, mesh_edges
-from balloon_warp.scene.schema import Balloon
+from balloon_warp.scene.schema import Balloon, Inflation
+
+WEIGHT = 1.81
+"""of a balloon with its lift [N/kg], for each meter of its size"""
+MOLAR_VOLUME = 0.02406
+"""of a gas in the atmosphere that a scene has if it says nothing of it [m^3/mol]"""
+
+MOST_FLOW = 9e11
+"""that a pump may have [mol/s]: what is kilometers large gets less"""
 
 
 def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dict[str, Any]:
@@ -41,26 +50,41 @@ def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dic
     if size == 0.0:
         raise InputError(f"{path}: all its vertices stand at one place; expected a mesh with some size")
     require_size(placed, path)
-    kind = balloon.inflation.kind
+    gas = balloon.inflation.kind == "gas"
     return {
         "description": f"{path.name} inflates above a floor",
         "up_axis": up_axis,
-        "gravity": 9.81 * size,
+        "gravity": (WEIGHT if gas else 9.81) * size,
         "frames": 120,
         "normals": "fresh",
         "balloon": [
             {
                 "mesh": path.resolve(),
                 "mass": 2.0,
-                "helium": 0.0 if kind == "gas" else 8.0 * size,
+                "helium": 0.0 if gas else (9.81 - WEIGHT) * size,
                 "damping": 20.0,
                 "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
-                "inflation": {"k_normal": [[0.2, 0.0], [1.5, 4.0 * size]]} if kind == "normal_force" else {},
+                "inflation": _gentle(balloon.inflation, placed, size),
                 "fixed": _border(mesh).tolist(),
             }
         ],
         "ground": {"height": float(lowest["XYZ".index(up_axis)]) - 0.05 * size},
     }
+
+
+def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str, Any]:
+    """Inflation from 0.2 to 1.5 s. A pressure gets as high as the forces of "normal_force" spread over the surface, of
+    a plane square at least; gas gets half as much again, unless it is said how much there is."""
+    k_normal = 4.0 * size
+    match inflation.kind:
+        case "normal_force":
+            return {"k_normal": [[0.2, 0.0], [1.5, k_normal]]}
+        case "pressure":
+            return {"pressure": [[0.2, 0.0], [1.5, 100.0 * k_normal / max(total_area(placed), size**2)]]}
+    if inflation.amount is not None or inflation.start_pressure:
+        return {}
+    flow = min(0.5 * abs(signed_volume(placed)) / MOLAR_VOLUME / 1.2, MOST_FLOW)
+    return {"pump": [[0.2, 0.0], [0.3, flow], [1.4, flow], [1.5, 0.0]]}
 
 
 def _border(mesh: PolygonMesh) -> NDArray[np.integer]:
