@@ -13,6 +13,8 @@ from balloon_warp.scene.overrides import override_scene
 class StepAdvice:
     """The step part of `balloon-warp inspect`; its fields are keys of the JSON."""
 
+    solver: str
+    """the scene's; "projective" is stable at any step, so that a limit is symplectic Euler's then"""
     stable_step: float
     """the longest that is stable at the start [s], by Gershgorin's bound"""
     least_substeps: int
@@ -41,6 +43,7 @@ def advise_step(scene: Scene) -> StepAdvice:
     shape = plan.shapes[balloon]
     x, y, z = shape.mesh.points[particle].tolist()
     return StepAdvice(
+        solver=scene.solver,
         stable_step=step,
         least_substeps=max(ceil(1.0 / scene.frames_per_second / step), 1),
         substeps=plan.substeps,

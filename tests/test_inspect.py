@@ -245,6 +245,16 @@ def test_advice_knows_strings_and_passes_over_particles_that_do_not_move():
     assert advise_step(Scene(balloon=[Balloon(mesh=mesh, fixed=[*rest, 5])])).substeps == 1
 
 
+def test_a_solver_that_is_stable_at_any_step_is_said_to_be():
+    report = json.loads(command("squirrel_inflate", "--set", "solver=projective", "--json").stdout)["step"]
+    explicit = json.loads(command("squirrel_inflate", "--json").stdout)["step"]
+    assert (report["solver"], report["substeps"]) == ("projective", 2)
+    assert report == explicit | {"solver": "projective", "substeps": 2}
+    step, explicitly, *_ = command("squirrel_inflate", "--set", "solver=projective").stdout.splitlines()[3:]
+    assert step.rstrip().endswith('stable, however long: 2 with "auto" at 60 frames/s')
+    assert explicitly.split()[:4] == ["explicit", "stable", "up", "to"]
+
+
 def test_command_reports_a_scene_and_its_step(tmp_path: Path) -> None:
     result = command("sphere_launch", "--set", "balloon.stiffness.structural=100", "--json")
     assert (result.returncode, result.stderr) == (0, "")

@@ -102,12 +102,14 @@ def _print_mesh(console: Console, name: str, report: MeshReport, more: dict[str,
 
 
 def _step_rows(step: dict) -> dict[str, str]:
+    up_to = f"stable up to {step['stable_step']:.3g} s: {step['least_substeps']:,} substeps a frame"
+    auto = f'{step["substeps"]:,} with "auto"'
+    rate = f"at {step['frames_per_second']:g} frames/s"
+    if step["solver"] == "projective":
+        return {"step": f"stable, however long: {auto} {rate}", "explicit": f"{up_to} {rate}"}
     place = ", ".join(f"{coordinate:.3g}" for coordinate in step["limiting_place"])
-    return {
-        "step": f"stable up to {step['stable_step']:.3g} s: {step['least_substeps']:,} substeps a frame at "
-        f'{step["frames_per_second"]:g} frames/s, {step["substeps"]:,} with "auto"',
-        "limited by": f"particle {step['limiting_particle']:,} of {step['limiting_balloon']}, at ({place}) m",
-    }
+    particle = f"particle {step['limiting_particle']:,} of {step['limiting_balloon']}, at ({place}) m"
+    return {"step": f"{up_to} {rate}, {auto}", "limited by": particle}
 
 
 def _table(name: str, rows: dict[str, str]) -> Table:
