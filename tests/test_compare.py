@@ -163,12 +163,18 @@ def test_long_labels_are_broken_and_stay_over_their_tile():
 def test_a_table_of_many_figures_is_not_cut_off(capsys: pytest.CaptureFixture[str]):
     """However narrow the terminal: its header is one line, and every name is whole."""
     figures = {f"sphere_{number}_height": 0.5 for number in range(8)} | {"particles": 8, "substeps": 4}
-    runs = [Run({"picture_frame": number}, "done", "", {"frame": number, **figures}) for number in (1, 2)]
+    values = [{"picture_frame": number, "balloon.inflation.k_normal.1.1": 7} for number in (1, 2)]
+    runs = [Run(own, "done", "", {"frame": own["picture_frame"], **figures}) for own in values]
     print_comparison(figure_console(), Comparison(runs, "out.png", None))
     alike, header, *rows = capsys.readouterr().out.splitlines()
     assert alike == "particles 8, substeps 4"
-    assert re.split(r"\s{2,}", header) == ["picture_frame", "frame", *(f"sphere {n} height" for n in range(8))]
-    assert [row.split() for row in rows] == [[number, number, *["0.5"] * 8] for number in "12"]
+    assert re.split(r"\s{2,}", header) == [
+        "picture_frame",
+        "k_normal.1.1",
+        "frame",
+        *(f"sphere {n} height" for n in range(8)),
+    ]
+    assert [row.split() for row in rows] == [[number, "7", number, *["0.5"] * 8] for number in "12"]
 
 
 def test_the_command_prints_a_table_and_says_what_it_wrote(

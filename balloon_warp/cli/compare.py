@@ -122,9 +122,9 @@ def print_comparison(console: Console, comparison: "Comparison") -> None:
 
 
 def _short(path: str, paths: list[str]) -> str:
-    """The end of a dotted path that no other of the paths shares."""
+    """The end of a dotted path that no other of the paths shares, from a name on."""
     steps = path.split(".")
-    ends = (".".join(steps[-length:]) for length in range(1, len(steps)))
+    ends = (".".join(steps[-length:]) for length in range(1, len(steps)) if not steps[-length].isdecimal())
     return next((end for end in ends if sum(f".{other}".endswith(f".{end}") for other in paths) == 1), path)
 
 
