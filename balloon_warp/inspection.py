@@ -59,13 +59,16 @@ class MeshReport:
     """for each kind of defect what there is and what is done about it, and what the reader had to say"""
 
 
-def inspect_mesh(mesh: PolygonMesh) -> MeshReport:
+def inspect_mesh(mesh: PolygonMesh, source: object = None) -> MeshReport:
     """Count, measure and check a mesh.
+
+    Args:
+        source: what a refusal names, such as its file; the mesh's name, when missing.
 
     Raises:
         InputError: no balloon can be made of its faces, see `repaired` and `build_springs`.
     """
-    springs = build_springs(repaired(mesh, mesh.name))
+    springs = build_springs(repaired(mesh, source or mesh.name))
     edges = mesh_edges(mesh)
     sizes = mesh.face_vertex_counts
     return MeshReport(

@@ -131,6 +131,7 @@ LONG_COMMENT = b"# " + b"f 1 2 x \\ " * 1_600_000 + b"\n"
 NO_NUMBER = "coordinates must be decimal numbers"
 NOT_FINITE = "coordinates must be finite and fit in 32-bit floats"
 NO_INTEGER = "vertex numbers must be integers"
+OPEN = ": its mesh is open, so that it cannot hold gas: the first open edge goes from vertex 1"
 
 REFUSED = [
     _refused("empty", b"", ": has no vertices"),
@@ -168,9 +169,9 @@ REFUSED = [
     _refused("1e6 from the origin", lambda: cube_of(1.0, 1e6), ": is 1 m large and 1e+06 m from the origin, too far"),
     _refused("a scale of 1e-18", lambda: cube_of(1e-18), ": is 1e-18 m large; expected 1e-06 to 1e+09 m"),
     _refused("a scale of 1e18", lambda: cube_of(1e18), ": is 1e+18 m large; expected 1e-06 to 1e+09 m"),
-    _refused("gas in a Moebius strip", moebius, ": its mesh is open, so that it cannot hold gas", *GAS),
-    _refused("gas in an open mesh", without_face(3), ": its mesh is open, so that it cannot hold gas", *GAS),
-    _refused("gas behind seams", seams, ": its mesh is open, so that it cannot hold gas", *GAS),
+    _refused("gas in a Moebius strip", moebius, f"{OPEN} to 2, counting from 1; expected a closed mesh or", *GAS),
+    _refused("gas in an open mesh", without_face(3), f"{OPEN} to 2, counting from 1; expected a closed mesh or", *GAS),
+    _refused("gas behind seams", seams, f"{OPEN} to 2, counting from 1; expected --weld, which closes it, or", *GAS),
 ]
 ACCEPTED = [
     _accepted("plain", CUBE),

@@ -24,6 +24,10 @@ def names(cases: list[MeshCase]) -> list[str]:
     return [case.name for case in cases]
 
 
+WITHOUT_A_BALLOON = ["all vertices at one place", "1e6 from the origin", "a scale of 1e-18", "a scale of 1e18"]
+"""meshes that can be reported on all the same"""
+
+
 def written(case: MeshCase, folder: Path) -> Path:
     path = folder / "mesh.obj"
     path.write_bytes(case.content())
@@ -36,17 +40,23 @@ def test_refused_in_a_sentence(
 ) -> None:
     path = written(case, tmp_path)
     sets = [f"--set={place}={value}" for place, value in case.overrides]
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", "run", str(path), *sets, "-o", str(tmp_path / "out.usdc")])
-    with pytest.raises(SystemExit) as ending:
-        main()
-    out, err = capsys.readouterr()
-    assert (ending.value.code, out) == (2, "")
-    sentences = [line for line in err.splitlines() if line.strip()]
-    assert len(sentences) == 1
-    assert sentences[0].startswith("error: ")
-    assert case.says in sentences[0]
-    assert len(sentences[0]) < 300 + len(str(path))
-    assert list(tmp_path.iterdir()) == [path]
+    for command in (["run", "-o", str(tmp_path / "out.usdc")], ["inspect"]):
+        monkeypatch.setattr(sys, "argv", ["balloon-warp", *command, str(path), *sets])
+        with pytest.raises(SystemExit) as ending:
+            main()
+        out, err = capsys.readouterr()
+        if command == ["inspect"] and case.name in WITHOUT_A_BALLOON:
+            assert not ending.value.code
+            warning = [line for line in out.splitlines() if line.startswith("warning: It makes no balloon as it is: ")]
+            assert case.says in warning[0]
+            continue
+        assert (ending.value.code, out) == (2, "")
+        sentences = [line for line in err.splitlines() if line.strip()]
+        assert len(sentences) == 1
+        assert sentences[0].startswith(f"error: {path if not case.overrides else 'mesh'}")
+        assert case.says in sentences[0]
+        assert len(sentences[0]) < 300 + len(str(path))
+        assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("case", ACCEPTED, ids=names(ACCEPTED))
@@ -70,7 +80,7 @@ def test_accepted_with_a_warning(case: MeshCase, tmp_path: Path) -> None:
         assert inspect_mesh(load_mesh(path)).warnings == list(warnings)
 
 
-@pytest.mark.parametrize("command", [["run"], ["batch", "--worlds", "2"]])
+@pytest.mark.parametrize("command", [["run"], ["batch", "--worlds", "2", "--vary", "gravity=1:9"]])
 def test_commands_warn_on_standard_error(
     command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -84,7 +84,7 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, cap
     said, warned = captured.out.splitlines(), captured.err.splitlines()
     assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
     assert warned[0].startswith("warning: the simulation blew up in frame 1, world 1, substep 1 of ")
-    assert warned[1:] == ["warning: 1 of 3 worlds blew up and stay at their last good frame: health 0"]
+    assert warned[1:] == ["warning: 1 of 3 worlds blew up: health 0, and the rows of the last good frame"]
     assert said[1:] == [f"wrote ball_batch/{name}" for name in ("table.npz", "table.csv", "manifest.json")]
 
 
@@ -101,6 +101,15 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
     assert left == ["manifest.json", "table.csv", "table.npz"]
     assert batch(monkeypatch, "--worlds", "3") == 0
     assert "removed" not in capsys.readouterr().out
+
+
+def test_one_is_one_and_names_are_as_they_are(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    assert batch(monkeypatch, "--worlds", "1", "--set", "frames=1", "--set", "substeps=10", "-o", "a [bold] one") == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("ball: 1 world, 26 particles, 1 frame of 10 substeps in ")
+    assert said[1] == "wrote a [bold] one/table.npz"
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The benchmark's peer simulates the same balloons, and its cases are what they say."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -208,12 +209,31 @@ def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch
     assert 0.0 < explicit.error < small.error < 0.5 * large.error
 
 
-def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame():
-    """A batch keeps no states."""
-    from balloon_warp.benchmarks.health import cost_of
+def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch: pytest.MonkeyPatch):
+    """The look of a schedule that looks by itself is what it takes longer than one that does not; a batch keeps no
+    states."""
+    from balloon_warp.benchmarks import health
 
-    alone, batch = (
-        cost_of(Case("tiny", "gather", worlds, cells=2, substeps=4), wp.get_device("cpu")) for worlds in (1, 3)
+    cpu, tiny = wp.get_device("cpu"), Case("tiny", "gather", 1, cells=2, substeps=4)
+    measured = health.cost_of(tiny, cpu)
+    assert min(measured.frame, measured.copy) > 0.0  # the look is a difference, lost in the noise of so few particles
+    monkeypatch.setattr(health, "seconds_a_frame", lambda schedules, _: (2.0, 1.5, 9.0, 4.0, 0.4))
+    alone, batch, block = (
+        health.cost_of(case, cpu) for case in (tiny, replace(tiny, worlds=3), replace(tiny, schedule="block", worlds=3))
     )
-    assert min(alone.frame, alone.look, alone.copy, batch.frame, batch.look) > 0.0
-    assert batch.copy == 0.0
+    assert alone.look == batch.look == 5.0 / health.REPEATS / 2.0
+    assert block.look == 0.25
+    assert (alone.copy, batch.copy) == (0.4 / health.KEPT_FRAMES / 2.0, 0.0)
+
+
+@pytest.mark.parametrize(("look", "status"), [(0.004, 0), (0.011, 1)])
+def test_looking_after_worlds_at_too_high_a_cost_is_the_status(
+    look: float, status: int, monkeypatch: pytest.MonkeyPatch
+):
+    from balloon_warp.benchmarks import health
+
+    monkeypatch.setattr(sys, "argv", ["health", "cpu"])
+    monkeypatch.setattr(health, "cost_of", lambda case, _: health.Cost(case.name, 1.0, look * (case.worlds > 1), 0.002))
+    with pytest.raises(SystemExit) as end:
+        health.main()
+    assert end.value.code == status

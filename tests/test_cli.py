@@ -73,6 +73,12 @@ def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     assert Image.open(ball / "ball.png").size == (960, 540)
 
 
+def test_one_is_one(ball: Path):
+    done = balloon_warp(ball, "run", "ball.obj", "-o", "[red].usda", "--set", "frames=1", "--device", "cpu")
+    assert done.stdout.startswith("ball: 56 particles, 312 springs, 1 frame of ")
+    assert done.stdout.splitlines()[1] == "wrote [red].usda"
+
+
 def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "-o", "out.usda", "--json", "--set", "frames=2", "--device", "cpu")
     summary = json.loads(done.stdout)

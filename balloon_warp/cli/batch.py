@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import parse_override
 
@@ -62,7 +64,8 @@ def batch(
         typer.Option(
             min=0.0,
             metavar="SECONDS",
-            help="How often a long batch is saved, in OUTPUT/partial, from where --resume goes on; 0 for never.",
+            help="How often a long batch is saved, in OUTPUT/partial, from where --resume goes on; 0 for only when it "
+            "is stopped with Ctrl-C.",
         ),
     ] = 30.0,
     resume: Annotated[
@@ -86,7 +89,7 @@ def batch(
     if not choices and worlds > 1:
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     with frame_progress() as progress:
-        task = progress.add_task(name, total=loaded.frames)
+        task = progress.add_task(escape(name), total=loaded.frames)
         summary = run_batch(
             loaded,
             output or Path(f"{name}_batch"),
@@ -111,8 +114,10 @@ def batch(
     console = Console(highlight=False, soft_wrap=True)
     device_text = f"{summary.workers} x {summary.device}" if spread_over else summary.device
     console.print(
-        f"{summary.scene}: {summary.worlds:,} worlds, {summary.particles:,} particles, {summary.frames} frames of "
-        f"{summary.substeps} substeps in {summary.wall_seconds:.1f} s on {device_text} ({summary.schedule})"
+        f"{summary.scene}: {counted(summary.worlds, 'world')}, {counted(summary.particles, 'particle')}, "
+        f"{counted(summary.frames, 'frame')} of {counted(summary.substeps, 'substep')} in "
+        f"{summary.wall_seconds:.1f} s on {device_text} ({summary.schedule})",
+        markup=False,
     )
     for sentence in summary.blow_ups:
         warn(sentence)
@@ -120,8 +125,9 @@ def batch(
     if summary.restarted_worlds:
         warn(f"{summary.restarted_worlds:,} {of_all}, but not in shorter steps: health 2")
     if summary.unhealthy_worlds:
-        warn(f"{summary.unhealthy_worlds:,} {of_all} and stay at their last good frame: health 0")
+        warn(f"{summary.unhealthy_worlds:,} {of_all}: health 0, and the rows of the last good frame")
     for path in [*summary.table, *([summary.stage] if summary.stage else []), summary.manifest]:
-        console.print(f"wrote {path}")
+        console.print(f"wrote {path}", markup=False)
     if summary.removed_stage:
-        console.print(f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds")
+        removed = f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds"
+        console.print(removed, markup=False)

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
@@ -42,7 +43,7 @@ def inspect(
 
 def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     meshes = [(balloon.mesh, balloon.weld) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
-    reports = {mesh: inspect_mesh(load_mesh(*mesh)) for mesh in dict.fromkeys(meshes)}
+    reports = {mesh: inspect_mesh(load_mesh(*mesh), mesh[0]) for mesh in dict.fromkeys(meshes)}
     from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
 
     step = asdict(advise_step(scene))
@@ -51,7 +52,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         print(json.dumps({"description": scene.description, "balloons": balloons, "step": step}))
         return
     things = {"balloon": scene.balloon, "sphere": scene.sphere, "string": scene.string}
-    counts = [f"{len(many)} {name}{'s' if len(many) > 1 else ''}" for name, many in things.items() if many]
+    counts = [counted(len(many), name) for name, many in things.items() if many]
     console = _console()
     console.print(_table(source, {"shows": scene.description, "holds": ", ".join(counts), **_step_rows(step)}))
     for (mesh, _), report in reports.items():
@@ -61,7 +62,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
 
 def _inspect_mesh(mesh: Path, changes: list[Override], as_json: bool) -> None:
     """The step is that of the scene that a mesh by itself gets."""
-    report = inspect_mesh(load_mesh(mesh, weld=WELD in changes))
+    report = inspect_mesh(load_mesh(mesh, weld=WELD in changes), mesh)
     from balloon_warp.advice import advise_step
 
     step = None

@@ -11,6 +11,7 @@ from rich.markup import escape
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
 from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
 
@@ -44,7 +45,8 @@ def run(
         typer.Option(
             min=0.0,
             metavar="SECONDS",
-            help="How often a long run is saved, in OUTPUT.partial, from where --resume goes on; 0 for never.",
+            help="How often a long run is saved, in OUTPUT.partial, from where --resume goes on; 0 for only when it "
+            "is stopped with Ctrl-C.",
         ),
     ] = 30.0,
     resume: Annotated[
@@ -82,8 +84,9 @@ def run(
     resumed = f", the last {summary.frames - summary.begin}" if summary.begin else ""
     where = f"on {summary.device} ({summary.schedule})"
     console.print(
-        f"{summary.scene}: {summary.particles:,} particles, {summary.springs:,} springs, {summary.frames} frames of "
-        f"{summary.substeps} substeps{resumed} in {summary.wall_seconds:.1f} s {where}",
+        f"{summary.scene}: {counted(summary.particles, 'particle')}, {counted(summary.springs, 'spring')}, "
+        f"{counted(summary.frames, 'frame')} of {counted(summary.substeps, 'substep')}{resumed} in "
+        f"{summary.wall_seconds:.1f} s {where}",
         markup=False,
     )
     for path in (summary.output, summary.picture):

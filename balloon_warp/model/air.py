@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.gas import DRY_AIR_MOLAR_MASS, GAS_CONSTANT
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.mesh.repair import welded
+from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import Turn
@@ -28,9 +29,18 @@ def require_sealed(shape: BalloonShape) -> None:
     """
     edges = mesh_edges(shape.mesh)
     if not is_closed(edges):
-        raise InputError(f"{shape.name}: its mesh is open, so that it cannot hold gas; expected another inflation.kind")
+        low, high = edges.ends[border_edges(edges)[0]] + 1
+        helps = "--weld, which closes it," if is_closed(mesh_edges(welded(shape.mesh))) else "a closed mesh"
+        raise InputError(
+            f"{shape.name}: its mesh is open, so that it cannot hold gas: the first open edge goes from vertex {low} "
+            f"to {high}, counting from 1; expected {helps} or another inflation.kind"
+        )
     if len(inconsistent_edges(edges)):
-        raise InputError(f"{shape.name}: its faces have no common outer side, so that it cannot hold gas")
+        low, high = edges.ends[inconsistent_edges(edges)[0]] + 1
+        raise InputError(
+            f"{shape.name}: its faces have no common outer side, so that it cannot hold gas: the first edge where they "
+            f"part goes from vertex {low} to {high}, counting from 1"
+        )
     size = float(np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).max())
     if signed_volume(shape.mesh) < LEAST_ROUNDNESS * size**3:
         raise InputError(f"{shape.name}: encloses no volume at the start, so that it cannot hold gas")

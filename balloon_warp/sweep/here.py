@@ -50,9 +50,7 @@ def simulate_here(
             simulators.clear()  # what begins again has their memory
             if task.on_blowup == "restart":
                 bad = task.world_count - output.healthy_count
-                checkpoints.on_note(
-                    f"{bad:,} of {task.world_count:,} worlds blew up, and begin again with half the step"
-                )
+                checkpoints.on_note(f"{bad:,} of {task.world_count:,} worlds blew up: once more, with half the step")
                 failures.add(_restart_all(task, output, target, schedules))
     return Outcome(
         device=str(target),
