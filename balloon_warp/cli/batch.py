@@ -85,9 +85,6 @@ def batch(
     if (cluster, gpus, workers) != (None, None, None):
         spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
-    exported = parse_export(export, worlds)
-    if not choices and worlds > 1:
-        note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
         summary = run_batch(
@@ -95,7 +92,7 @@ def batch(
             output or Path(f"{name}_batch"),
             worlds,
             spread(choices, worlds, seed=seed, grid=grid),
-            export=exported,
+            export=parse_export(export, worlds),
             name=name,
             device=device,
             schedule=schedule,
@@ -108,6 +105,8 @@ def batch(
             on_note=note,
             on_warning=warn,
         )
+    if not choices and worlds > 1:
+        note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     if as_json:
         print(json.dumps(summary.as_json()))
         return
