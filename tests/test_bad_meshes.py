@@ -80,22 +80,56 @@ def test_accepted_with_a_warning(case: MeshCase, tmp_path: Path) -> None:
         assert inspect_mesh(load_mesh(path)).warnings == list(warnings)
 
 
-@pytest.mark.parametrize("command", [["run"], ["batch", "--worlds", "2", "--vary", "gravity=1:9"]])
+COMMANDS = {
+    "run": ["run", "--set=frames=2", "-o", "out.usdc"],
+    "batch": ["batch", "--worlds", "2", "--vary", "gravity=1:9", "--set=frames=2", "-o", "out"],
+    "view": ["view"],
+}
+
+
+class ClosedPage:
+    """Of somebody who presses Ctrl-C at once."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def start(self) -> None:
+        raise KeyboardInterrupt
+
+    def stop(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("name", "words", "said"),
+    [
+        ("duplicate face", [], ["1 face has the corners of an earlier face; it is face 7, counting from 1. Each face"]),
+        ("unwelded seams", ["--weld"], ["16 vertices that lay exactly on others have been welded.", "16 vertices"]),
+    ],
+)
 def test_commands_warn_on_standard_error(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    name: str,
+    words: list[str],
+    said: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    path = written(next(case for case in WARNED if case.name == "duplicate face"), tmp_path)
-    monkeypatch.setattr(
-        sys, "argv", ["balloon-warp", *command, str(path), "--set=frames=2", "-o", str(tmp_path / "out.usdc")]
-    )
+    if command == "view":
+        pytest.importorskip("viser", reason="needs the extra `view`")
+        monkeypatch.setattr("balloon_warp.viewer.page.Page", ClosedPage)
+    written(next(case for case in WARNED if case.name == name), tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", *COMMANDS[command], "mesh.obj", *words, "--device", "cpu"])
     with pytest.raises(SystemExit) as ending:
         main()
-    assert ending.value.code == 0
+    assert not ending.value.code
     warnings = capsys.readouterr().err.splitlines()
-    assert warnings == [
-        "warning: mesh: 1 face has the corners of an earlier face; it is face 7, counting from 1. "
-        "Each face is taken once."
-    ]
+    assert len(warnings) == len(said)
+    for warning, beginning in zip(warnings, said, strict=True):
+        assert warning.startswith(f"warning: mesh: {beginning}")
 
 
 SOUND_ONCE_REPAIRED = ["repeated corner", "duplicate face", "duplicate face, wound the other way", "mixed winding"]

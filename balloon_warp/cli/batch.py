@@ -14,7 +14,7 @@ from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
 from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
-from balloon_warp.scene.overrides import parse_override
+from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
 
 
 def batch(
@@ -40,6 +40,7 @@ def batch(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all worlds: --set balloon.mass=0.2"),
     ] = None,
+    weld: Annotated[bool, typer.Option("--weld", help=WELD_HELP)] = False,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     schedule: Annotated[
         str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
@@ -74,7 +75,7 @@ def batch(
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
-    loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
+    loaded = load_scene(scene, [parse_override(text) for text in overrides or []] + ([WELD] if weld else []))
     name = scene_name(scene)
     quiet_warp()
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good

@@ -15,7 +15,7 @@ from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.scene.load import load_scene, scene_name
-from balloon_warp.scene.overrides import parse_override
+from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
 
 
 def view(
@@ -29,11 +29,12 @@ def view(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
+    weld: Annotated[bool, typer.Option("--weld", help=WELD_HELP)] = False,
     device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
     host: Annotated[str, typer.Option(help="Address to listen on; this machine alone if not given.")] = "127.0.0.1",
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it."""
-    loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
+    loaded = load_scene(scene, [parse_override(text) for text in overrides or []] + ([WELD] if weld else []))
     if not folder.is_dir():
         raise InputError(f"{folder}: the folder does not exist")
     quiet_warp()
