@@ -23,7 +23,21 @@ if TYPE_CHECKING:
     from balloon_warp.mesh.remesh import remesh
     from balloon_warp.outputs.render import render_stage
     from balloon_warp.outputs.usd import StageWriter
-    from balloon_warp.scene import Scene, bundled_scenes, load_scene
+    from balloon_warp.scene import (
+        Atmosphere,
+        Balloon,
+        Change,
+        Ground,
+        Inflation,
+        Scene,
+        Sphere,
+        Stiffness,
+        String,
+        Tube,
+        Water,
+        bundled_scenes,
+        load_scene,
+    )
     from balloon_warp.simulator import Simulator
     from balloon_warp.solids import MassProperties
     from balloon_warp.springs import build_springs
@@ -32,16 +46,26 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.repeat import repeat_batch
 
 __all__ = [
+    "Atmosphere",
+    "Balloon",
     "BlowUpError",
+    "Change",
     "Cluster",
     "Frame",
+    "Ground",
+    "Inflation",
     "InputError",
     "MassProperties",
     "MissingExtraError",
     "PolygonMesh",
     "Scene",
     "Simulator",
+    "Sphere",
     "StageWriter",
+    "Stiffness",
+    "String",
+    "Tube",
+    "Water",
     "WorkersLostError",
     "advise_step",
     "animate",
@@ -69,7 +93,21 @@ _HOMES = {
     "mesh.remesh": ("remesh",),
     "outputs.render": ("render_stage",),
     "outputs.usd": ("StageWriter",),
-    "scene": ("Scene", "bundled_scenes", "load_scene"),
+    "scene": (
+        "Atmosphere",
+        "Balloon",
+        "Change",
+        "Ground",
+        "Inflation",
+        "Scene",
+        "Sphere",
+        "Stiffness",
+        "String",
+        "Tube",
+        "Water",
+        "bundled_scenes",
+        "load_scene",
+    ),
     "simulator": ("Simulator",),
     "solids": ("MassProperties",),
     "springs": ("build_springs",),

@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
-from balloon_warp.errors import BlowUpError
+from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame, FrameReader
 from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.kernels.timeline import hold_spheres
@@ -136,7 +136,12 @@ class Simulator:
 
         Args:
             net_forces: whether they are wanted; as the scene says, when missing.
+
+        Raises:
+            InputError: there is no such world.
         """
+        if not 0 <= world < self.model.world_count:
+            raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
         return self._frame_reader.read(self.state, self.frame_number, world, wanted)
 

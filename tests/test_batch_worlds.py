@@ -208,3 +208,10 @@ def test_overriding_a_scene_keeps_all_else():
     assert changed.balloon[0].mesh is scene.balloon[0].mesh
     back = override_scene(changed, [("sphere.0.mass", scene.sphere[0].mass)])
     assert back.model_dump(exclude={"balloon"}) == scene.model_dump(exclude={"balloon"})
+
+
+@pytest.mark.parametrize("world", [-1, 2])
+def test_a_world_that_is_not_there_gets_a_sentence(world: int):
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", world_count=2)
+    with pytest.raises(InputError, match=rf"^world: there is no world {world}; expected 0 to 1$"):
+        simulator.read_frame(world)

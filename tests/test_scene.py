@@ -141,6 +141,12 @@ def test_a_pipe_is_refused_unread_and_a_byte_order_mark_is_no_matter(tmp_path: P
     assert load_scene(tmp_path / "marked.toml").frames == 7
 
 
+def test_overrides_are_a_mapping_or_pairs(scene_file: Path):
+    values = {"balloon.mass": 3.0, "frames": 7}
+    assert load_scene(scene_file, values) == load_scene(scene_file, list(values.items()))
+    assert load_scene(scene_file, values).frames == 7
+
+
 def test_an_unknown_scene_lists_the_bundled_ones():
     with pytest.raises(InputError, match=r"^squirel: no such scene or file; bundled scenes are .*squirrel_tether"):
         load_scene("squirel")

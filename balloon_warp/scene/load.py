@@ -2,7 +2,7 @@
 
 import copy
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -36,12 +36,12 @@ def find_mesh(name: str, source: str | Path) -> Path:
     return path if path.exists() else bundled_scenes().get(str(source), Path(source)).parent / path
 
 
-def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
+def load_scene(source: str | Path, overrides: Mapping[str, Any] | Iterable[Override] = ()) -> Scene:
     """Load a scene.
 
     Args:
         source: a bundled scene's name, a scene file (.toml), or a mesh file, which gets a scene around it.
-        overrides: dotted paths and values, applied in order before the scene is checked.
+        overrides: dotted paths and values, as a mapping or as pairs, applied in order before the scene is checked.
 
     Raises:
         InputError: there is no such scene, the file is not valid TOML, or a field is wrong.
@@ -52,7 +52,8 @@ def load_scene(source: str | Path, overrides: Iterable[Override] = ()) -> Scene:
         raise InputError(
             f"{source}: no such scene or file; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         )
-    overrides = [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in overrides]
+    pairs = overrides.items() if isinstance(overrides, Mapping) else overrides
+    overrides = [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in pairs]
     if path.suffix.lower() == ".toml":
         table = _read_toml(path)
     else:
