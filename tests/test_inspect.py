@@ -229,6 +229,8 @@ def test_advice_names_the_particle_that_limits_the_step_and_the_least_substeps()
     scene = Scene(balloon=balloons, substeps=1)
     advice = advise_step(scene)
     assert (advice.limiting_balloon, advice.limiting_particle) == ("ring", stiffest_particle(scene, 1))
+    soft_step, stiff_step = (advise_step(Scene(balloon=[balloon])).stable_step for balloon in balloons)
+    assert advice.stable_step == stiff_step < 0.9 * soft_step
     least = advice.least_substeps
     assert plan_model(scene.model_copy(update={"substeps": least})).substeps == least < advice.substeps
     with pytest.raises(InputError, match=f"at least {least} are needed"):
