@@ -9,6 +9,7 @@ from meshes import cube
 
 from balloon_warp.diagnosis import BlowUp
 from balloon_warp.errors import BlowUpError
+from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.schedules.health import MOST_SPAN
@@ -246,10 +247,18 @@ def test_a_state_that_somebody_wrote_to_is_reported_without_what_is_not_known(de
 
 
 def test_nothing_that_is_not_finite_leaves_a_run(device):
-    """Forward Euler moves the points by the old velocities: these overflow a substep before."""
-    simulator = Simulator(on_a_spring(frames=3, solver="forward_euler"), device)
-    simulator.set_parameters({"gravity": [3e38]})
+    """Not even speeds at finite places, which the device does not look at: forward Euler moves the points by the old
+    velocities, and these overflow in the frame's only step."""
+    scene = on_a_spring(frames=3, solver="forward_euler").model_copy(update={"substeps": 1})
+    simulator = Simulator(scene, device)
+    simulator.set_parameters({"mass": [[1e-3]], "stiffness": [[[3e38, 0.0, 0.0]]]})
+    points = simulator.state.points.numpy()
+    points[0, 1, 1] = -1.5
+    simulator.state.points.assign(points)
     frames = simulator.run()
     assert next(frames).is_finite
     with pytest.raises(BlowUpError, match="frame 1, world 0"):
         next(frames)
+    assert simulator.state.first_bad.numpy().tolist() == [HEALTHY]
+    assert np.isfinite(simulator.state.points.numpy()).all()
+    assert not np.isfinite(simulator.state.velocities.numpy()).all()

@@ -80,6 +80,23 @@ def test_fixed_particles_and_unused_vertices_are_good_wherever_they_are(device: 
     assert found(points, spheres, device, fixed=[5]) == [HEALTHY]
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("points", "velocities", "net_forces", "inflation_forces"),
+        *("pressures", "gas_amounts", "sphere_positions", "sphere_velocities"),
+    ],
+)
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_frame_that_is_not_finite_says_so_whatever_of_it_is_bad(name: str, bad: float):
+    frame = Simulator(scene(), "cpu").read_frame(net_forces=True)
+    assert frame.is_finite
+    value = getattr(frame, name)
+    array = value[0] if isinstance(value, list) else value
+    array.flat[-1] = bad
+    assert not frame.is_finite
+
+
 def test_free_fall_for_ten_minutes_is_good(device: str):
     """177 km, of a balloon of a meter, one of a centimeter and a sphere: without a ground and without drag."""
     falling = {

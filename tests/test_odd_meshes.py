@@ -8,6 +8,7 @@ import pytest
 from balloon_warp.benchmarks.bad_meshes import CUBE, WARNED, fan_at_an_edge
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.batch import run_batch
 
 PRESSURE = {"kind": "pressure", "pressure": 12.0}
 
@@ -84,3 +85,37 @@ def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str
     border = [0, 1, 4, 5]  # of the face that is left out
     assert moved[border].max() == 0.0
     assert np.delete(moved, border).min() > 1e-3
+
+
+@pytest.mark.parametrize("schedule", ["gather", "lanes", "octets", "block"])
+def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: str):
+    """As the readable reference does; the hub has more particles than a block takes."""
+    if device != "cpu" and schedule in ("octets", "lanes"):
+        pytest.skip("simulates on the CPU")
+    path = tmp_path / "mesh.obj"
+    for odd in WARNED:
+        if odd.name == "a hub of 5,000 quads":
+            continue
+        path.write_bytes(odd.content())
+        overrides = [("gravity", 0.0), ("balloon.fixed", []), ("balloon.inflation.k_normal", 3.0), *odd.overrides]
+        simulators = [Simulator(load_scene(path, overrides), device, schedule=name) for name in ("scatter", schedule)]
+        start = simulators[0].read_frame().points[0]
+        for simulator in simulators:
+            for _ in range(5):
+                simulator.step()
+        expected, found = (simulator.read_frame().points[0] for simulator in simulators)
+        assert np.abs(expected - start).max() > 1e-3, odd.name
+        # Sums in another order: float32 of coordinates of some meters, over a few dozen substeps.
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-5, err_msg=odd.name)
+
+
+def test_a_spring_without_length_is_of_no_stretch_in_a_table(tmp_path: Path, device: str):
+    """Its ends part, but there is nothing to compare that with, and its world is as healthy as any."""
+    (tmp_path / "mesh.obj").write_bytes(case("coincident vertices"))
+    overrides = [("frames", 4), ("balloon.inflation.k_normal", 3.0), ("balloon.fixed", [])]
+    scene = load_scene(tmp_path / "mesh.obj", overrides)
+    summary = run_batch(scene, tmp_path / "out", 2, {"gravity": [0.0, 9.0]}, device=device)
+    assert summary.unhealthy_worlds == 0
+    with np.load(tmp_path / "out" / "table.npz") as table:
+        stretch = table["largest_stretch"]
+    assert ((stretch > 0.9) & (stretch < 10.0)).all()
