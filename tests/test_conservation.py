@@ -100,15 +100,19 @@ def test_projective_keeps_momentum_and_loses_angular_momentum_at_first_order(dev
     np.testing.assert_allclose(np.log2(np.array(lost[:-1]) / lost[1:]), 1.0, atol=0.1)  # the next term is a fiftieth
 
 
-def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(device):
-    """By about h omega / 2 of what is in the fastest springs, and it goes nowhere; forward Euler's grows at once."""
-    swings = {}
-    for solver, frames in (("symplectic_euler", FRAMES), ("forward_euler", 2)):
-        simulator = thrown(device, solver=solver)
-        found = [energy(simulator)]
-        for _ in range(frames):
-            simulator.step()
-            found.append(energy(simulator))
-        swings[solver] = np.array(found) / found[0] - 1.0
-    assert np.abs(swings["symplectic_euler"]).max() < 0.02
-    assert swings["forward_euler"][-1] > 1.0
+def energy_swing(simulator: Simulator, frames: int) -> NDArray[np.float64]:
+    """The energy after each frame, over that at the start, less one."""
+    found = [energy(simulator)]
+    for _ in range(frames):
+        simulator.step()
+        found.append(energy(simulator))
+    return np.array(found) / found[0] - 1.0
+
+
+def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(schedule, device):
+    """By about h omega / 2 of what is in the fastest springs, and it goes nowhere."""
+    assert np.abs(energy_swing(thrown(device, schedule), FRAMES)).max() < 0.02
+
+
+def test_the_energy_of_forward_euler_grows_at_once(device):
+    assert energy_swing(thrown(device, solver="forward_euler"), 2)[-1] > 1.0

@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,29 @@ def test_what_dies_or_fails_is_a_failure_and_not_the_end():
     assert died.failures[0].startswith("BrokenProcessPool: ")
     assert failed.failures == ["ZeroDivisionError: planted"]
     assert harmed == harm()
+
+
+HARM = {
+    "kills.kill_at_random": (lambda: trust.killed("run", 3), Counter(kept=2, damaged=1), "1 damaged"),
+    "worker_kills.kill_workers": (lambda: trust.killed_workers(3), Counter(same=1, damaged=2), "2 damaged"),
+    "viewer_nonsense.send_nonsense": (
+        lambda: trust.viewer_messages(9),
+        Counter({"looks found time standing still": 1}),
+        "1 looks found time standing still",
+    ),
+    "fuzz.fuzz_for": (lambda: trust.mutated_files("meshes", 1.0), (Counter(), "a hang"), "a hang"),
+    "fuzz.try_table": (trust.bad_meshes, (Counter(), ["plain: refused"]), "plain: refused"),
+}
+"""what may be found, by what finds it: the effort, what is found, and the failure"""
+
+
+@pytest.mark.parametrize("finder", HARM)
+def test_what_did_harm_is_a_failure(finder: str, monkeypatch: pytest.MonkeyPatch):
+    for module in {"worker_kills": ["distributed"], "viewer_nonsense": ["viser"]}.get(finder.partition(".")[0], []):
+        pytest.importorskip(module, reason="needs an extra")
+    effort, found, failure = HARM[finder]
+    monkeypatch.setattr(f"balloon_warp.benchmarks.{finder}", lambda *_: found)
+    assert effort().failures == [failure]
 
 
 @pytest.mark.parametrize("options", [[], ["--json"]])
