@@ -1,17 +1,30 @@
 """What is left of an output whose process is killed."""
 
+import signal
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from balloon_warp.benchmarks import kills
 from balloon_warp.benchmarks.kills import KINDS, judge, kill_at_random
 
 BEFORE, AFTER = {"a": b"old", "b": b"older"}, {"a": b"new", "b": b"newer"}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_killed_process_leaves_good_files(kind: str, tmp_path: Path):
+def test_a_killed_process_leaves_good_files(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The fourth is killed when a third of its time is over, and so does not live to the end."""
+    processes, start = [], kills._start_to_write
+
+    def watch(*how: Any) -> BaseProcess:
+        processes.append(start(*how))
+        return processes[-1]
+
+    monkeypatch.setattr(kills, "_start_to_write", watch)
     outcomes = kill_at_random(kind, 4, tmp_path)
+    assert -signal.SIGKILL in [process.exitcode for process in processes]
     assert outcomes.total() - outcomes["resumed"] == 4
     assert outcomes["damaged"] == 0
 
