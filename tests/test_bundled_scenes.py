@@ -152,6 +152,33 @@ def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
     assert apart(stiffer, corrected) < 0.5 * apart(plain, corrected)
 
 
+def test_correction_constrains_a_strongly_inflated_balloon_most():
+    """The paper's discussion: a volume that is hardly another under weak inflation is less than half under a strong."""
+    volumes = {}
+    for k_normal in (1.0, 14.0):
+        inflation = (("frames", 110), ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, k_normal))))
+        for correction in ("none", "provot"):
+            model, frames = played("squirrel_inflate", (("correction", correction), *inflation))
+            volumes[k_normal, correction] = signed_volume(shape_at(model, frames[-1]))
+    assert volumes[1.0, "provot"] == pytest.approx(volumes[1.0, "none"], rel=0.01)
+    assert volumes[14.0, "provot"] < 0.5 * volumes[14.0, "none"]
+
+
+def test_tarantinos_correction_is_smoother_than_provots():
+    """Particles move less suddenly, the paper says: of the hundredth that changes its velocity the most from frame to
+    frame, while the balloon is held at its limit, the change is less by a tenth or more. The shape is the same."""
+    jolts, volumes = [], []
+    for correction in ("provot", "tarantino"):
+        held = (("correction", correction), ("correction_limit", 0.1), ("frames", 120))
+        model, frames = played("squirrel_inflate", held)
+        velocities = np.array([frame.velocities[0] for frame in frames[60:]])
+        changes = np.linalg.norm(np.diff(velocities, axis=0), axis=-1)
+        jolts.append(np.percentile(changes, 99, axis=1).mean())
+        volumes.append(signed_volume(shape_at(model, frames[-1])))
+    assert jolts[1] < 0.9 * jolts[0]
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.01)
+
+
 def test_squirrel_squish_dents_the_squirrel():
     """Figures 13 to 15: one patch of the surface wraps more than a third of the radius; no particle is inside."""
     model, frames = played("squirrel_squish")
