@@ -1,5 +1,7 @@
 """Walking the corners of a mesh: a corner is one entry of `face_vertex_indices`."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +26,22 @@ def next_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
     return following
 
 
-def flip_faces(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> NDArray[np.int32]:
+def with_corners(mesh: PolygonMesh, corners: NDArray[np.integer | np.bool_]) -> PolygonMesh:
+    """The mesh with those of its corners, in that order, or those where a mask is true, and what belongs to them."""
+    textures = mesh.texture_coordinates
+    return replace(
+        mesh,
+        face_vertex_indices=mesh.face_vertex_indices[corners],
+        texture_coordinates=None if textures is None else textures[corners],
+    )
+
+
+def backward_corners(mesh: PolygonMesh) -> NDArray[np.integer]:
+    """The corners of all faces with each face run backwards, as numbers for `with_corners`."""
+    return flip_faces(mesh.face_vertex_counts, np.arange(len(mesh.face_vertex_indices)))
+
+
+def flip_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> NDArray[np.integer]:
     """The corners of all faces with each face run backwards from the same first corner.
 
     Args:

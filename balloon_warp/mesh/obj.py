@@ -1,6 +1,6 @@
 """Wavefront OBJ files: vertices and polygons, kept as they are written. The n-th `v` line is vertex n.
 
-Texture coordinates, normals, groups, materials, lines and curves are passed over, and no other file is opened.
+Texture coordinates go along. Normals, groups, materials, lines and curves are passed over, and no other file is opened.
 """
 
 import io
@@ -13,6 +13,7 @@ import numpy as np
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
+from balloon_warp.mesh.obj_textures import ObjTextures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 LARGEST_FILE = 1 << 30
@@ -35,9 +36,10 @@ def read_obj(path: Path | str) -> PolygonMesh:
     # Arrays of machine numbers: lists would take ten times as much memory as the file.
     coordinates, vertex_lines = array("d"), array("i")
     corners, sizes, face_lines = array("i"), array("i"), array("i")
+    textures = ObjTextures()
     for number, line in _lines(path):
         kind, *rest = line.split(None, 1) or [b""]
-        words = rest[0].split() if rest and kind in (b"v", b"f") else []
+        words = rest[0].split() if rest and kind in (b"v", b"f", b"vt") else []
         try:
             if kind == b"v":
                 coordinates.extend(_coordinates(words))
@@ -47,6 +49,9 @@ def read_obj(path: Path | str) -> PolygonMesh:
                 corners.extend(face)
                 sizes.append(len(face))
                 face_lines.append(number)
+                textures.add_face(words)
+            elif kind == b"vt":
+                textures.add_vertex(words)
         except _LineError as problem:
             raise InputError(f"{path}, line {number}: {problem} (got {_quote(line)})") from None
     if not vertex_lines:
@@ -59,6 +64,7 @@ def read_obj(path: Path | str) -> PolygonMesh:
         face_vertex_counts=np.frombuffer(sizes, dtype=np.int32),
         face_vertex_indices=np.frombuffer(corners, dtype=np.int32),
         name=path.stem,
+        texture_coordinates=textures.of_corners(),
     )
     outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
     if outside.any():

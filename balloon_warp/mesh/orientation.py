@@ -1,12 +1,10 @@
 """One winding for all faces of a mesh, outward."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import corner_faces, face_starts, flip_faces
+from balloon_warp.mesh.corners import backward_corners, corner_faces, face_starts, with_corners
 from balloon_warp.mesh.geometry import face_areas, face_volumes, signed_volume
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import (
@@ -79,5 +77,4 @@ def wound_alike(mesh: PolygonMesh) -> PolygonMesh:
 
 def _flipped(mesh: PolygonMesh, flip: NDArray[np.bool_]) -> PolygonMesh:
     at_corners = flip[corner_faces(mesh)]
-    backwards = flip_faces(mesh.face_vertex_counts, mesh.face_vertex_indices)
-    return replace(mesh, face_vertex_indices=np.where(at_corners, backwards, mesh.face_vertex_indices))
+    return with_corners(mesh, np.where(at_corners, backward_corners(mesh), np.arange(len(at_corners))))

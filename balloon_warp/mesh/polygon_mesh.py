@@ -22,6 +22,8 @@ class PolygonMesh:
     """the axis that points up in the file: "Y" or "Z" """
     meters_per_unit: float = 1.0
     """metres in one unit of `points`"""
+    texture_coordinates: NDArray[np.float32] | None = None
+    """u and v at each corner, shape (corner_count, 2), if the file has them"""
     warnings: tuple[str, ...] = field(default=())
     """what the reader had to put up with, a sentence each"""
 

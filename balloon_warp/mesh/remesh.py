@@ -62,6 +62,7 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
         points=kept.points * cell + middle,
         face_vertex_counts=kept.face_vertex_counts,
         face_vertex_indices=kept.face_vertex_indices,
+        texture_coordinates=None,
         warnings=(*mesh.warnings, *warnings),
     )
 

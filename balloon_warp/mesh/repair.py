@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.corners import corner_faces
+from balloon_warp.mesh.corners import corner_faces, with_corners
 from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.orientation import facing_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -31,16 +31,15 @@ def distinct_faces(mesh: PolygonMesh) -> tuple[PolygonMesh, NDArray[np.int64]]:
     mesh = _distinct_corners(mesh)
     keep = mesh.face_vertex_counts >= 3
     keep[duplicate_faces(mesh)] = False
-    corners = mesh.face_vertex_indices[keep[corner_faces(mesh)]]
-    mesh = replace(mesh, face_vertex_counts=mesh.face_vertex_counts[keep], face_vertex_indices=corners)
-    return mesh, np.flatnonzero(keep)
+    kept = with_corners(mesh, keep[corner_faces(mesh)])
+    return replace(kept, face_vertex_counts=mesh.face_vertex_counts[keep]), np.flatnonzero(keep)
 
 
 def _distinct_corners(mesh: PolygonMesh) -> PolygonMesh:
     first = np.ones(len(mesh.face_vertex_indices), dtype=bool)
     first[repeated_corners(mesh)] = False
     counts = np.bincount(corner_faces(mesh)[first], minlength=mesh.face_count).astype(np.int32)
-    return replace(mesh, face_vertex_counts=counts, face_vertex_indices=mesh.face_vertex_indices[first])
+    return replace(with_corners(mesh, first), face_vertex_counts=counts)
 
 
 def welded(mesh: PolygonMesh) -> PolygonMesh:

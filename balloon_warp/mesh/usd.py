@@ -10,7 +10,7 @@ from pxr import Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.check import check_mesh
-from balloon_warp.mesh.corners import flip_faces
+from balloon_warp.mesh.corners import backward_corners, with_corners
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 
@@ -70,9 +70,22 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, warnings: tuple[st
         warnings=warnings,
     )
     check_mesh(mesh, source)
+    mesh = replace(mesh, texture_coordinates=_texture_coordinates(geometry, indices))
     if left_handed != (np.linalg.det(to_world[:3, :3]) < 0.0):
-        mesh = replace(mesh, face_vertex_indices=flip_faces(counts, indices))
+        mesh = with_corners(mesh, backward_corners(mesh))
     return mesh
+
+
+def _texture_coordinates(geometry: UsdGeom.Mesh, indices: NDArray[np.int32]) -> NDArray[np.float32] | None:
+    """`primvars:st` at each corner, shape (corner_count, 2); None without it, or where it does not fit the mesh."""
+    primvar = UsdGeom.PrimvarsAPI(geometry).GetPrimvar("st")
+    value = primvar.ComputeFlattened() if primvar and primvar.HasValue() else None
+    flat = np.array(value if value is not None else (), dtype=np.float32)
+    if flat.ndim != 2 or flat.shape[1] != 2 or not np.isfinite(flat).all():
+        return None
+    if primvar.GetInterpolation() in (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying) and len(flat) > indices.max():
+        return flat[indices]
+    return flat if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(flat) == len(indices) else None
 
 
 def _value(attribute: Usd.Attribute, source: str) -> Any:

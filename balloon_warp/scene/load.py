@@ -52,15 +52,15 @@ def load_scene(source: str | Path, overrides: Mapping[str, Any] | Iterable[Overr
         raise InputError(
             f"{source}: no such scene or file; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         )
-    pairs = overrides.items() if isinstance(overrides, Mapping) else overrides
-    overrides = [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in pairs]
+    given: Iterable[Any] = overrides.items() if isinstance(overrides, Mapping) else overrides
+    pairs = [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in given]
     if path.suffix.lower() == ".toml":
         table = _read_toml(path)
     else:
         bare: dict[str, Any] = {"balloon": [{"mesh": path.resolve()}]}
-        placed = _overridden(bare, overrides, path)
+        placed = _overridden(bare, pairs, path)
         table = scene_table_around(path, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
-    return _overridden(table, overrides, path)
+    return _overridden(table, pairs, path)
 
 
 def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path) -> Scene:

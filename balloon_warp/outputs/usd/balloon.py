@@ -24,6 +24,10 @@ def define_balloon(
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     prim.CreateDoubleSidedAttr(True)
+    if mesh.texture_coordinates is not None:
+        kind, each_corner = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
+        st = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("st", kind, each_corner)
+        st.Set(Vt.Vec2fArray.FromNumpy(mesh.texture_coordinates))
     paint(prim, color or BALLOON_COLORS[number % len(BALLOON_COLORS)], roughness=0.2, opacity=0.92, clearcoat=1.0)
     return prim
 
