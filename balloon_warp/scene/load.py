@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -52,7 +52,7 @@ def load_scene(source: str | Path, overrides: Mapping[str, Any] | Iterable[Overr
         raise InputError(
             f"{source}: no such scene or file; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         )
-    given: Iterable[Any] = overrides.items() if isinstance(overrides, Mapping) else overrides
+    given = cast("Iterable[Override]", overrides.items() if isinstance(overrides, Mapping) else overrides)
     pairs = [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in given]
     if path.suffix.lower() == ".toml":
         table = _read_toml(path)
