@@ -46,7 +46,7 @@ class RenderStage:
         try:
             self._stage = Usd.Stage.Open(str(path))
         except Tf.ErrorException:
-            raise InputError(f"{path}: cannot be read; expected a USD stage (.usd, .usda, .usdc or .usdz)") from None
+            raise InputError(f"{path}: cannot be read; expected a USD stage, as `run` makes of a mesh") from None
         self.first_frame, self.last_frame = 0, 0
         if self._stage.HasAuthoredTimeCodeRange():
             start, end = self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode()
