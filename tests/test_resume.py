@@ -17,6 +17,7 @@ from pxr import Usd
 from balloon_warp.errors import InputError
 from balloon_warp.job import animate
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs.partial import differences
 from balloon_warp.outputs.usd import stage as usd_stage
 from balloon_warp.scene import Balloon, Change, Ground, Scene, Sphere, String
 
@@ -174,6 +175,30 @@ def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_pa
     assert {path.name: path.read_bytes() for path in aside.iterdir()} == saved
     assert animate(other, output, resume=True).begin == STOPPED_AT - 1
     assert [path.name for path in tmp_path.iterdir()] == ["out.usdc"]
+
+
+def test_of_runs_that_were_begun_anew_the_last_is_kept_aside(tmp_path: Path):
+    output = tmp_path / "out.usdc"
+    for gravity in (3.0, 4.0, 5.0):
+        stop(SCENE.model_copy(update={"gravity": gravity}), output)
+    names = "out.usdc.partial.old", "out.usdc.partial"
+    kept = [json.loads((tmp_path / name / "job.json").read_text())["scene"]["gravity"] for name in names]
+    assert kept == [4.0, 5.0]
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("there", "here", "phrases"),
+    [
+        ({"a": 1}, {"a": 1, "b": 2}, ["b is here only"]),
+        ({"a": {"b": 1}}, {"a": {}}, ["a.b is there only"]),
+        ({"a": [1, 2]}, {"a": [1, 3]}, ["a.1 is 2 there and 3 here"]),
+        ({"a": [1, 2]}, {"a": [1]}, ["a is a list of 2 there and a list of 1 here"]),
+        ({"a": "x"}, {"a": "x"}, []),
+    ],
+)
+def test_where_two_jobs_differ_is_said(there: dict, here: dict, phrases: list[str]):
+    assert list(differences(there, here)) == phrases
 
 
 def test_a_run_too_short_for_a_checkpoint_leaves_an_earlier_one_as_it_is(tmp_path: Path):
