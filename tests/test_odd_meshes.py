@@ -100,7 +100,11 @@ def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: 
         overrides = [("gravity", 0.0), ("balloon.fixed", []), ("balloon.inflation.k_normal", 3.0), *odd.overrides]
         simulators = [Simulator(load_scene(path, overrides), device, schedule=name) for name in ("scatter", schedule)]
         start = simulators[0].read_frame().points[0]
+        if odd.name in ("no winding fits", "an edge of 100 faces"):
+            # Several faces are equally near to a particle, which is inflated by one of them: rounding would choose.
+            start = start + np.random.default_rng(1).uniform(-0.05, 0.05, start.shape).astype(np.float32)
         for simulator in simulators:
+            simulator.state.points.assign(start[None])
             for _ in range(5):
                 simulator.step()
         expected, found = (simulator.read_frame().points[0] for simulator in simulators)

@@ -90,7 +90,7 @@ def test_a_fold_that_is_pushed_through_itself_comes_back_the_short_way(device):
     mesh = mesh_of(fold(open_by), [[0, 1, 2], [1, 0, 3]])
     for forces in forces_at(scene_of(mesh), fold(-0.5 * open_by), device):
         moment = TORSION.torsion * 3.0 * open_by  # from 5 to -2.5 degrees on either side, 1 m from the edge
-        np.testing.assert_allclose(np.linalg.norm(forces[2:], axis=1), moment, rtol=1e-5)
+        np.testing.assert_allclose(np.linalg.norm(forces[2:], axis=1), moment, rtol=2e-5)  # pi rounded, over 0.13
         assert forces[2, 2] > 0.0 > forces[3, 2]
 
 
