@@ -18,7 +18,7 @@ from balloon_warp.benchmarks.run import run_case
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import SCHEDULES, make_schedule
-from balloon_warp.simulator import Simulator
+from balloon_warp.simulator import KEPT_FRAMES, Simulator
 
 
 def test_the_mesh_is_the_quad_sphere_of_the_other_tests():
@@ -223,7 +223,7 @@ def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monke
     )
     assert alone.look == batch.look == 5.0 / health.REPEATS / 2.0
     assert block.look == 0.25
-    assert (alone.copy, batch.copy) == (0.4 / health.KEPT_FRAMES / 2.0, 0.0)
+    assert (alone.copy, batch.copy) == (0.4 / KEPT_FRAMES / 2.0, 0.0)
 
 
 @pytest.mark.parametrize(("look", "status"), [(0.004, 0), (0.011, 1)])
