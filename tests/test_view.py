@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from meshes import quad_sphere
+from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, String
@@ -169,8 +170,7 @@ def inflation_is(served: Page, value: float) -> Callable[[], bool]:
 
 
 def click_the_balloon(window, happened: Callable[[], object], what: str) -> None:
-    """It is in the middle."""
-    again(lambda: window.mouse.click(450, 300), happened, what)
+    again(lambda: window.mouse.click(*middle_of_the_balloon(window)), happened, what)
 
 
 def unfold(window, folder: str, inside: str) -> None:
@@ -186,12 +186,24 @@ def toggle(window, label: str) -> None:
 
 def redness(window) -> int:
     """How many pixels beside the panel are as red as the balloon."""
+    return int(red(window).sum())
+
+
+def middle_of_the_balloon(window) -> tuple[float, float]:
+    """Right and down from the window's corner, once it is drawn."""
+    wait_until(lambda: red(window)[:, 320:].any(), "the balloon is drawn")  # beside the messages
+    rows, columns = np.nonzero(red(window)[:, 320:])
+    return 320.0 + float(columns.mean()), float(rows.mean())
+
+
+def red(window) -> NDArray[np.bool_]:
+    """Which pixels beside the panel are as red as the balloon."""
     from io import BytesIO
 
     from PIL import Image
 
     pixels = np.asarray(Image.open(BytesIO(window.screenshot())).convert("RGB"), dtype=int)[:, :560]
-    return int(((pixels[..., 0] > 1.6 * pixels[..., 1]) & (pixels[..., 0] > 90)).sum())
+    return (pixels[..., 0] > 1.6 * pixels[..., 1]) & (pixels[..., 0] > 90)
 
 
 @needs_browser
@@ -252,10 +264,11 @@ def test_dragging_pulls_the_balloon(fresh, served):
         return served.session.picture.frame.points[0].mean(axis=0)
 
     was = center()
-    fresh.mouse.move(450, 300)
+    right, down = middle_of_the_balloon(fresh)
+    fresh.mouse.move(right, down)
     fresh.mouse.down()
     for step in range(12):
-        fresh.mouse.move(450 - 15 * step, 300)
+        fresh.mouse.move(right - 15 * step, down)
         time.sleep(0.05)
     wait_until(lambda: len(served.session.picture.hands) == 1, "a hand holds it")
     wait_until(lambda: np.linalg.norm(center() - was) > 0.15, "it follows")
