@@ -214,11 +214,12 @@ class Simulator:
         """Every so often, the state from which a blow-up can be found again."""
         if self._kept is None or self.frame_number >= self._kept.frame + KEPT_FRAMES:
             model = replace(self.model, turns=list(self._turns))
-            if self._kept and self._kept.state:
-                overwrite(state := self._kept.state, self.state)
-            else:
-                state = copy_of(self.state)
-            self._kept = Origin(model, self._asked_schedule, self.frame_number, state)
+            kept = self._kept.state if self._kept else None
+            if kept is None:
+                kept = copy_of(self.state)
+            else:  # its arrays are there already
+                overwrite(kept, self.state)
+            self._kept = Origin(model, self._asked_schedule, self.frame_number, kept)
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Go on, bit for bit, from where another simulator of the same scene, worlds and schedule was.

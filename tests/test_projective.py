@@ -1,5 +1,8 @@
 """The `projective` solver against Newton's method, the explicit schedules, and itself laid out otherwise."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
@@ -249,6 +252,13 @@ def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
         states.append(simulator.state)
     assert np.abs(states[0].velocities.numpy()).max() > 0.1
     np.testing.assert_allclose(states[0].points.numpy(), states[1].points.numpy(), rtol=0, atol=1e-5)
+
+
+def test_the_factor_refuses_a_gpu_which_it_would_compute_wrongly_on():
+    on_a_gpu: Any = SimpleNamespace(device=SimpleNamespace(is_cpu=False))
+    nothing: Any = None
+    with pytest.raises(ValueError, match="SparseFactor runs on the CPU"):
+        SparseFactor(on_a_gpu, nothing)
 
 
 def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):

@@ -20,7 +20,6 @@ WEIGHT = 1.81
 """of a balloon with its lift [N/kg], for each meter of its size"""
 MOLAR_VOLUME = 0.02406
 """of a gas in the atmosphere that a scene has if it says nothing of it [m^3/mol]"""
-
 MOST_FLOW = 9e11
 """that a pump may have [mol/s]: what is kilometers large gets less"""
 

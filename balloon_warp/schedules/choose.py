@@ -24,7 +24,8 @@ class Schedule(Protocol):
         ...
 
     def advance_frame(self, state: State) -> None:
-        """Advance every world by one frame, in place."""
+        """Advance every world by one frame, in place: count it in `state.frame`, and lower `state.first_bad` of a world
+        where a particle or sphere has come to where it cannot be."""
 
 
 SCHEDULES = {
