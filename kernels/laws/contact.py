@@ -13,8 +13,8 @@ The sphere gets, by one of two rules,
 
 import warp as wp
 
-from balloon_warp.kernels.gas import inflation_of_kind
-from balloon_warp.kernels.springs import inverse_root, squared_length
+from balloon_warp.kernels.algebra import inverse_root, squared_length
+from balloon_warp.kernels.laws.law import Parameter
 
 
 @wp.func
@@ -126,100 +126,20 @@ def move_sphere(
     return position, velocity
 
 
-@wp.kernel
-def resolve_contacts(
-    # model
-    particle_balloon: wp.array[wp.int32],
-    particle_mass_share: wp.array[float],
-    mass: wp.array2d[float],
-    inflation_kind: wp.array[wp.int32],
-    sphere_mass: wp.array2d[float],
-    sphere_radius: wp.array2d[float],
-    sphere_penalty: wp.array2d[float],
-    up: wp.vec3,
-    ground_height: wp.array[float],
-    ground_friction: wp.array[float],
-    impulses: bool,
-    step_seconds: float,
-    time_in_frame: float,
-    # state in
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    inflation_loads: wp.array2d[wp.vec2],
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    # state out
-    new_points: wp.array2d[wp.vec3],
-    new_velocities: wp.array2d[wp.vec3],
-    sphere_forces: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle): out of every sphere, then above the ground. Adds to `sphere_forces`."""
-    world, particle = wp.tid()
-    point = points[world, particle]
-    velocity = velocities[world, particle]
-    share = particle_mass_share[particle]
-    if share > 0.0:
-        balloon = particle_balloon[particle]
-        ramp = inflation_ramp[world, balloon]
-        inflation = inflation_of_kind(
-            inflation_kind[balloon],
-            ramp[0] + ramp[1] * time_in_frame,
-            inflation_loads[world, balloon],
-            wp.dot(point, up),
-            inflation_aims[world, particle],
-        )
-        for sphere in range(sphere_positions.shape[1]):
-            center = sphere_positions[world, sphere]
-            radius = sphere_radius[world % sphere_radius.shape[0], sphere]
-            point, stopped, outward = leave_sphere(
-                point, velocity, center, sphere_velocities[world, sphere], radius, up
-            )
-            if wp.length_sq(outward) > 0.0:
-                penalty = sphere_penalty[world % sphere_penalty.shape[0], sphere]
-                push = penalty_force(penalty, inflation, outward)
-                if impulses:
-                    sphere_part = share * sphere_mass[world % sphere_mass.shape[0], sphere] / float(mass.shape[1])
-                    own = share * mass[world % mass.shape[0], balloon]
-                    stopped, push = collide(own, sphere_part, velocity, stopped, step_seconds)
-                velocity = stopped
-                wp.atomic_add(sphere_forces, world, sphere, push)
-        height = ground_height[world % ground_height.shape[0]]
-        friction = ground_friction[world % ground_friction.shape[0]]
-        point, velocity = leave_ground(point, velocity, up, height, friction)
-    new_points[world, particle] = point
-    new_velocities[world, particle] = velocity
-
-
-@wp.kernel
-def move_spheres(
-    # model
-    sphere_mass: wp.array2d[float],
-    sphere_radius: wp.array2d[float],
-    gravity: wp.array[float],
-    up: wp.vec3,
-    ground_height: wp.array[float],
-    ground_restitution: wp.array[float],
-    step_seconds: float,
-    # state in and out
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    sphere_forces: wp.array2d[wp.vec3],
-):
-    """A thread a (world, sphere): gravity, the contacts since the last step (then cleared), and the ground."""
-    world, sphere = wp.tid()
-    position, velocity = move_sphere(
-        sphere_positions[world, sphere],
-        sphere_velocities[world, sphere],
-        sphere_forces[world, sphere] / sphere_mass[world % sphere_mass.shape[0], sphere],
-        sphere_radius[world % sphere_radius.shape[0], sphere],
-        gravity[world % gravity.shape[0]],
-        up,
-        ground_height[world % ground_height.shape[0]],
-        ground_restitution[world % ground_restitution.shape[0]],
-        step_seconds,
-    )
-    sphere_positions[world, sphere] = position
-    sphere_velocities[world, sphere] = velocity
-    sphere_forces[world, sphere] = wp.vec3()
+NO_GROUND = -1.0e30
+"""height [m] of a ground that is not there"""
+GROUND = (
+    Parameter("ground_height", "m", NO_GROUND, least=NO_GROUND, of="world", path="ground.height"),
+    Parameter(
+        "ground_friction", "1", least=0.0, of="world", path="ground.friction", meaning="Coulomb's, for balloons"
+    ),
+    Parameter(
+        "ground_restitution",
+        "1",
+        least=0.0,
+        most=1.0,
+        of="world",
+        path="ground.restitution",
+        meaning="rebound speed over impact speed, for spheres",
+    ),
+)

@@ -13,8 +13,6 @@ in the step.
 
 import warp as wp
 
-from balloon_warp.kernels.tables import BodyTable, CorrectionTable, row_of_world
-
 
 @wp.func
 def excess(d: wp.vec3, rest_length: float, limit: float):
@@ -35,38 +33,8 @@ def share_of_correction(mass_share: float, mass_share_of_other: float):
 
 
 @wp.func
-def moves_of_ends(bodies: BodyTable, ends: wp.vec2i, too_long: wp.vec3):
+def moves_of_ends(mass_share_p: float, mass_share_q: float, too_long: wp.vec3):
     """How a spring's two ends move to make good for an excess [m]."""
-    share_p = bodies.mass_share[ends[0]]
-    share_q = bodies.mass_share[ends[1]]
-    return share_of_correction(share_p, share_q) * too_long, -share_of_correction(share_q, share_p) * too_long
-
-
-@wp.func
-def correction_limit(correction: CorrectionTable, world: wp.int32):
-    """Strain at which springs are shortened."""
-    return correction.limits[row_of_world(world, correction.limits.shape[0])]
-
-
-@wp.kernel(enable_backward=False)
-def correct_color(
-    # model
-    bodies: BodyTable,
-    correction: CorrectionTable,
-    first_spring: wp.int32,
-    step_seconds: float,
-    # state in and out
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-):
-    """A thread a (world, spring) of one color."""
-    world, number = wp.tid()
-    spring = first_spring + number
-    ends = correction.particles[spring]
-    d = points[world, ends[1]] - points[world, ends[0]]
-    too_long = excess(d, correction.rest_lengths[spring], correction_limit(correction, world))
-    move_p, move_q = moves_of_ends(bodies, ends, too_long)
-    points[world, ends[0]] = points[world, ends[0]] + move_p
-    points[world, ends[1]] = points[world, ends[1]] + move_q
-    velocities[world, ends[0]] = velocities[world, ends[0]] + move_p / step_seconds
-    velocities[world, ends[1]] = velocities[world, ends[1]] + move_q / step_seconds
+    move_p = share_of_correction(mass_share_p, mass_share_q) * too_long
+    move_q = -share_of_correction(mass_share_q, mass_share_p) * too_long
+    return move_p, move_q
