@@ -2,8 +2,8 @@
 
 from pydantic import TypeAdapter
 
+from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.checkpoints import BatchCheckpoints
-from balloon_warp.sweep.failures import Failures
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.parts import Part
 from balloon_warp.sweep.shares import ShareResult
