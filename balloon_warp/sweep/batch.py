@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.blow_ups import check_policy
-from balloon_warp.checkpoints import CHECKPOINT_SECONDS
 from balloon_warp.errors import InputError
+from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.here import simulate_here
 from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
 from balloon_warp.sweep.output import STAGE_NAME
+from balloon_warp.sweep.resume import BatchCheckpoints
 from balloon_warp.sweep.task import BatchTask
 
 

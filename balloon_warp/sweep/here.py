@@ -15,11 +15,10 @@ from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.blow_ups import Failures, report_failures, require_health, restart_failures
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
 from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.parts import Part
 from balloon_warp.sweep.recorder import Recorder
+from balloon_warp.sweep.resume import BatchCheckpoints, Part
 from balloon_warp.sweep.task import BatchTask, Outcome
 
 

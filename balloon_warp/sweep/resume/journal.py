@@ -3,9 +3,9 @@
 from pydantic import TypeAdapter
 
 from balloon_warp.sweep.blow_ups import Failures
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.parts import Part
+from balloon_warp.sweep.resume.checkpoints import BatchCheckpoints
+from balloon_warp.sweep.resume.parts import Part
 from balloon_warp.sweep.shares import ShareResult
 from balloon_warp.sweep.task import BatchTask
 
