@@ -22,7 +22,7 @@ from balloon_warp.sweep.resume import BatchCheckpoints, Part
 from balloon_warp.sweep.task import BatchTask, Outcome
 
 
-def simulate_here(
+def simulate_locally(
     task: BatchTask, device: str | None, checkpoints: BatchCheckpoints, on_frame: Callable[[int], None]
 ) -> Outcome:
     """Simulate a batch and write its table and its stage.
