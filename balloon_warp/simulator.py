@@ -4,12 +4,13 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.blow_ups import BlowUp, Origin, diagnose
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame, FrameReader
@@ -18,15 +19,11 @@ from balloon_warp.kernels.timeline import hold_spheres
 from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state, overwrite
 from balloon_warp.model.memory import require_memory, world_bytes
 from balloon_warp.model.parameters import METHODS, Parameters
-from balloon_warp.origin import Origin
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import PROJECTIVE, solver_named
 from balloon_warp.solvers.step_matrices import FACTORIZED
-
-if TYPE_CHECKING:
-    from balloon_warp.diagnosis import BlowUp
 
 KEPT_FRAMES = 512
 """between two states of a single world that are kept, so that a blow-up can be followed from one: a copy costs less
@@ -199,10 +196,8 @@ class Simulator:
         for cached in ("_frame_graph", "_frame_reader"):
             self.__dict__.pop(cached, None)
 
-    def diagnose(self, world: int, frame: int) -> "BlowUp":
+    def diagnose(self, world: int, frame: int) -> BlowUp:
         """Why a world is bad that was found so after a frame: by itself, its last frames are simulated again to see."""
-        from balloon_warp.diagnosis import diagnose  # only once something is wrong
-
         again = self.from_origin((self._kept or self._start).of_world(world))
         while again.frame_number < frame - 1:
             again.advance()

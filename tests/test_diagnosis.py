@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from meshes import cube
 
-from balloon_warp.diagnosis import BlowUp
+from balloon_warp.blow_ups import BlowUp
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.health import HEALTHY
 from balloon_warp.mesh import PolygonMesh
