@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
-from balloon_warp.checkpoints import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.files import check_writable
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
+from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 

@@ -18,8 +18,8 @@ LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
 def describe_scene(scene: Scene) -> dict[str, Any]:
     """A scene as JSON has it. Of a mesh that came from Python there is the name only."""
     described = scene.model_dump(mode="json", exclude={"balloon": {"__all__": {"mesh"}}})
-    for said, balloon in zip(described["balloon"], scene.balloon, strict=True):
-        said["mesh"] = mesh_label(balloon.mesh)
+    for table, balloon in zip(described["balloon"], scene.balloon, strict=True):
+        table["mesh"] = mesh_label(balloon.mesh)
     return described
 
 

@@ -34,16 +34,16 @@ def measure_first_frame(case: FirstFrameCase, device: wp.Device) -> Result:
     Raises:
         subprocess.CalledProcessError: a process failed.
     """
-    seconds, said = [], ""
+    seconds, printed = [], ""
     with tempfile.TemporaryDirectory(prefix="balloon-warp-") as folder:
         if not case.cold:
             _simulate(case, device, folder)
         for number in range(REPEATS):
             cache = str(Path(folder) / str(number)) if case.cold else folder
             began = time.perf_counter()
-            said = _simulate(case, device, cache)
+            printed = _simulate(case, device, cache)
             seconds.append(time.perf_counter() - began)
-    schedule, particles = said.split()
+    schedule, particles = printed.split()
     return Result(
         case=case.name,
         device=str(device),

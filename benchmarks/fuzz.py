@@ -51,16 +51,16 @@ def try_case(case: MeshCase, folder: Path) -> str | None:
     path.write_bytes(case.content())
     try:
         with _limited_time():
-            said = [*_plan(path, case.overrides).shapes[0].mesh.warnings]
-        outcome = "warned" if said else "accepted"
+            sentences = [*_plan(path, case.overrides).shapes[0].mesh.warnings]
+        outcome = "warned" if sentences else "accepted"
     except InputError as mistake:
-        outcome, said = "refused", [str(mistake)]
+        outcome, sentences = "refused", [str(mistake)]
     except (TimeoutError, MemoryError) as failure:
         return f"{case.name}: {type(failure).__name__} {failure}"
     if outcome != case.outcome:
-        return f"{case.name}: expected to be {case.outcome}, was {outcome} ({'; '.join(said)})"
-    if case.says and not any(case.says in sentence for sentence in said):
-        return f"{case.name}: expected {case.says!r}, got {'; '.join(said)}"
+        return f"{case.name}: expected to be {case.outcome}, was {outcome} ({'; '.join(sentences)})"
+    if case.says and not any(case.says in sentence for sentence in sentences):
+        return f"{case.name}: expected {case.says!r}, got {'; '.join(sentences)}"
     return None
 
 

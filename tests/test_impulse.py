@@ -9,7 +9,7 @@ from conserved import angular_momentum, energy, masses, momentum, motion, put, s
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 
-from balloon_warp.pulls import Pulls
+from balloon_warp.blow_ups import Pulls
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 

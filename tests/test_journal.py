@@ -7,16 +7,15 @@ import numpy as np
 from meshes import quad_sphere
 from pxr import Usd
 
-from balloon_warp.diagnosis import BlowUp
-from balloon_warp.pulls import Pull
+from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.scene import Balloon, Ground, Scene
 from balloon_warp.sweep import shares
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
-from balloon_warp.sweep.failures import Failures
+from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.groups import plan_groups
-from balloon_warp.sweep.journal import FAILURES, ShareJournal
 from balloon_warp.sweep.manifest import describe_batch
 from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.resume import BatchCheckpoints, ShareJournal
+from balloon_warp.sweep.resume.journal import FAILURES
 from balloon_warp.sweep.task import BatchTask
 
 SCENE = Scene(balloon=[Balloon(mesh=quad_sphere(3), position=(0, 2, 0))], ground=Ground(), frames=6, substeps=40)

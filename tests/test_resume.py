@@ -17,8 +17,8 @@ from pxr import Usd
 from balloon_warp.errors import InputError
 from balloon_warp.job import animate
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.partial import differences
 from balloon_warp.outputs.usd import stage as usd_stage
+from balloon_warp.resume import differences
 from balloon_warp.scene import Balloon, Change, Ground, Scene, Sphere, String
 
 FRAMES, STOPPED_AT = 12, 7

@@ -19,8 +19,8 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import grid
 from balloon_warp.scene import Balloon, Ground, Sphere, String
-from balloon_warp.sweep import checkpoints
-from balloon_warp.sweep.parts import write_rows
+from balloon_warp.sweep.resume import checkpoints
+from balloon_warp.sweep.resume.parts import write_rows
 
 FRAMES, WORLDS = 6, 5
 

@@ -9,8 +9,8 @@ from work import lines_executed
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.check import LARGEST_FAN
 from balloon_warp.springs import SpringKind, Springs, build_springs
-from balloon_warp.springs.build import LARGEST_FAN
 
 
 def counts(mesh: PolygonMesh) -> tuple[int, int, int]:

@@ -9,9 +9,9 @@ from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
-from balloon_warp.mesh.frame import in_y_up_meters
-from balloon_warp.mesh.load import OBJ_SUFFIXES, load_mesh
-from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.obj import LOADERS, write_obj
+from balloon_warp.mesh.placement import in_y_up_meters
 
 
 def remesh(
@@ -20,7 +20,7 @@ def remesh(
     cells: Annotated[int, typer.Option(help="Quads along the longest side, about: 4 to 256.")] = 48,
 ) -> None:
     """Make a closed mesh of even quads of any surface, so that it makes a good balloon."""
-    check_writable(output, OBJ_SUFFIXES)
+    check_writable(output, tuple(LOADERS))
     if output.resolve() == mesh.resolve():
         raise InputError(f"{output}: is the mesh itself; expected another name, with -o")
     surface = load_mesh(mesh)

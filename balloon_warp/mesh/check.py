@@ -8,6 +8,9 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 LARGEST_FACE = 4096
 """corners of a face; the springs across it grow with their square"""
+LARGEST_FAN = 256
+"""neighbors of a particle; past one that has more, as the hub of a wheel, each gets one flexion spring, not one to
+every other"""
 
 
 def check_mesh(mesh: PolygonMesh, source: str, least_corners: int = 3) -> None:

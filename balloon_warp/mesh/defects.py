@@ -4,6 +4,7 @@ vertices are counted from 1."""
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.mesh.check import LARGEST_FAN
 from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners
 from balloon_warp.mesh.geometry import face_areas, first_coincident
 from balloon_warp.mesh.orientation import inward_faces, wound_alike
@@ -20,7 +21,6 @@ from balloon_warp.mesh.topology import (
     unused_vertices,
     vertex_components,
 )
-from balloon_warp.springs.build import LARGEST_FAN
 
 # A face is of no area below this part of its longest edge squared: far thinner than float32 can hold open.
 NO_AREA = 1e-9

@@ -84,6 +84,9 @@ def read_obj(path: Path | str) -> PolygonMesh:
     return mesh
 
 
+LOADERS = {".obj": read_obj}
+
+
 def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
     """Write vertices and polygons. Reading them gives the same float64 points. The file appears whole or not at all.
 

@@ -1,4 +1,4 @@
-"""Where a mesh stands in the world."""
+"""Axes, unit and place of a mesh."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,6 +28,14 @@ def place_mesh(
     for axis, degrees in enumerate(rotation):
         points = points @ _rotation(axis, degrees).T
     return replace(mesh, points=points + np.array(position), up_axis=up_axis, meters_per_unit=1.0)
+
+
+def in_y_up_meters(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh in meters, y up, which is how an OBJ file is taken. To the last bit: axes change places."""
+    points = mesh.points * mesh.meters_per_unit
+    if mesh.up_axis == "Z":
+        points = points[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
+    return replace(mesh, points=points, up_axis="Y", meters_per_unit=1.0)
 
 
 def _rotation(axis: int, degrees: float) -> NDArray[np.float64]:

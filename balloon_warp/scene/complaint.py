@@ -52,20 +52,20 @@ def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
     """The known field that was probably meant: of the same name elsewhere, near by if it is, or of a similar name
     there; or all that are known there."""
     name, (steps, table) = str(details["loc"][-1]), _walk(details, schema)
-    homes = list(_homes(name, schema))
-    if near := [home for home in homes if home.split(".")[0] == steps[0]] or homes:
+    paths = list(_paths_of(name, schema))
+    if near := [path for path in paths if path.split(".")[0] == steps[0]] or paths:
         return f"; did you mean {' or '.join(near)}?"
     close = difflib.get_close_matches(name[:100], table.model_fields, n=1)  # takes time with the square of its length
     return f"; did you mean {close[0]}?" if close else f"; known here are {', '.join(table.model_fields)}"
 
 
-def _homes(name: str, table: type[BaseModel]) -> Iterator[str]:
+def _paths_of(name: str, table: type[BaseModel]) -> Iterator[str]:
     """The paths of all fields of a name, in a table and those within it."""
     for field, info in table.model_fields.items():
         if field == name:
             yield field
         elif inner := _table_in(info.annotation):
-            yield from (f"{field}.{home}" for home in _homes(name, inner))
+            yield from (f"{field}.{path}" for path in _paths_of(name, inner))
 
 
 def _table_in(annotation: object) -> type[BaseModel] | None:

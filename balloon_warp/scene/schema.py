@@ -27,6 +27,7 @@ Keyframe = tuple[NonNegative, Real]
 Keyframed = Real | Annotated[list[Keyframe], Field(min_length=1)]
 """a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last;
 at least a frame apart"""
+LawTables = dict[str, dict[str, Real | Vector]]
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 
 HELIUM_MOLAR_MASS = 0.0040026
@@ -95,6 +96,16 @@ class Inflation(Table):
         return KEYFRAMED_FIELDS[self.kind]
 
     @property
+    def own_fields(self) -> tuple[str, ...]:
+        """the fields that its kind has"""
+        return FIELDS_OF_KINDS[self.kind]
+
+    @property
+    def has_keyframes(self) -> bool:
+        """whether the field that may change is given as keyframes"""
+        return isinstance(getattr(self, self.keyframed), list)
+
+    @property
     def keyframes(self) -> list[Keyframe]:
         """That field as keyframes; a plain number is one keyframe."""
         value = getattr(self, self.keyframed)
@@ -157,6 +168,8 @@ class Balloon(Table):
     """particles that do not move, by the order of the file's vertices"""
     color: tuple[UnitInterval, UnitInterval, UnitInterval] | None = None
     """linear RGB; one of the palette when missing"""
+    law: LawTables = {}
+    """parameters of laws of one's own, by the law's name and the parameter's"""
 
 
 def _ends_after_its_start(lasting: Any) -> Any:
@@ -308,6 +321,8 @@ class Scene(Table):
     water: Water | None = None
     tube: list[Tube] = []
     atmosphere: Atmosphere = Atmosphere()
+    law: LawTables = {}
+    """parameters of laws of one's own that belong to the world, by the law's name and the parameter's"""
     change: list[Change] = []
     """what changes while it is simulated, in order of time"""
 

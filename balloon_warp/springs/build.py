@@ -11,14 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.check import LARGEST_FACE
+from balloon_warp.mesh.check import LARGEST_FACE, LARGEST_FAN
 from balloon_warp.mesh.corners import next_corners
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.springs.springs import SpringKind, Springs
 
-# Springs grow with the square of a face's corners and a particle's neighbors. Past a particle of more neighbors than
-# this, as at the hub of a wheel, each gets one flexion spring instead of one to every other.
-LARGEST_FAN = 256
 # Pairs that a mesh may have at all: a gigabyte or two while they are sorted.
 LARGEST_PAIR_COUNT = 1 << 24
 # Pairs worked on at once, which bounds the memory.

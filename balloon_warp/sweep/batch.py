@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.blow_ups import check_policy
-from balloon_warp.checkpoints import CHECKPOINT_SECONDS
 from balloon_warp.errors import InputError
+from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
-from balloon_warp.sweep.here import simulate_here
+from balloon_warp.sweep.local import simulate_locally
 from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
 from balloon_warp.sweep.output import STAGE_NAME
+from balloon_warp.sweep.resume import BatchCheckpoints
 from balloon_warp.sweep.task import BatchTask
 
 
@@ -135,7 +135,7 @@ def run_batch(
 
             outcome = distribute_batch(task, cluster, worker_device, checkpoints, on_frame)
         else:
-            outcome = simulate_here(task, device, checkpoints, on_frame)
+            outcome = simulate_locally(task, device, checkpoints, on_frame)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(checkpoints.advice) from None
     names = ["table.npz", "table.csv", *([STAGE_NAME] if len(chosen) else [])]

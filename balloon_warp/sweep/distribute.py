@@ -16,12 +16,11 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.model.memory import require_memory
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
 from balloon_warp.sweep.cluster import Cluster, connect
 from balloon_warp.sweep.groups import Group
-from balloon_warp.sweep.journal import ShareJournal
 from balloon_warp.sweep.memory import table_bytes
 from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.resume import BatchCheckpoints, ShareJournal
 from balloon_warp.sweep.shares import ShareResult, cut_into_shares, simulate_share
 from balloon_warp.sweep.task import BatchTask, Outcome
 

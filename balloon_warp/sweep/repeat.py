@@ -23,32 +23,32 @@ def repeat_batch(manifest: str | Path, folder: str | Path, device: str | None = 
         InputError: the manifest cannot be read, or a mesh is not there, has changed or came from Python; or as
             `run_batch`.
     """
-    said = _read(Path(manifest))
-    for path, expected in said["meshes"].items():
+    batch = _read(Path(manifest))
+    for path, expected in batch["meshes"].items():
         if not Path(path).is_file():
             raise InputError(f"{manifest}: its mesh {path} is not there; expected a file, as seen from this folder")
         if (found := hash_of_file(Path(path))) != expected:
             raise InputError(f"{path}: has changed since the batch: its SHA-256 is {found}; expected {expected}")
     return run_batch(
-        Scene.model_validate(said["scene"]),
+        Scene.model_validate(batch["scene"]),
         folder,
-        said["worlds"],
-        said["vary"],
-        export=said["export"],
-        name=said.get("name", ""),
-        device=device or (said["device"] if said["workers"] == 1 else None),
-        schedule=said["schedule_asked"],
-        on_blowup=said.get("on_blowup", "freeze"),
+        batch["worlds"],
+        batch["vary"],
+        export=batch["export"],
+        name=batch.get("name", ""),
+        device=device or (batch["device"] if batch["workers"] == 1 else None),
+        schedule=batch["schedule_asked"],
+        on_blowup=batch.get("on_blowup", "freeze"),
         provenance={"repeats": str(manifest)},
     )
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
+        batch = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a manifest: {error}") from None
     needed = {"scene", "worlds", "vary", "export", "meshes", "device", "workers", "schedule_asked"}
-    if not isinstance(said, dict) or not needed <= said.keys():
+    if not isinstance(batch, dict) or not needed <= batch.keys():
         raise InputError(f"{path}: is not the manifest of a batch; expected the manifest.json beside its table")
-    return said
+    return batch

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
-from balloon_warp.kernels.lanes_types import LANE_COUNT
+from balloon_warp.kernels.algebra import LANE_COUNT
 from balloon_warp.model import lay_out
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
-from balloon_warp.sweep.failures import Failures, Rows, report_failures, require_health, restart_failures
+from balloon_warp.sweep.blow_ups import Failures, Rows, report_failures, require_health, restart_failures
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.recorder import Record, Recorder

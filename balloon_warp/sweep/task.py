@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.scene import Scene
-from balloon_warp.sweep.failures import Failures
+from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.groups import BatchVary, Group
 
 

@@ -91,12 +91,12 @@ def understood(raw: bytes, control: Callable[[str], Any]) -> bytes | None:
         control: the control of the panel that has an id, or None.
     """
     try:
-        said = _decoder.decode(raw)
+        message = _decoder.decode(raw)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
         return None
-    if isinstance(said, GuiUpdateMessage) and not _takes(control(said.uuid), said.updates.value):
+    if isinstance(message, GuiUpdateMessage) and not _takes(control(message.uuid), message.updates.value):
         return None
-    return msgspec.msgpack.encode(said)
+    return msgspec.msgpack.encode(message)
 
 
 def _takes(control: Any, value: object) -> bool:

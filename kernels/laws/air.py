@@ -1,8 +1,11 @@
 """The air around balloons: its density, and its drag."""
 
+from typing import Any
+
+import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.laws.law import Law, Parameter
+from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 GAS_CONSTANT = 8.314462618
 """[J/(mol K)]"""
@@ -49,12 +52,12 @@ def air_drag(
 
 
 AIR = (
-    Parameter("air_pressure", "Pa", 101325.0, least=1.0e-12, of="world", path="atmosphere.pressure"),
+    Parameter("air_pressure", "Pa", 101325.0, least=TINY, of="world", path="atmosphere.pressure"),
     Parameter(
         "air_temperature",
         "K",
         293.15,
-        least=1.0e-12,
+        least=TINY,
         of="world",
         path="atmosphere.temperature",
         meaning="of the air, and of gas at its pressure",
@@ -63,11 +66,34 @@ AIR = (
         "air_density",
         "kg/m^3",
         OF_DRY_AIR,
+        least=0.0,
         of="world",
         path="atmosphere.density",
-        meaning="negative for that of dry air as an ideal gas",
+        meaning="that of dry air as an ideal gas when missing",
     ),
 )
+
+
+def drag_bound(
+    area: Any,
+    velocity: Any,
+    air_pressure: Any,
+    air_temperature: Any,
+    air_density: Any,
+    drag_coefficient: Any,
+    wind: Any,
+) -> Any:
+    """Density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
+    density = density_of_given_air(air_pressure, air_temperature, air_density)
+    speed = np.linalg.norm(velocity - wind, axis=-1)
+    return density * drag_coefficient * area * speed
+
+
+def density_of_given_air(air_pressure: Any, air_temperature: Any, air_density: Any) -> Any:
+    """The same as `density_of_air`, of many worlds on the host [kg/m^3]."""
+    dry = DRY_AIR_MOLAR_MASS / (GAS_CONSTANT * air_temperature / air_pressure)
+    return np.where(air_density < 0.0, dry, air_density)
+
 
 AIR_DRAG = Law(
     "particle",
@@ -78,4 +104,5 @@ AIR_DRAG = Law(
         Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="velocity of the air"),
     ),
     neutral={"drag_coefficient": 0.0},
+    drag=drag_bound,
 )

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.laws.law import Law, Parameter
+from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 
 @wp.func
@@ -23,14 +23,18 @@ def damping(velocity: wp.vec3, mass_share: float, damping: float):
     return (-mass_share * damping) * velocity
 
 
-MASS = Parameter("mass", "kg", 0.1, least=1.0e-12, path="mass", meaning="of the whole balloon")
+MASS = Parameter("mass", "kg", 0.1, least=TINY, path="mass", meaning="of the whole balloon")
 GRAVITY = Parameter("gravity", "m/s^2", 9.81, of="world", path="gravity", meaning="down the up axis")
-HELIUM = Parameter(
-    "helium", "N/kg", path="helium", meaning="lift for each kilogram of balloon, against gravity's 9.81"
-)
+HELIUM = Parameter("helium", "N/kg", path="helium", meaning="lift for each kilogram of balloon, against gravity's 9.81")
 DAMPING_CONSTANT = Parameter(
     "damping", "N s/m", 0.1, least=0.0, path="damping", meaning="drag of the whole balloon for each m/s"
 )
 
 WEIGHT = Law("particle", weight, (GRAVITY, HELIUM), energy=weight_energy)
-DAMPING = Law("particle", damping, (DAMPING_CONSTANT,), neutral={"damping": 0.0}, drag=lambda damping, **_: damping)
+DAMPING = Law(
+    "particle",
+    damping,
+    (DAMPING_CONSTANT,),
+    neutral={"damping": 0.0},
+    drag=lambda mass_share, damping: mass_share * damping,
+)

@@ -129,13 +129,20 @@ def move_sphere(
 NO_GROUND = -1.0e30
 """height [m] of a ground that is not there"""
 GROUND = (
-    Parameter("ground_height", "m", NO_GROUND, least=NO_GROUND, of="world", path="ground.height"),
+    Parameter("ground_height", "m", of="world", path="ground.height", absent=NO_GROUND),
     Parameter(
-        "ground_friction", "1", least=0.0, of="world", path="ground.friction", meaning="Coulomb's, for balloons"
+        "ground_friction",
+        "1",
+        0.5,
+        least=0.0,
+        of="world",
+        path="ground.friction",
+        meaning="Coulomb's coefficient, for balloons",
     ),
     Parameter(
         "ground_restitution",
         "1",
+        0.3,
         least=0.0,
         most=1.0,
         of="world",

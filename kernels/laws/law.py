@@ -5,7 +5,7 @@ its kind of law is told (below), or one of its own parameters. What no law of a 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 Kind = Literal["particle", "spring", "string", "hinge", "face"]
@@ -68,35 +68,63 @@ RESULT: Mapping[Kind, str] = {
 """what a law of each kind returns"""
 
 
+FAR = 1.0e12
+"""beyond all numbers of a scene"""
+TINY = 1.0e-12
+"""the least of what is divided by: its square does not vanish in float32"""
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """A number that a law has for each balloon, or for each world: one row, from which all else follows."""
+    """A number that a scene has for each world, or for each balloon, sphere, string or tube: one row, from which all
+    else follows. A law's are of the world or of balloons."""
 
     name: str
     unit: str
     default: float = 0.0
-    least: float = -1.0e12
-    most: float = 1.0e12
-    of: Literal["balloon", "world"] = "balloon"
+    """where the scene does not say it"""
+    least: float = -FAR
+    most: float = FAR
+    of: Literal["world", "balloon", "sphere", "string", "tube"] = "balloon"
     meaning: str = ""
     path: str = ""
-    """where it stands in a scene, or in a balloon of it; in the table `law.NAME` of its law, when empty"""
+    """where it stands in a scene, or in a balloon of it; of a law, when empty, in the table `law.NAME` of that law"""
     size: int = 1
     """3 for a vector"""
+    absent: float | None = None
+    """where the scene does not have the table that it stands in; the default, when missing"""
+
+
+_OF_PARTICLE_AT_REST = (
+    Given("mass", "float", "the particle's [kg]"),
+    Given("mass_share", "float", "its part of the balloon's mass"),
+    Given("area", "float", "its share of the balloon's area [m^2]: twice that at the start, for it may grow"),
+    Given("velocity", "vec3", "[m/s]; 0 at the start"),
+)
+GIVEN_TO_BOUNDS: Mapping[Kind, tuple[Given, ...]] = {
+    "particle": _OF_PARTICLE_AT_REST,
+    "spring": (Given("stiffness", "float", "its spring constant k [N/m]"),),
+    "string": (Given("stiffness", "float", "its spring constant k [N/m]"),),
+    "hinge": (),
+    "face": _OF_PARTICLE_AT_REST,  # which a face's bound is shared out to, in proportion to the area
+}
+"""what the bounds of each kind are told, beside all parameters"""
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
     """A law of the simulation.
 
-    Args of the bounds, by name: what the law's function is told of the state at rest, and its parameters; arrays of
-    numpy, shape (W,) or as they come.
+    Its bounds are functions for the host, from which the stable step follows. They name what they need, of
+    `GIVEN_TO_BOUNDS` and of the parameters, and get arrays that broadcast: worlds first, then particles, and a vector's
+    three numbers last. A law without bounds has no part in the step that "auto" takes.
     """
 
     kind: Kind
     force: Any
     """a `wp.func`; see `GIVEN` for its arguments and `RESULT` for what it returns"""
     parameters: tuple[Parameter, ...] = ()
+    """its rows, each with a path"""
     name: str = ""
     """the function's own, when empty"""
     energy: Any = None
@@ -106,10 +134,13 @@ class Law:
     wants: Callable[[Any], bool] | None = None
     """of a scene, whether the law belongs to it; to all, when missing"""
     stiffness: Callable[..., Any] | None = None
-    """largest derivative of the force by the place [N/m], of a particle or for each end of a pair; 0 when missing"""
+    """bound of the force's derivative by the place [N/m], of a pair's force by the distance; at a hinge, of its moment
+    by the angle [N m/rad]; 0 when missing"""
     drag: Callable[..., Any] | None = None
-    """largest derivative of the force by the velocity, over the balloon's mass share [N s/m]; 0 when missing"""
+    """bound of the force's derivative by the velocity [N s/m], of a pair's by how fast it lengthens; 0 when missing"""
 
     def __post_init__(self) -> None:
         if not self.name:
             object.__setattr__(self, "name", self.force.key.rpartition(".")[2])
+        placed = (row if row.path else replace(row, path=f"law.{self.name}.{row.name}") for row in self.parameters)
+        object.__setattr__(self, "parameters", tuple(placed))

@@ -1,5 +1,7 @@
 """Springs that are viscous, and those that are overextended from some stretch on (Tarantino 1996)."""
 
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.laws.hooke import hooke
@@ -68,16 +70,24 @@ CORRECTION_LIMIT = Parameter(
     meaning="strain beyond which a spring is shortened",
 )
 
+
+def dashpot(stiffness: Any, viscosity: Any) -> Any:
+    """Damping constant of a spring along it [N s/m]."""
+    return viscosity * stiffness
+
+
 RUBBER = Law(
     "spring",
     rubber,
     (VISCOSITY, YIELD_STRETCH),
     neutral={"viscosity": 0.0, "yield_stretch": NEVER_YIELDS},
     wants=lambda scene: scene.correction != "tarantino",
+    drag=dashpot,
 )
 RUBBER_AT_LIMIT = Law(
     "spring",
     rubber_at_limit,
     (VISCOSITY, YIELD_STRETCH, CORRECTION_LIMIT),
     wants=lambda scene: scene.correction == "tarantino",
+    drag=dashpot,
 )

@@ -20,4 +20,4 @@ def string_energy(squared_length: float, rest_length: float, stiffness: float):
     )
 
 
-STRING = Law("string", string, energy=string_energy, stiffness=lambda stiffness, **_: stiffness)
+STRING = Law("string", string, energy=string_energy, stiffness=lambda stiffness: stiffness)

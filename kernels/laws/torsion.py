@@ -27,9 +27,7 @@ def angle_beyond(a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_a
 
 
 @wp.func
-def torsion(
-    role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float, torsion: float
-):
+def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float, torsion: float):
     """Force [N] on one of the four places of a hinge: minus the constant [N m/rad] times the angle beyond the rest
     angle, times the angle's gradient.
 
@@ -77,5 +75,5 @@ TORSION = Law(
     ),
     energy=torsion_energy,
     neutral={"torsion": 0.0},
-    stiffness=lambda torsion, **_: torsion,
+    stiffness=lambda torsion: torsion,
 )

@@ -8,7 +8,7 @@ corners: so force and torque are those of the hydrostatic pressure on the fan (K
 import warp as wp
 
 from balloon_warp.kernels.laws.body import GRAVITY
-from balloon_warp.kernels.laws.law import Law, Parameter
+from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 
 @wp.func
@@ -112,8 +112,10 @@ def water(
     return pressure + drag
 
 
+NO_WATER = -1.0e30
+"""level [m] of a liquid that is not there"""
 WATER_LEVEL = Parameter(
-    "water_level", "m", -1.0e30, least=-1.0e30, of="world", path="water.level", meaning="height of its surface"
+    "water_level", "m", of="world", path="water.level", meaning="height of its surface", absent=NO_WATER
 )
 
 WATER = Law(
@@ -121,11 +123,18 @@ WATER = Law(
     water,
     (
         WATER_LEVEL,
-        Parameter("water_density", "kg/m^3", least=0.0, of="world", path="water.density"),
+        Parameter("water_density", "kg/m^3", 1000.0, least=TINY, of="world", path="water.density"),
         Parameter(
-            "water_drag", "1", least=0.0, of="world", path="water.drag", meaning="c of the drag 1/2 density c A |v| v"
+            "water_drag",
+            "1",
+            1.0,
+            least=0.0,
+            of="world",
+            path="water.drag",
+            meaning="c of the drag 1/2 density c A |v| v, A the wetted area that moves at v",
         ),
         GRAVITY,
     ),
     wants=lambda scene: scene.water is not None,
+    stiffness=lambda area, water_density, gravity: water_density * abs(gravity) * area,
 )

@@ -6,8 +6,8 @@ thread a world adds up the lanes, and the balloons.
 
 import warp as wp
 
-from balloon_warp.kernels.gas import cone_volume
-from balloon_warp.kernels.inflation import NORMAL_FORCE, keyframed_value, push
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
+from balloon_warp.kernels.schedules.frame import keyframed_value
 
 
 @wp.struct
@@ -64,7 +64,7 @@ def sum_balloons(
             next_arm = points[world, face_particles[corner]] - origin - center
             area_vector += 0.5 * wp.cross(arm, next_arm)
             arm = next_arm
-        part.volume += cone_volume(center, area_vector)
+        part.volume += wp.dot(center, area_vector) / 3.0
         part.area += wp.length(area_vector)
         part.area_vector += area_vector
         part.corners += corners
@@ -133,11 +133,11 @@ def measure_worlds(
         corner_count = face_offsets[balloon_faces[balloon + 1]] - first
         center = total.corners / float(corner_count)
         balloon_mass = mass[world % mass.shape[0], balloon]
-        volume += total.volume - cone_volume(center, total.area_vector)
+        volume += total.volume - wp.dot(center, total.area_vector) / 3.0
         area += total.area
         if inflation_kind[balloon] == NORMAL_FORCE:
             time = float(frame[0]) * frame_seconds
-            pushed += push(keyframed_value(keyframe_times, keyframe_values, world, balloon, time))
+            pushed += normal_push(keyframed_value(keyframe_times, keyframe_values, world, balloon, time))
         else:
             pushed += pressures[world, balloon] * total.area
         kinetic_energy += total.kinetic_energy

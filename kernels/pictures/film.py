@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.raycast_studio import mix
+from balloon_warp.kernels.pictures.studio import mix
 
 
 @wp.func

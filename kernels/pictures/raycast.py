@@ -11,10 +11,10 @@ Rows are dealt out to bands, so that CPU threads can share a picture: a band's t
 
 import warp as wp
 
-from balloon_warp.kernels.raycast_film import srgb_byte, tone
-from balloon_warp.kernels.raycast_shapes import GROUND, LINE, NOTHING, SURFACE, Shapes, first_hit, water_before
-from balloon_warp.kernels.raycast_studio import Studio, backdrop, luminance
-from balloon_warp.kernels.raycast_surface import (
+from balloon_warp.kernels.pictures.film import srgb_byte, tone
+from balloon_warp.kernels.pictures.shapes import GROUND, LINE, NOTHING, SURFACE, Shapes, first_hit, water_before
+from balloon_warp.kernels.pictures.studio import Studio, backdrop, luminance
+from balloon_warp.kernels.pictures.surface import (
     EPSILON,
     FAR,
     Answer,

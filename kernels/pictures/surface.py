@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from balloon_warp.kernels.raycast_shapes import GROUND, NOTHING, Hit, Shapes, first_hit
-from balloon_warp.kernels.raycast_studio import Studio, mirrored_lights, mirrored_room, mix, sky_irradiance
+from balloon_warp.kernels.pictures.shapes import GROUND, NOTHING, Hit, Shapes, first_hit
+from balloon_warp.kernels.pictures.studio import Studio, mirrored_lights, mirrored_room, mix, sky_irradiance
 
 FAR = wp.constant(1.0e4)
 EPSILON = wp.constant(1.0e-3)

@@ -1,22 +1,18 @@
-"""Gas and air at the start: amounts, pressures and densities of every world, from what the scene says. Host side."""
+"""Gas at the start: amounts and pressures of every world, from what the scene says. Host side."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.gas import DRY_AIR_MOLAR_MASS, GAS_CONSTANT
+from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.repair import welded
 from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.timeline import Turn
 from balloon_warp.scene import Scene
 
-KINDS = ("normal_force", "pressure", "gas")
-"""of inflation, as the kernels number them"""
 LEAST_ROUNDNESS = 1.0e-6
 """volume over the cube of the size, of a balloon that can hold gas"""
 
@@ -46,29 +42,11 @@ def require_sealed(shape: BalloonShape) -> None:
         raise InputError(f"{shape.name}: encloses no volume at the start, so that it cannot hold gas")
 
 
-def is_in_air(scene: Scene, parameters: Parameters, turns: Sequence[Turn]) -> bool:
-    """Whether there is pressure, gas or drag in any world at any time."""
-    kinds = {balloon.inflation.kind for balloon in scene.balloon}
-    drags = bool((parameters["drag_coefficient"] > 0.0).any()) or any("drag_coefficient" in t.values for t in turns)
-    return drags or kinds != {"normal_force"}
-
-
-def air_density(parameters: Parameters) -> NDArray[np.float64]:
-    """Given, or that of dry air as an ideal gas [kg/m^3], shape (W,)."""
-    dry = DRY_AIR_MOLAR_MASS / (GAS_CONSTANT * parameters["air_temperature"] / parameters["air_pressure"])
-    return np.where(parameters["air_density"] < 0.0, dry, parameters["air_density"])
-
-
-def settle_gas(
-    scene: Scene, shapes: Sequence[BalloonShape], shifts: NDArray[np.float64], parameters: Parameters
-) -> Parameters:
-    """The parameters with the amounts of gas at the start, and the pressures and loads then, given ones among them.
+def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
+    """The amounts of gas at the start, and the pressures and loads then, given ones among them.
 
     At the air's pressure p_a a gas is as warm as the air, so that a mole takes v = R T / p_a. In a balloon of volume V,
     n moles then have p = p_a ((n v / V)^gamma - 1) above the air's.
-
-    Args:
-        shifts: how far each balloon starts from where its shape is [m], shape (W, balloon_count, 3).
     """
     p_a, temperature = parameters["air_pressure"][:, None], parameters["air_temperature"][:, None]
     given, gamma = parameters["initial_gas_amounts"], parameters["gamma"]
@@ -82,10 +60,11 @@ def settle_gas(
     pressures = pressures + parameters["keyframe_values"][:, :, 0] * pressed
 
     gas_density = amounts * parameters["molar_mass"] / volume
-    rise = (air_density(parameters)[:, None] - gas_density) * parameters["gravity"][:, None] * holds_gas
-    centers = np.stack([shape.mass_share @ shape.mesh.points for shape in shapes]) + shifts
+    air = density_of_given_air(*(parameters[f"air_{name}"][:, None] for name in ("pressure", "temperature", "density")))
+    rise = (air - gas_density) * parameters["gravity"][:, None] * holds_gas
+    centers = np.stack([shape.mass_share @ shape.mesh.points for shape in shapes]) + parameters["initial_shifts"]
     loads = np.broadcast_arrays(pressures - rise * (centers @ np.array(scene.up)), rise)
-    return parameters | {
+    return {
         "initial_gas_amounts": amounts,
         "initial_pressures": pressures,
         "initial_loads": np.stack(loads, axis=-1),

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.outputs.partial import PartialFolder, as_json, differences
 from balloon_warp.outputs.usd.grid import GridWriter
 from balloon_warp.outputs.usd.playlist import write_overlay, write_playlist
 from balloon_warp.provenance import installed_versions
+from balloon_warp.resume import PartialFolder, as_json, differences
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.parts import Part, read_part, write_rows
+from balloon_warp.sweep.resume.parts import Part, read_part, write_rows
 from balloon_warp.sweep.task import BatchTask
 
 PARTIAL_NAME, PLAYLIST, STILL = "partial", "worlds.usda", "still.usdc"

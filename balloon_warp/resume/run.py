@@ -1,4 +1,4 @@
-"""What is safe of a run that is not finished: its frames so far, and the state from which it goes on."""
+"""The checkpoints of a run: its frames so far, and the state from which it goes on."""
 
 import time
 from pathlib import Path
@@ -10,10 +10,11 @@ import numpy as np
 from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.outputs.partial import PartialFolder, as_json, differences
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.usd.playlist import write_playlist
 from balloon_warp.provenance import describe_scene, hash_meshes, installed_versions
+from balloon_warp.resume.folder import PartialFolder
+from balloon_warp.resume.same_job import as_json, differences
 from balloon_warp.simulator import Simulator
 
 CHECKPOINT_SECONDS = 30.0

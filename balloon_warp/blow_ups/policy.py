@@ -1,4 +1,4 @@
-"""What becomes of a simulation that blows up."""
+"""What becomes of a run, or of a world of a batch, that blows up."""
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene import Scene

@@ -3,26 +3,26 @@
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
-# STL repeats a vertex for each triangle, and glTF for each normal and texture coordinate there: a balloon made of
-# such vertices would fall apart.
-SPLIT_VERTEX_SUFFIXES = (".stl", ".glb", ".gltf")
 
-
-def read_foreign(path: Path | str) -> PolygonMesh:
+def read_triangles(path: Path | str, joined: bool = False) -> PolygonMesh:
     """Read a mesh through trimesh: all of a scene's parts as one, in its world, polygons split into triangles.
 
-    Vertices keep the file's order; in STL and glTF those at exactly the same place become one.
+    Vertices keep the file's order.
+
+    Args:
+        joined: make vertices at exactly the same place one.
 
     Raises:
         InputError: trimesh cannot read the file, or it has no triangles.
     """
+    import trimesh  # only for such a file: it takes a second
+
     path = Path(path)
     try:
         # process=False: trimesh would merge and reorder vertices. Textures stay closed.
@@ -31,7 +31,7 @@ def read_foreign(path: Path | str) -> PolygonMesh:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({reason})") from error
     points, triangles = np.array(read.vertices, dtype=np.float64), np.array(read.faces, dtype=np.int64)
-    if path.suffix.lower() in SPLIT_VERTEX_SUFFIXES:
+    if joined:
         kept, merged = np.unique(first_coincident(points), return_inverse=True)
         points, triangles = points[kept], merged[triangles]
     mesh = PolygonMesh(
@@ -42,3 +42,18 @@ def read_foreign(path: Path | str) -> PolygonMesh:
     )
     check_mesh(mesh, str(path))
     return mesh
+
+
+def read_joined_triangles(path: Path | str) -> PolygonMesh:
+    """`read_triangles`, joined: STL repeats a vertex for each triangle, and glTF for each normal and texture coordinate
+    there. A balloon made of such vertices would fall apart."""
+    return read_triangles(path, joined=True)
+
+
+LOADERS = {
+    ".stl": read_joined_triangles,
+    ".ply": read_triangles,
+    ".off": read_triangles,
+    ".glb": read_joined_triangles,
+    ".gltf": read_joined_triangles,
+}

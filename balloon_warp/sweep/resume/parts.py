@@ -22,7 +22,7 @@ class Part:
     frames: range
     groups: Sequence[int]
     """numbers of the groups, or of a cluster's shares"""
-    said: Mapping[str, Any] = field(default_factory=dict)
+    notes: Mapping[str, Any] = field(default_factory=dict)
     """what is to be known of them beside their rows and shapes, as JSON has it"""
 
 
@@ -30,7 +30,7 @@ def write_rows(output: BatchOutput, part: Part, rows: Path) -> None:
     """Copy a part of a table.
 
     It is `frames`, `groups`, the `worlds` of these groups, the names of what is measured, `columns`, and of each
-    frame and world its `values` and `health`; `said` is JSON.
+    frame and world its `values` and `health`; `notes` is JSON.
 
     Raises:
         InputError: it cannot be written.
@@ -43,7 +43,7 @@ def write_rows(output: BatchOutput, part: Part, rows: Path) -> None:
             "frames": np.array(part.frames, dtype=np.int32),
             "groups": np.array(part.groups, dtype=np.int32),
             "worlds": worlds,
-            "said": np.array(json.dumps(part.said)),
+            "notes": np.array(json.dumps(part.notes)),
             "columns": np.array(table.measures),
             "values": table.values[block],
             "health": table.health[block],
@@ -60,7 +60,7 @@ def read_part(output: BatchOutput, rows: Path, stage: Path) -> Part:
     try:
         with np.load(rows) as saved:
             frames = range(int(saved["frames"][0]), int(saved["frames"][-1]) + 1)
-            part = Part(frames, saved["groups"].tolist(), json.loads(str(saved["said"])))
+            part = Part(frames, saved["groups"].tolist(), json.loads(str(saved["notes"])))
             block = slice(frames.start, frames.stop), saved["worlds"]
             output.table.values[block], output.table.health[block] = saved["values"], saved["health"]
     except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:

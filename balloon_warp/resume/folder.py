@@ -3,7 +3,7 @@
 import json
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -34,14 +34,14 @@ class PartialFolder:
         """
         path = self.path / JOB_NAME
         try:
-            said = json.loads(path.read_text(encoding="utf-8"))
+            job = json.loads(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read: {error}") from None
-        if not isinstance(said, dict):
-            raise InputError(f"{path}: expected an object (got {type(said).__name__})")
-        return said
+        if not isinstance(job, dict):
+            raise InputError(f"{path}: expected an object (got {type(job).__name__})")
+        return job
 
     def require_own(self) -> None:
         """Make sure that what is there, if anything, is ours to replace.
@@ -92,31 +92,3 @@ def _remove(path: Path) -> None:
     except OSError as error:
         raise InputError(f"{path}: cannot be removed: {error.strerror}") from None
     shutil.rmtree(doomed, ignore_errors=True)
-
-
-def as_json(job: Mapping[str, Any]) -> dict[str, Any]:
-    """A job as it is when it was written and read again."""
-    return json.loads(json.dumps(job))
-
-
-def differences(there: Any, here: Any, path: str = "") -> Iterator[str]:
-    """Where two jobs differ, each as a phrase."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        for name in sorted(there.keys() | here.keys()):
-            below = f"{path}.{name}" if path else name
-            if name not in there or name not in here:
-                yield f"{below} is {'here' if name in here else 'there'} only"
-            else:
-                yield from differences(there[name], here[name], below)
-    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
-        for number, pair in enumerate(zip(there, here, strict=True)):
-            yield from differences(*pair, f"{path}.{number}")
-    elif there != here:
-        yield f"{path} is {_shown(there)} there and {_shown(here)} here"
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    text = json.dumps(value)
-    return text if len(text) <= 80 else text[:77] + "..."

@@ -2,10 +2,10 @@
 
 from pydantic import TypeAdapter
 
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
-from balloon_warp.sweep.failures import Failures
+from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.parts import Part
+from balloon_warp.sweep.resume.checkpoints import BatchCheckpoints
+from balloon_warp.sweep.resume.parts import Part
 from balloon_warp.sweep.shares import ShareResult
 from balloon_warp.sweep.task import BatchTask
 
@@ -40,8 +40,8 @@ class ShareJournal:
             device=device_kind,
             schedule=task.schedule,
         ):
-            self.schedules.update(zip(part.groups, part.said["schedules"], strict=True))
-            self.failures.add(FAILURES.validate_python(part.said["failures"]))
+            self.schedules.update(zip(part.groups, part.notes["schedules"], strict=True))
+            self.failures.add(FAILURES.validate_python(part.notes["failures"]))
         self.resumed = sum(len(output.groups[number].worlds) for number in self.schedules) / task.world_count
         """the part of the worlds that an earlier batch had simulated"""
         if self.schedules:
@@ -64,9 +64,9 @@ class ShareJournal:
             InputError: it cannot be written; what was there stays.
         """
         if self._unsafe:
-            said = {
+            notes = {
                 "schedules": [self.schedules[number] for number in self._unsafe],
                 "failures": FAILURES.dump_python(self._unsafe_failures),
             }
-            self._checkpoints.save_part(self._output, Part(self._frames, self._unsafe, said))
+            self._checkpoints.save_part(self._output, Part(self._frames, self._unsafe, notes))
             self._unsafe, self._unsafe_failures = [], Failures()

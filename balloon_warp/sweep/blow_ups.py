@@ -1,4 +1,7 @@
-"""Worlds of a batch that blow up: a report of the first few, an end to all, or a new start in shorter steps."""
+"""Worlds of a batch that blow up: a report of the first few, an end to all, or a new start in shorter steps.
+
+How a blow-up is found and explained stands in `balloon_warp/blow_ups/`; this is what a batch does about it.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -7,8 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.blow_ups import MOST_HALVINGS
-from balloon_warp.diagnosis import BlowUp
+from balloon_warp.blow_ups import MOST_HALVINGS, BlowUp
 from balloon_warp.errors import BlowUpError
 from balloon_warp.model import lay_out
 from balloon_warp.simulator import Simulator

@@ -14,16 +14,15 @@ from balloon_warp.model import lay_out
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
-from balloon_warp.sweep.checkpoints import BatchCheckpoints
-from balloon_warp.sweep.failures import Failures, report_failures, require_health, restart_failures
+from balloon_warp.sweep.blow_ups import Failures, report_failures, require_health, restart_failures
 from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.parts import Part
 from balloon_warp.sweep.recorder import Recorder
+from balloon_warp.sweep.resume import BatchCheckpoints, Part
 from balloon_warp.sweep.task import BatchTask, Outcome
 
 
-def simulate_here(
+def simulate_locally(
     task: BatchTask, device: str | None, checkpoints: BatchCheckpoints, on_frame: Callable[[int], None]
 ) -> Outcome:
     """Simulate a batch and write its table and its stage.

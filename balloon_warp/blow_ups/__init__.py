@@ -1,0 +1,30 @@
+"""What happens when a simulation leaves the finite numbers, from the first sign of it to the end of the run.
+
+1. It is found on the device: after each frame `schedules/health.py` looks at every particle and sphere, and notes the
+   first one in each world that is where it cannot be.
+2. From that frame nothing is left to learn. So `Simulator` keeps an `Origin`: a state of a while ago, and all that it
+   takes to begin again from there.
+3. `replay` simulates that one world again, its last frames substep by substep, until it goes bad.
+4. `diagnose` looks at that substep: what moved farthest, what pulled it (`pulls`), which step would have been stable.
+   It makes a `BlowUp`, whose text is a sentence.
+5. `Simulator` raises a `BlowUpError` with it. A `policy` says what becomes of the run: it stops, ends at its last good
+   frame, or begins again with half the step. A run does so in `job.py`, a batch in `sweep/blow_ups.py`; the viewer
+   offers its last good state.
+"""
+
+from balloon_warp.blow_ups.diagnosis import diagnose
+from balloon_warp.blow_ups.origin import Origin
+from balloon_warp.blow_ups.policy import MOST_HALVINGS, check_policy, with_half_the_step
+from balloon_warp.blow_ups.pulls import Pull, Pulls
+from balloon_warp.blow_ups.report import BlowUp
+
+__all__ = [
+    "MOST_HALVINGS",
+    "BlowUp",
+    "Origin",
+    "Pull",
+    "Pulls",
+    "check_policy",
+    "diagnose",
+    "with_half_the_step",
+]

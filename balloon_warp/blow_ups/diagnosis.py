@@ -1,0 +1,93 @@
+"""Why a world blew up: where, when, by which spring or contact, and what would have helped."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.blow_ups.pulls import Pulls, name_of_particle
+from balloon_warp.blow_ups.replay import LastSubstep, last_substep
+from balloon_warp.blow_ups.report import BlowUp
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.model import Model, State
+from balloon_warp.model.stability import Network
+from balloon_warp.schedules.choose import Schedule
+from balloon_warp.solvers.choose import PROJECTIVE
+
+
+def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: int, bad: int = HEALTHY) -> BlowUp:
+    """Look again at the frame in which a world blew up.
+
+    Args:
+        model: of this world alone.
+        state: at the frame's start; it is simulated from there.
+        schedule: that it was simulated with.
+        world: its number, which the report names.
+        frame: after which it was found bad.
+        bad: its particle, or sphere, numbered after the particles, that was found bad; or `HEALTHY`.
+    """
+    last = last_substep(model, state, schedule, frame)
+    if last is None:
+        return BlowUp(world, frame, model.substeps, model.step_seconds, _body(model, bad))
+    model = last.model
+    pulls = Pulls(model, last.before, (last.substep - 1) * model.step_seconds)
+    when = (world, frame, model.substeps, model.step_seconds)
+    substep = last.substep if last.frame == frame else None  # the reference's rounding made it last longer
+    if last.first_bad != HEALTHY and last.first_bad >= model.particle_count:
+        sphere = last.first_bad - model.particle_count
+        moved = float(_distances(last, "sphere_positions")[sphere])
+        push = pulls.contact_at(sphere, _push_on(last, sphere))
+        return BlowUp(*when, _body(model, last.first_bad), substep, moved, other=push, is_sphere=True)
+    moved = _distances(last, "points")
+    farthest = np.flatnonzero(moved == moved.max())
+    particle = int(farthest[pulls.strengths[farthest].argmax()])
+    spring = pulls.spring_at(particle)
+    other = max(pulls.others_at(particle), key=lambda pull: pull.newtons)
+    return BlowUp(
+        *when,
+        body=_body(model, particle),
+        substep=substep,
+        moved=float(moved[particle]),
+        spring=spring,
+        other=other if spring is None or other.newtons > spring.newtons else None,
+        touched=tuple(pulls.touched_by(particle)),
+        stable_step=_stable_step(last),
+    )
+
+
+def _body(model: Model, bad: int) -> str | None:
+    if bad == HEALTHY:
+        return None
+    if bad >= model.particle_count:
+        return f"sphere {bad - model.particle_count}"
+    return f"particle {name_of_particle(model, bad)}"
+
+
+def _distances(last: LastSubstep, name: str) -> NDArray[np.float64]:
+    """How far each particle or sphere moved in the substep [m]; infinite where its place or speed is no number."""
+    before, after = (np.array(getattr(state, name).numpy()[0], dtype=np.float64) for state in (last.before, last.after))
+    velocities = getattr(last.after, name.replace("points", "velocities").replace("positions", "velocities")).numpy()[0]
+    moved = np.linalg.norm(after - before, axis=1)
+    return np.where(np.isfinite(moved) & np.isfinite(velocities).all(axis=1), moved, np.inf)
+
+
+def _push_on(last: LastSubstep, sphere: int) -> float:
+    """The force that a sphere's speed in the substep shows [N]."""
+    before, after = (
+        state.sphere_velocities.numpy()[0, sphere].astype(np.float64) for state in (last.before, last.after)
+    )
+    mass = float(last.model.parameters["sphere_mass"].numpy()[0, sphere])
+    return float(np.linalg.norm(after - before)) * mass / last.model.step_seconds
+
+
+def _stable_step(last: LastSubstep) -> float | None:
+    """With the parameters and the velocities of that substep [s]."""
+    model = last.model
+    if model.scene.solver == PROJECTIVE:
+        return None
+    parameters = {name: np.array(array.numpy(), dtype=np.float64) for name, array in model.parameters.items()}
+    balloons = [string.balloon for string in model.scene.string]
+    held = [
+        particle - model.particle_offsets[balloon]
+        for particle, balloon in zip(model.string_particle.numpy().tolist(), balloons, strict=True)
+    ]
+    velocities = np.split(last.before.velocities.numpy()[0].astype(np.float64), model.particle_offsets[1:-1])
+    return Network(model.shapes, held, model.laws).stable_step(model.scene, parameters, velocities)

@@ -1,0 +1,22 @@
+"""Where a simulation can be begun again from."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+from balloon_warp.model import Model, State
+
+
+@dataclass(frozen=True)
+class Origin:
+    """A model, and a state that it is in at the start of a frame; the same simulation follows from it, bit for bit."""
+
+    model: Model
+    """whose turns are those that are still to come"""
+    schedule: str
+    frame: int = 0
+    state: State | None = None
+    """of one world; the scene's start, when missing"""
+
+    def of_world(self, world: int) -> Self:
+        """One world by itself, as it is among the others."""
+        return self if self.model.world_count == 1 else replace(self, model=self.model.of_world(world))

@@ -1,0 +1,77 @@
+"""What is told of a world that blew up."""
+
+from dataclasses import asdict, dataclass
+from math import ceil, isfinite
+from typing import Any
+
+from balloon_warp.blow_ups.pulls import Pull
+from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS
+
+
+@dataclass(frozen=True)
+class BlowUp:
+    """A world's end; as text, a sentence. What is None is not known, or has no part in it."""
+
+    world: int
+    frame: int
+    substeps: int
+    """in a frame"""
+    step: float
+    """[s]"""
+    body: str | None
+    """what went bad, such as "particle 7": by the order of the vertices in its balloon's file"""
+    substep: int | None = None
+    """of the frame, from 1"""
+    moved: float | None = None
+    """in that substep [m]; infinite if it is no longer at a finite place"""
+    spring: Pull | None = None
+    """of the particle's springs the one that pulled hardest just before"""
+    other: Pull | None = None
+    """what pushed or pulled harder than that"""
+    touched: tuple[str, ...] = ()
+    """what the particle lay on"""
+    stable_step: float | None = None
+    """for springs, damping and speeds as they were just before [s]; None for an implicit solver, or a sphere"""
+    is_sphere: bool = False
+    """and no particle"""
+
+    def __str__(self) -> str:
+        when = f"frame {self.frame}, world {self.world}"
+        if self.substep is not None:
+            when += f", substep {self.substep} of {self.substeps}"
+        clauses = [f"the simulation blew up in {when}: {self.body or 'something'} {self._fate}"]
+        clauses += [str(pull) for pull in (self.other, self.spring) if pull]
+        clauses += [f"it lay on {' and '.join(self.touched)}"] if self.touched else []
+        return "; ".join([*clauses, self._advice])
+
+    @property
+    def _fate(self) -> str:
+        if self.moved is not None and isfinite(self.moved):
+            return f"flew off, {self.moved:.2g} m in one step"
+        return "is no longer at a finite place"
+
+    @property
+    def _advice(self) -> str:
+        """The step beside the stable one, and what helps."""
+        if self.is_sphere:
+            return 'a heavier sphere, contact = "impulse", less inflation or more substeps help'
+        if self.stable_step is None:
+            return "more substeps, more damping or softer springs help"
+        if self.stable_step == 0.0:
+            return "with forward Euler and no damping no step is stable; symplectic Euler's are"
+        if self.step > self.stable_step:
+            enough = ceil(self.step * self.substeps / (AUTO_MARGIN * self.stable_step))
+            helps = f"{enough:,} substeps a frame" if enough <= MOST_SUBSTEPS else "less force"
+            return (
+                f"the step of {self.step:.2e} s is longer than the {self.stable_step:.2e} s that were stable then: "
+                f"{helps}, more damping or softer springs help"
+            )
+        return (
+            f"the step of {self.step:.2e} s is stable for its springs, up to {self.stable_step:.2e} s: "
+            "less force helps, or more substeps"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it, and the sentence."""
+        moved = self.moved if self.moved is not None and isfinite(self.moved) else None
+        return {**asdict(self), "moved": moved, "sentence": str(self)}
