@@ -62,6 +62,11 @@ class Traits(NamedTuple):
         return self.needs("spring", "opening") or self.needs("face", "velocity")
 
     @property
+    def keeps_velocities(self) -> bool:
+        """Whether velocities before a substep are needed when some after it are known."""
+        return self.looks_at_velocities or (self.gas and self.forward_euler)
+
+    @property
     def measures_areas(self) -> bool:
         """Whether area vectors are needed."""
         return self.pressures or self.needs("particle", "area_vector")

@@ -10,9 +10,9 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.gather import advance_kernel, pull_kernel
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Counting
+from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.pieces import Pieces, Room
+from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
 
@@ -29,7 +29,7 @@ class GatherSchedule:
         self._tables = make_tables(model, self._traits)
         room = Allocating(model.device)
         self._pieces = Pieces(model, self._traits, self._tables, room)
-        self._other_points, self._other_velocities = _buffers(model, self._traits.looks_at_velocities, room)
+        self._other_points, self._other_velocities = _buffers(model, self._traits.keeps_velocities, room)
         self._health = HealthCheck(model, self._tables)
 
     @staticmethod
@@ -37,7 +37,7 @@ class GatherSchedule:
         """Device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
         Pieces.allot(model, traits, room)
-        _buffers(model, traits.looks_at_velocities, room)
+        _buffers(model, traits.keeps_velocities, room)
         return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:

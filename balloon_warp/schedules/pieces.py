@@ -1,6 +1,6 @@
 """The pieces of a substep as launches, for schedules that launch a kernel for each: see `kernels.substep`."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -25,20 +25,13 @@ from balloon_warp.kernels.schedules.launched import (
 )
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
 from balloon_warp.schedules.tables import world_state
 
 SUM_THREADS = 1024
 """that sum the faces of a balloon on a GPU"""
 SWELL_THREADS = 256
 """that sum how a balloon swells on a GPU; more would have too few registers"""
-
-
-class Room(Protocol):
-    """What gives memory, or counts it."""
-
-    def array(self, shape: tuple[int, ...], dtype: Any) -> Any:
-        """An array of zeros."""
-        ...
 
 
 def refresh_ramp(model: Model, state: State) -> None:
@@ -73,7 +66,7 @@ class AimRefresher:
         """Fill `aims` for `points`, both of shape (world_count, particle_count)."""
         m, t = self.model, self._tables
         measured = [self._centers, self._area_vectors]
-        wp.launch(measure_faces, (m.world_count, m.face_count), [t, points], measured, m.device)
+        wp.launch(measure_faces, (m.world_count, m.face_count), [t, points], measured, device=m.device)
         wp.launch_tiled(
             sum_face_areas,
             dim=(m.world_count, m.balloon_count),
@@ -82,7 +75,7 @@ class AimRefresher:
             block_dim=SUM_THREADS if m.device.is_cuda else 1,
             device=m.device,
         )
-        wp.launch(aim_inflation, points.shape, [t, points, *measured, self._areas], [aims], m.device)
+        wp.launch(aim_inflation, points.shape, [t, points, *measured, self._areas], [aims], device=m.device)
 
 
 class Pieces:

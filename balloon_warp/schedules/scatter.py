@@ -17,9 +17,9 @@ from balloon_warp.kernels.schedules.scatter import (
     string_kernel,
 )
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Counting
+from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.pieces import Pieces, Room
+from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 

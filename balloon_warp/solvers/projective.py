@@ -15,9 +15,9 @@ from balloon_warp.kernels.solvers.projective import (
 )
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Counting
+from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.pieces import Pieces, Room
+from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
 from balloon_warp.solvers.dense_inverse import DenseInverse

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, scaled, set_lane
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.schedules.lanes_contact import correct_function, leave_function, roll_function
@@ -35,7 +35,7 @@ def own_function(traits: Traits, layout: Layout) -> Any:
         own.kind = t.all.inflation_kind[balloon]
         own.share = t.shares[item]
         own.n = lanes.numbers[group, balloon]
-        own.mass = own.share * own.n[wp.static(traits.columns.places["mass"])]
+        own.mass = times(own.share, own.n[wp.static(traits.columns.places["mass"])])
         return own
 
     return own_of
@@ -77,7 +77,7 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             force, area_vector = net_force(
                 t, points, lanes.shown_velocities[group], own, item, point, velocity, time
             )
-            masses = own.share * lanes.masses[group, balloon]
+            masses = times(own.share, lanes.masses[group, balloon])
             free = kick(velocity, force, masses, t.step_seconds)
             lanes.free_velocities[group, item] = free
             lanes.area_vectors[group, item] = area_vector
@@ -116,7 +116,7 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             if wp.static(traits.gas):
                 velocity = lanes.free_velocities[group, item]
                 area_vector = lanes.area_vectors[group, item]
-                masses = own.share * lanes.masses[group, balloon]
+                masses = times(own.share, lanes.masses[group, balloon])
             else:
                 pull, area = net_force(
                     t, points, lanes.shown_velocities[group], own, item, point, old_velocity, time

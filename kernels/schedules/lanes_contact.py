@@ -14,6 +14,7 @@ from balloon_warp.kernels.algebra import (
     reach_along,
     set_lane,
     squared_length,
+    times,
 )
 from balloon_warp.kernels.laws.contact import move_sphere
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
@@ -217,9 +218,9 @@ def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                 own.balloon = balloon
                 own.share = t.shares[item]
                 own.n = lanes.numbers[group, balloon]
-                masses = own.share * own.n[mass_column]
+                masses = times(own.share, own.n[mass_column])
                 if wp.static(traits.gas):
-                    masses = own.share * lanes.masses[group, balloon]
+                    masses = times(own.share, lanes.masses[group, balloon])
                 out, after = leave(
                     t, state, lanes, own, masses, of_item(points, item), lanes.velocities[group, item],
                     lanes.inflations[group, item],
