@@ -15,7 +15,7 @@ from balloon_warp.kernels.schedules.lanes_loops import lane_loops
 from balloon_warp.kernels.schedules.lanes_refresh import refresh_function
 from balloon_warp.kernels.schedules.lanes_state import read_function, write_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
-from balloon_warp.kernels.schedules.layouts import Layout, of_item, put_item
+from balloon_warp.kernels.schedules.layouts import Layout, of_item, one_of_item, put_item
 from balloon_warp.kernels.substep import drift_of, inflation_of, kick
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
@@ -67,7 +67,7 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
         time_in_frame: float,
     ):
         """Every item of a balloon as far as its free velocity; then the balloon's load."""
-        origin = of_item(points, t.item_offsets[balloon])
+        origin = one_of_item(points, t.item_offsets[balloon])
         swellings = Swellings()
         kind = t.all.inflation_kind[balloon]
         for item in range(t.item_offsets[balloon], t.item_offsets[balloon + 1]):

@@ -59,6 +59,12 @@ def put_item(vectors: wp.array[Lanes3], item: wp.int32, value: Lanes3):
     vectors[item] = value
 
 
+@wp.func
+def one_of_item(vectors: wp.array[Lanes3], item: wp.int32):
+    """One vector of each world."""
+    return vectors[item]
+
+
 # ---- what others read: of eight particles
 
 
@@ -100,6 +106,15 @@ def put_item(vectors: wp.array[wp.vec4], item: wp.int32, value: Lanes3):  # noqa
     """Into an octet."""
     for lane in range(LANE_COUNT):
         vectors[LANE_COUNT * item + lane] = wp.vec4(value[0, lane], value[1, lane], value[2, lane], 0.0)
+
+
+@wp.func
+def one_of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an overload
+    """One vector of the world, in every lane."""
+    numbers = LaneNumbers()
+    for lane in range(LANE_COUNT):
+        numbers[lane] = LANE_COUNT * item
+    return near(vectors, numbers)
 
 
 # ---- one lane at a time, as laws see it that go through faces or hinges
