@@ -1,4 +1,4 @@
-"""Balloons: their mesh, what their skin is like, and what fills them."""
+"""Balloons: their meshes, their springs and what fills them."""
 
 import itertools
 from pathlib import Path
