@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import ceil
 
 from balloon_warp.model.plan import plan_model
-from balloon_warp.model.stability import limiting_particle, stable_step
+from balloon_warp.model.stability import Network
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
@@ -37,9 +37,9 @@ def advise_step(scene: Scene) -> StepAdvice:
         InputError: the scene's meshes or particles are wrong, or no step would do.
     """
     plan = plan_model(override_scene(scene, [("substeps", "auto")]))
-    network = (plan.scene, plan.shapes, plan.held, plan.parameters)
-    step = stable_step(*network)
-    balloon, particle = limiting_particle(*network)
+    network = Network(plan.shapes, plan.held, plan.laws)
+    step = network.stable_step(plan.scene, plan.parameters)
+    balloon, particle = network.limiting_particle(plan.scene, plan.parameters)
     shape = plan.shapes[balloon]
     x, y, z = shape.mesh.points[particle].tolist()
     return StepAdvice(

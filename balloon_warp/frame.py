@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.readout import ForceReader
 
@@ -55,7 +56,7 @@ class FrameReader:
 
     def read(self, state: State, number: int, world: int, net_forces: bool) -> Frame:
         """One world of a state at the frame of that number, with the net forces if they are wanted."""
-        model = self.model
+        anchors = self.model.parameters["string_anchor"]
         self._forces.refresh_inflation(state)
         inflation_forces = self._of_balloons(self._forces.inflation_forces(state), world)
         return Frame(
@@ -68,9 +69,9 @@ class FrameReader:
             gas_amounts=state.gas_amounts.numpy()[world].copy(),
             sphere_positions=_copy(state.sphere_positions, world),
             sphere_velocities=_copy(state.sphere_velocities, world),
-            string_anchors=_copy(model.string_anchor, world % model.string_anchor.shape[0]),
-            ground_height=_number(model.ground_height, world),
-            water_level=_number(model.water_level, world),
+            string_anchors=_copy(anchors, world % anchors.shape[0]),
+            ground_height=_height(self.model.parameters["ground_height"], world),
+            water_level=_height(self.model.parameters["water_level"], world),
         )
 
     def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
@@ -84,6 +85,7 @@ def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
     return np.array(row, dtype=np.float32)
 
 
-def _number(parameter: wp.array, world: int) -> float:
-    """One world's value of a parameter of shape (W,)."""
-    return float(parameter.numpy()[world % parameter.shape[0]])
+def _height(parameter: wp.array, world: int) -> float:
+    """One world's height of a surface [m], of a parameter of shape (W,); minus infinity where there is none."""
+    height = float(parameter.numpy()[world % parameter.shape[0]])
+    return height if height > -FAR else -np.inf

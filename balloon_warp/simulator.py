@@ -14,16 +14,17 @@ from balloon_warp.blow_ups import BlowUp, Origin, diagnose
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame, FrameReader
-from balloon_warp.kernels.health import HEALTHY
-from balloon_warp.kernels.timeline import hold_spheres
-from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state, overwrite
-from balloon_warp.model.memory import require_memory, world_bytes
-from balloon_warp.model.parameters import METHODS, Parameters
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.schedules.timeline import hold_spheres
+from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state, overwrite, world_bytes
+from balloon_warp.model.memory import require_memory
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 from balloon_warp.solids import MassProperties, mass_properties
-from balloon_warp.solvers.choose import PROJECTIVE, solver_named
-from balloon_warp.solvers.step_matrices import FACTORIZED
+from balloon_warp.solvers.choose import solver_named
 
 KEPT_FRAMES = 512
 """between two states of a single world that are kept, so that a blow-up can be followed from one: a copy costs less
@@ -41,10 +42,11 @@ class Simulator:
             {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
         schedule: how the work is laid out: "scatter", "gather", "block", "lanes", "octets", or "auto" for the
             fastest.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
-        InputError: the scene's meshes, particles or step are wrong, a varied value is, the worlds do not fit into the
-            device's memory, or there is no such device or schedule.
+        InputError: the scene's meshes, particles or step are wrong, a varied value or a law is, the worlds do not fit
+            into the device's memory, or there is no such device or schedule.
     """
 
     def __init__(
@@ -54,8 +56,9 @@ class Simulator:
         world_count: int = 1,
         vary: Vary | None = None,
         schedule: str = "auto",
+        laws: Sequence[Law] = (),
     ):
-        self._begin(build_model(scene, pick_device(device), world_count, vary), schedule)
+        self._begin(build_model(scene, pick_device(device), world_count, vary, laws), schedule)
 
     @classmethod
     def of_model(cls, model: Model, schedule: str = "auto") -> Self:
@@ -73,8 +76,7 @@ class Simulator:
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
         self._turns, self._asked_schedule = deque(model.turns), schedule
         self._start, self._kept = Origin(model, kind.name), None
-        changing = {name for turn in model.turns for name in turn.values}  # of a model that others may use, too
-        self.model = replace(model, **{name: wp.clone(getattr(model, name)) for name in changing})
+        self.model = model.with_own_parameters() if model.turns else model
         self.state = initial_state(model)
         self.schedule = kind(self.model)
         self._first_frames = _first_frames(model)
@@ -150,13 +152,13 @@ class Simulator:
         """Write parameters where the kernels read them; they hold from the next frame on.
 
         Args:
-            parameters: arrays by their names in `Model`, of the shapes there.
+            parameters: arrays by their names in `Model.parameters`, of the shapes there; a row for all worlds, too.
         """
         self._kept = None  # what comes now does not follow from it
         for name, values in parameters.items():
-            array = getattr(self.model, name)
-            array.assign(np.asarray(values, dtype=np.float32).reshape(array.numpy().shape))
-        if self.schedule.name == PROJECTIVE and not FACTORIZED.isdisjoint(parameters):
+            array = self.model.parameters[name]
+            array.assign(np.broadcast_to(np.asarray(values, dtype=np.float32), array.numpy().shape))
+        if not self.schedule.depends_on.isdisjoint(parameters):
             self._make_schedule()
 
     def go_on_in(self, model: Model, spheres: Sequence[int | None] | None = None) -> None:
@@ -244,7 +246,7 @@ class Simulator:
     def _take_turn(self, turn: Turn) -> None:
         """Change what the scene says changes at this frame."""
         for name in turn.values:
-            rows = getattr(self.model, name).numpy().copy()
+            rows = self.model.parameters[name].numpy().copy()
             turn.apply(name, rows)
             self.set_parameters({name: rows})
         methods = {name: getattr(turn.scene, name) for name in METHODS}
@@ -267,11 +269,12 @@ class Simulator:
     def _advance_frame(self) -> None:
         self.schedule.advance_frame(self.state)
         if self._first_frames is not None:
+            starts = [self.model.parameters[f"initial_sphere_{name}"] for name in ("positions", "velocities")]
             wp.launch(
                 hold_spheres,
                 self.state.sphere_positions.shape,
                 inputs=[
-                    *(self._first_frames, self.model.initial_sphere_positions, self.model.initial_sphere_velocities),
+                    *(self._first_frames, *starts),
                     *(self.state.frame, self.state.sphere_positions, self.state.sphere_velocities),
                 ],
                 device=self.model.device,

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.solids import SolidSums, measure_solids, sum_solids
+from balloon_warp.kernels.measure.solids import SolidSums, measure_solids, sum_solids
 from balloon_warp.model import Model
 
 LANES = 32

@@ -9,7 +9,7 @@ from meshes import cube
 
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.errors import BlowUpError
-from balloon_warp.kernels.health import HEALTHY
+from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.schedules.health import MOST_SPAN

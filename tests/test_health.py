@@ -6,7 +6,7 @@ import warp as wp
 from meshes import cube
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.health import HEALTHY
+from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.schedules.health import FARTHEST, MOST_SPAN, HealthCheck

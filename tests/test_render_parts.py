@@ -6,9 +6,9 @@ import pytest
 import warp as wp
 from render_stages import quad_sphere
 
-from balloon_warp.kernels.raycast_film import srgb_byte, tone
-from balloon_warp.kernels.raycast_shapes import Hit, Shapes, capsule_distance
-from balloon_warp.kernels.raycast_surface import sky_share
+from balloon_warp.kernels.pictures.film import srgb_byte, tone
+from balloon_warp.kernels.pictures.shapes import Hit, Shapes, capsule_distance
+from balloon_warp.kernels.pictures.surface import sky_share
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.camera import MARGIN, CameraFit
 from balloon_warp.outputs.render.sampling import TILE, disc_points

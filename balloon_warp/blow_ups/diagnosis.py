@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 from balloon_warp.blow_ups.pulls import Pulls, name_of_particle
 from balloon_warp.blow_ups.replay import LastSubstep, last_substep
 from balloon_warp.blow_ups.report import BlowUp
-from balloon_warp.kernels.health import HEALTHY
+from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, State
-from balloon_warp.model.parameters import scene_parameters
-from balloon_warp.model.stability import stable_step
+from balloon_warp.model.stability import Network
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.solvers.choose import PROJECTIVE
 
@@ -75,22 +74,20 @@ def _push_on(last: LastSubstep, sphere: int) -> float:
     before, after = (
         state.sphere_velocities.numpy()[0, sphere].astype(np.float64) for state in (last.before, last.after)
     )
-    mass = float(last.model.sphere_mass.numpy()[0, sphere])
+    mass = float(last.model.parameters["sphere_mass"].numpy()[0, sphere])
     return float(np.linalg.norm(after - before)) * mass / last.model.step_seconds
 
 
 def _stable_step(last: LastSubstep) -> float | None:
-    """With the parameters and the speed through the air of that substep [s]."""
+    """With the parameters and the velocities of that substep [s]."""
     model = last.model
     if model.scene.solver == PROJECTIVE:
         return None
-    names = scene_parameters(model.scene).keys() - {"initial_balloon_positions"}
-    parameters = {name: np.array(getattr(model, name).numpy(), dtype=np.float64) for name in names}
+    parameters = {name: np.array(array.numpy(), dtype=np.float64) for name, array in model.parameters.items()}
     balloons = [string.balloon for string in model.scene.string]
     held = [
         particle - model.particle_offsets[balloon]
         for particle, balloon in zip(model.string_particle.numpy().tolist(), balloons, strict=True)
     ]
-    through_air = last.before.velocities.numpy()[0].astype(np.float64) - parameters["wind"][0]
-    air_speed = float(np.linalg.norm(through_air, axis=1).max())
-    return stable_step(model.scene, model.shapes, held, parameters, air_speed)
+    velocities = np.split(last.before.velocities.numpy()[0].astype(np.float64), model.particle_offsets[1:-1])
+    return Network(model.shapes, held, model.laws).stable_step(model.scene, parameters, velocities)

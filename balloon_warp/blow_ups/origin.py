@@ -3,10 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Self
 
-import warp as wp
-
 from balloon_warp.model import Model, State
-from balloon_warp.model.parameters import scene_parameters
 
 
 @dataclass(frozen=True)
@@ -22,15 +19,4 @@ class Origin:
 
     def of_world(self, world: int) -> Self:
         """One world by itself, as it is among the others."""
-        return self if self.model.world_count == 1 else replace(self, model=_one_world(self.model, world))
-
-
-def _one_world(model: Model, world: int) -> Model:
-    """A batch of a single world, with the parameters that one has."""
-    names = scene_parameters(model.scene).keys() - {"initial_balloon_positions"} | {"initial_shifts", "initial_loads"}
-    rows = {
-        name: wp.clone(array[world : world + 1])
-        for name in names
-        if (array := getattr(model, name)).size and array.shape[0] > 1
-    }
-    return replace(model, world_count=1, **rows)
+        return self if self.model.world_count == 1 else replace(self, model=self.model.of_world(world))

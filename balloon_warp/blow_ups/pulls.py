@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model import Model, State
-from balloon_warp.model.parameters import KINDS
 from balloon_warp.schedules.readout import ForceReader
 
 TOUCH = 1.001
@@ -46,7 +46,8 @@ class Pulls:
         pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
         kinds = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
         balloons = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
-        constants = _row(model.stiffness)[balloons[pairs[:, 0]], kinds] * model.spring_stiffness_scale.numpy()
+        of_balloons = np.stack([_row(model.parameters[kind.name]) for kind in KINDS], axis=1)
+        constants = of_balloons[balloons[pairs[:, 0]], kinds] * model.spring_stiffness_scale.numpy()
         rest = np.asarray(model.spring_rest_length.numpy(), dtype=np.float64)
         lengths = np.linalg.norm(self._points[pairs[:, 1]] - self._points[pairs[:, 0]], axis=1)
         self._pairs, self._kinds = pairs, kinds
@@ -75,17 +76,17 @@ class Pulls:
         spring = springs[np.abs(self._tensions[springs]).argmax()]
         other = int(self._pairs[spring].sum()) - particle
         return Pull(
-            f"the {KINDS[self._kinds[spring]]} spring to particle {self._of_balloon(other)}",
+            f"the {KINDS[self._kinds[spring]].name} spring to particle {self._of_balloon(other)}",
             float(abs(self._tensions[spring])),
             float(self._stretches[spring]),
         )
 
     def others_at(self, particle: int) -> list[Pull]:
         """The inflation and taut strings."""
-        model, pulls = self.model, [Pull("inflation", float(self._inflation[particle]))]
-        for number in np.flatnonzero(model.string_particle.numpy() == particle).tolist():
-            distance = float(np.linalg.norm(_row(model.string_anchor)[number] - self._points[particle]))
-            length, stiffness = _row(model.string_length)[number], _row(model.string_stiffness)[number]
+        parameters, pulls = self.model.parameters, [Pull("inflation", float(self._inflation[particle]))]
+        for number in np.flatnonzero(self.model.string_particle.numpy() == particle).tolist():
+            distance = float(np.linalg.norm(_row(parameters["string_anchor"])[number] - self._points[particle]))
+            length, stiffness = (_row(parameters[f"string_{name}"])[number] for name in ("length", "stiffness"))
             if distance > length:
                 pulls.append(Pull(f"string {number}", float(stiffness * (distance - length)), distance / length))
         return pulls
@@ -94,8 +95,8 @@ class Pulls:
         """The spheres that it lies on, and the ground, in words."""
         model, point = self.model, self._points[particle]
         distances = np.linalg.norm(self._spheres - point, axis=1)
-        spheres = np.flatnonzero(distances < TOUCH * _row(model.sphere_radius)).tolist()
-        on_ground = point @ np.array(model.scene.up) <= model.ground_height.numpy()[0]
+        spheres = np.flatnonzero(distances < TOUCH * _row(model.parameters["sphere_radius"])).tolist()
+        on_ground = point @ np.array(model.scene.up) <= model.parameters["ground_height"].numpy()[0]
         return [f"sphere {sphere}" for sphere in spheres] + ["the ground"] * bool(on_ground)
 
     def contact_at(self, sphere: int, newtons: float) -> Pull | None:
@@ -106,7 +107,7 @@ class Pulls:
             newtons: with which all of them push it.
         """
         distances = np.linalg.norm(self._points - self._spheres[sphere], axis=1)
-        touching = np.flatnonzero(distances < TOUCH * _row(self.model.sphere_radius)[sphere])
+        touching = np.flatnonzero(distances < TOUCH * _row(self.model.parameters["sphere_radius"])[sphere])
         if not len(touching):
             return None
         if self.model.scene.contact == "impulse":

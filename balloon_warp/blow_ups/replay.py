@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from balloon_warp.kernels.health import HEALTHY
+from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.health import HealthCheck

@@ -7,7 +7,7 @@ import trimesh
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.signed_distance import signed_distances, unsigned_distances
+from balloon_warp.kernels.measure.signed_distance import signed_distances, unsigned_distances
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import first_coincident
 

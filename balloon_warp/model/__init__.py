@@ -2,10 +2,10 @@
 
 from balloon_warp.model.build import build_model, lay_out
 from balloon_warp.model.model import Model
-from balloon_warp.model.parameters import Vary
 from balloon_warp.model.plan import ModelPlan, plan_model
-from balloon_warp.model.state import State, copy_of, initial_state, overwrite
+from balloon_warp.model.state import State, copy_of, initial_state, overwrite, world_bytes
 from balloon_warp.model.timeline import Turn
+from balloon_warp.model.vary import Vary
 
 __all__ = [
     "Model",
@@ -19,4 +19,5 @@ __all__ = [
     "lay_out",
     "overwrite",
     "plan_model",
+    "world_bytes",
 ]

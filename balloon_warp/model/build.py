@@ -7,24 +7,38 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.model.air import KINDS, is_in_air
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.model.model import Model
-from balloon_warp.model.parameters import Vary
+from balloon_warp.model.packing import pack_balloons, pack_worlds, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
+from balloon_warp.model.vary import Vary
 from balloon_warp.scene import Scene
 
-VECTORS = ("initial_sphere_positions", "initial_sphere_velocities", "string_anchor", "wind")
-"""the parameters with three numbers to an item"""
+KINDS = ("normal_force", "pressure", "gas")
+"""of inflation, as the kernels number them"""
+DTYPES: dict[str, Any] = {
+    **dict.fromkeys(("initial_sphere_positions", "initial_sphere_velocities", "string_anchor"), wp.vec3),
+    "initial_shifts": wp.vec3d,
+    "initial_loads": wp.vec2,
+    "initial_gas_amounts": wp.float64,
+}
+"""of the parameters that no law has; float32 of others"""
 
 
-def build_model(scene: Scene, device: wp.DeviceLike = None, world_count: int = 1, vary: Vary | None = None) -> Model:
+def build_model(
+    scene: Scene,
+    device: wp.DeviceLike = None,
+    world_count: int = 1,
+    vary: Vary | None = None,
+    laws: Sequence[Law] = (),
+) -> Model:
     """Read the scene's meshes, string them, and lay everything out on the device.
 
     Raises:
-        InputError: a mesh cannot be read or strung, a particle is not in its balloon, a varied value is wrong, the step
-            is not stable.
+        InputError: as `plan_model`.
     """
-    return lay_out(plan_model(scene, world_count, vary), device)
+    return lay_out(plan_model(scene, world_count, vary, laws=laws), device)
 
 
 def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
@@ -39,19 +53,19 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
     def joined(parts: Sequence[ArrayLike], dtype: Any) -> Any:
         return array(np.concatenate([np.asarray(part) for part in parts]), dtype)
 
-    def of_worlds(name: str) -> Any:
-        values = plan.parameters[name]
-        if name in VECTORS:
-            return array(values.reshape(-1, 3), wp.vec3).reshape(values.shape[:-1])
-        if name == "initial_loads":
-            return array(values, wp.vec2)
-        return array(values, wp.float64 if name == "initial_gas_amounts" else float)
-
     face_sizes = np.concatenate([shape.mesh.face_vertex_counts for shape in shapes])
     face_particles = np.concatenate(
         [shape.mesh.face_vertex_indices + offset for shape, offset in zip(shapes, offsets, strict=False)]
     )
     incidence_offsets, incident_faces = _faces_around_particles(face_sizes, face_particles, int(offsets[-1]))
+    columns = columns_of(plan.laws)
+    balloon_numbers = array(pack_balloons(columns, plan.parameters), wp.float32)
+    world_numbers = array(pack_worlds(columns, plan.parameters), wp.float32)
+    others = {
+        name: _items(values, DTYPES.get(name, wp.float32), device)
+        for name, values in plan.parameters.items()
+        if name not in columns.places
+    }
     return Model(
         scene=scene,
         shapes=shapes,
@@ -60,10 +74,10 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
         world_count=plan.world_count,
         substeps=plan.substeps,
         turns=plan.turns,
+        laws=plan.laws,
         frame_seconds=1.0 / scene.frames_per_second,
         up=wp.vec3(*scene.up),
         initial_points=array(np.concatenate([shape.mesh.points for shape in shapes]), wp.vec3d),
-        initial_shifts=array(plan.position_shifts.reshape(-1, 3), wp.vec3d).reshape((-1, len(shapes))),
         particle_balloon=array(np.repeat(np.arange(len(shapes)), np.diff(offsets)), wp.int32),
         particle_mass_share=joined([shape.mass_share for shape in shapes], float),
         particle_face_offsets=array(incidence_offsets, wp.int32),
@@ -79,14 +93,24 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
         spring_stiffness_scale=joined([shape.stiffness_scale for shape in shapes], float),
         keyframe_times=array(_keyframe_times(scene), float),
         inflation_kind=array([KINDS.index(balloon.inflation.kind) for balloon in scene.balloon], wp.int32),
-        in_air=is_in_air(scene, plan.parameters, plan.turns),
         tube_balloons=array(np.array([tube.balloons for tube in scene.tube]).reshape(-1, 2), wp.vec2i),
         string_particle=array(
             [particle + offsets[string.balloon] for string, particle in zip(scene.string, plan.held, strict=True)],
             wp.int32,
         ),
-        **{name: of_worlds(name) for name in plan.parameters if name != "initial_balloon_positions"},
+        columns=columns,
+        balloon_numbers=balloon_numbers,
+        world_numbers=world_numbers,
+        parameters={**views_of(columns, balloon_numbers, world_numbers), **others},
     )
+
+
+def _items(values: NDArray[np.float64], dtype: Any, device: wp.Device) -> wp.array:
+    """An array of numbers, or of vectors of the last dimension."""
+    if dtype in (wp.float32, wp.float64):
+        return wp.array(values, dtype=dtype, device=device)
+    flat = values.reshape(-1, values.shape[-1])  # Warp does not tell an empty array's last dimension
+    return wp.array(flat, dtype=dtype, device=device).reshape(values.shape[:-1])
 
 
 def _keyframe_times(scene: Scene) -> NDArray[np.float64]:

@@ -1,24 +1,45 @@
-"""What a batch will take, and whether it fits, before anything is allocated."""
+"""Memory: where arrays come from, what they will take, and whether it fits, before anything is allocated."""
 
+import math
 import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.model.model import Model
 
-VECTOR_BYTES = 12
 USABLE = 0.9
 """the part of the free memory that a batch may take; kernels, graphs and the allocator want some, too"""
 
 
-def world_bytes(model: Model) -> int:
-    """Device memory of one world's state."""
-    vectors = 3 * model.particle_count + 3 * model.sphere_count
-    return VECTOR_BYTES * vectors + 28 * model.balloon_count + 4
+class Room(Protocol):
+    """Where arrays are taken of. What takes memory takes all of it of a room, so that it can be counted before."""
+
+    def array(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """An array of zeros."""
+
+
+class Allocating:
+    """The memory of a device."""
+
+    def __init__(self, device: wp.Device):
+        self.device = device
+
+    def array(self, shape: int | tuple[int, ...], dtype: Any) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=self.device)
+
+
+class Counting:
+    """No memory: what is taken is counted, and not there."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def array(self, shape: int | tuple[int, ...], dtype: Any) -> None:
+        self.bytes += wp.types.type_size_in_bytes(dtype) * math.prod(shape if isinstance(shape, tuple) else (shape,))
 
 
 def free_memory(device: wp.Device) -> int:

@@ -2,10 +2,15 @@
 
 Fixed during a simulation, but for what a scene's timeline writes into the parameters between frames."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Self
 
 import warp as wp
 
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.model.packing import views_of
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import Turn
 from balloon_warp.scene import Scene
@@ -29,14 +34,14 @@ class Model:
     substeps: int
     turns: list[Turn]
     """what changes during the simulation, in order"""
+    laws: tuple[Law, ...]
+    """the built-in ones and the user's own"""
     frame_seconds: float
     up: wp.vec3
 
     # particles
     initial_points: wp.array
     """where the scene puts them [m], shape (particle_count,), vec3d"""
-    initial_shifts: wp.array
-    """of each balloon from there [m], shape (W, balloon_count), vec3d"""
     particle_balloon: wp.array
     """the balloon of each particle, shape (particle_count,), int32"""
     particle_mass_share: wp.array
@@ -64,97 +69,56 @@ class Model:
     spring_stiffness_scale: wp.array
     """a spring's constant over that of its kind, shape (spring_count,), float32"""
 
-    correction_limit: wp.array
-    """strain beyond which a spring is shortened after a step, shape (W,), float32"""
-
     # balloons
-    stiffness: wp.array
-    """spring constants by kind [N/m], shape (W, balloon_count, 3), float32"""
-    torsion: wp.array
-    """[N m/rad], shape (W, balloon_count), float32"""
-    viscosity: wp.array
-    """damping constants of springs over their spring constants [s], shape (W, balloon_count), float32"""
-    yield_stretch: wp.array
-    """length of a spring over its rest length from which on it does not pull, shape (W, balloon_count), float32"""
-    mass: wp.array
-    """[kg], shape (W, balloon_count), float32"""
-    helium: wp.array
-    """lift by mass [N/kg], shape (W, balloon_count), float32"""
-    damping: wp.array
-    """[N s/m], shape (W, balloon_count), float32"""
-    keyframe_times: wp.array
-    """[s], shape (balloon_count, keyframe_count); a shorter list repeats its last, float32"""
-    keyframe_values: wp.array
-    """k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, float32,
-    shape (W, balloon_count, keyframe_count)"""
     inflation_kind: wp.array
     """normal force 0, pressure 1, gas 2, shape (balloon_count,), int32"""
-    initial_gas_amounts: wp.array
-    """[mol], shape (W, balloon_count), float64"""
-    initial_loads: wp.array
-    """pressure at height 0 [Pa], and its rise with height [Pa/m], shape (W, balloon_count), vec2"""
-    initial_pressures: wp.array
-    """given, or of a gas, above the air's [Pa], shape (W, balloon_count), float32"""
-    gamma: wp.array
-    """p V^gamma of a gas stays as it is, shape (W, balloon_count), float32"""
-    molar_mass: wp.array
-    """of a gas [kg/mol], shape (W, balloon_count), float32"""
-    drag_coefficient: wp.array
-    """C_d in air, shape (W, balloon_count), float32"""
+    keyframe_times: wp.array
+    """[s], shape (balloon_count, keyframe_count); a shorter list repeats its last, float32"""
 
-    # spheres
-    initial_sphere_positions: wp.array
-    """[m], shape (W, sphere_count), vec3"""
-    initial_sphere_velocities: wp.array
-    """[m/s], shape (W, sphere_count), vec3"""
-    sphere_mass: wp.array
-    """[kg], shape (W, sphere_count), float32"""
-    sphere_radius: wp.array
-    """[m], shape (W, sphere_count), float32"""
-    sphere_penalty: wp.array
-    """shape (W, sphere_count), float32"""
-
-    # strings
+    # strings and tubes
     string_particle: wp.array
     """the particle each holds, shape (string_count,), int32"""
-    string_anchor: wp.array
-    """[m], shape (W, string_count), vec3"""
-    string_length: wp.array
-    """[m], shape (W, string_count), float32"""
-    string_stiffness: wp.array
-    """[N/m], shape (W, string_count), float32"""
-
-    # tubes
     tube_balloons: wp.array
     """its two balloons, shape (tube_count,), vec2i"""
-    tube_conductance: wp.array
-    """[mol/(s Pa)], shape (W, tube_count), float32"""
 
-    # surroundings
-    in_air: bool
-    """whether there is pressure, gas or drag; a substep then sums the other forces before it finds the pressures"""
-    air_pressure: wp.array
-    """[Pa], shape (W,), float32"""
-    air_temperature: wp.array
-    """[K], shape (W,), float32"""
-    air_density: wp.array
-    """[kg/m^3], below 0 for that of dry air as an ideal gas, shape (W,), float32"""
-    wind: wp.array
-    """[m/s], shape (W,), vec3"""
-    gravity: wp.array
-    """[m/s^2], shape (W,), float32"""
-    ground_height: wp.array
-    """[m], minus infinity where there is no ground, shape (W,), float32"""
-    ground_friction: wp.array
-    """Coulomb's coefficient for balloons, shape (W,), float32"""
-    ground_restitution: wp.array
-    """rebound speed over impact speed of spheres, shape (W,), float32"""
-    water_level: wp.array
-    """[m], minus infinity where there is no liquid, shape (W,), float32"""
-    water_density: wp.array
-    """[kg/m^3], shape (W,), float32"""
-    water_drag: wp.array
-    """coefficient of the quadratic drag, shape (W,), float32"""
+    # parameters
+    columns: Columns
+    """where the laws' parameters stand in the next two"""
+    balloon_numbers: wp.array
+    """shape (W, balloon_count, columns.balloon_width), float32"""
+    world_numbers: wp.array
+    """shape (W, columns.world_width), float32"""
+    parameters: dict[str, wp.array]
+    """all by name, in the units of their rows. The laws' are views into the two above. The others are float32, but for
+    places and velocities, which are vec3:
+
+    - of balloons, shape (W, balloon_count): `initial_shifts`, how far it starts from `initial_points` [m], vec3d;
+      `initial_gas_amounts` [mol], float64; `initial_pressures`, given, or of a gas, above the air's [Pa];
+      `initial_loads`, the pressure at height 0 [Pa], and its rise with height [Pa/m], vec2; and `keyframe_values`:
+      k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, shape (W, balloon_count, keyframe_count)
+    - of spheres, strings and tubes: see `model.rows`, shape (W, count of them)
+    """
+
+    def with_own_parameters(self) -> Self:
+        """The same with parameters that may be written, though others use this model."""
+        return self._with_parameters(wp.clone)
+
+    def of_world(self, world: int) -> Self:
+        """A batch of a single world, with the parameters that one has."""
+
+        def row(array: wp.array) -> wp.array:
+            return wp.clone(array[world : world + 1]) if array.size and array.shape[0] > 1 else array
+
+        return replace(self._with_parameters(row), world_count=1)
+
+    def _with_parameters(self, made_of: Callable[[wp.array], wp.array]) -> Self:
+        """With other arrays, each made of one that there is."""
+        balloon_numbers, world_numbers = made_of(self.balloon_numbers), made_of(self.world_numbers)
+        views = views_of(self.columns, balloon_numbers, world_numbers)
+        others = {name: made_of(array) for name, array in self.parameters.items() if name not in views}
+        return replace(
+            self, balloon_numbers=balloon_numbers, world_numbers=world_numbers, parameters={**views, **others}
+        )
 
     @property
     def step_seconds(self) -> float:
@@ -182,7 +146,7 @@ class Model:
 
     @property
     def sphere_count(self) -> int:
-        return self.sphere_mass.shape[1]
+        return self.parameters["sphere_mass"].shape[1]
 
     @property
     def string_count(self) -> int:

@@ -1,6 +1,10 @@
-"""What a model will be, on the host: nothing of it is on a device yet."""
+"""What a model will be, on the host: nothing of it is on a device yet.
 
-from collections.abc import Callable, Sequence
+A scene's way: its meshes become shapes; its numbers become parameters, by the rows of its laws; what varies gets a
+value for each world; what the scene leaves open is settled; then the step is chosen that all of that asks for.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -8,13 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.laws import require_laws
 from balloon_warp.mesh.size import require_reach
-from balloon_warp.model.air import require_sealed, settle_gas
-from balloon_warp.model.parameters import Parameters, Vary, vary_parameters
+from balloon_warp.model.gas import require_sealed, settle_gas
+from balloon_warp.model.law_tables import require_law_tables
+from balloon_warp.model.parameters import Parameters, parameters_at
+from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
-from balloon_warp.model.stability import choose_substeps, stable_step
-from balloon_warp.model.timeline import Turn, parameters_at, turns
-from balloon_warp.scene import Scene, String
+from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
+from balloon_warp.model.strings import held_particle, string_lengths
+from balloon_warp.model.timeline import Turn, turns
+from balloon_warp.model.vary import Vary, vary_parameters
+from balloon_warp.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -26,11 +36,17 @@ class ModelPlan:
     shapes: list[BalloonShape]
     held: list[int]
     """the particle that each string holds, numbered within its balloon"""
+    own_laws: tuple[Law, ...]
+    """that act beside the built-in ones"""
     parameters: Parameters
     substeps: int
     """at the start: as many as the stiffest world asks"""
     turns: list[Turn]
     """what changes during the simulation"""
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        return (*LAWS, *self.own_laws)
 
     def of_world(self, name: str, world: int) -> Any:
         """A parameter of one world, as a number or lists of numbers."""
@@ -53,11 +69,6 @@ class ModelPlan:
         return replace(self, scene=finer(self.scene), substeps=times * self.substeps, turns=turns)
 
     @property
-    def position_shifts(self) -> NDArray[np.float64]:
-        """how far each balloon starts from where the scene puts it [m], shape (W, balloon_count, 3)"""
-        return position_shifts(self.scene, self.parameters)
-
-    @property
     def warnings(self) -> list[str]:
         """what is odd about the meshes, and what became of it"""
         return [warning for shape in self.shapes for warning in shape.warnings]
@@ -74,97 +85,83 @@ class ModelPlan:
 
 
 def plan_model(
-    scene: Scene, world_count: int = 1, vary: Vary | None = None, shapes: list[BalloonShape] | None = None
+    scene: Scene,
+    world_count: int = 1,
+    vary: Vary | None = None,
+    shapes: list[BalloonShape] | None = None,
+    laws: Sequence[Law] = (),
 ) -> ModelPlan:
     """Read the scene's meshes, string them, and give each world its parameters.
 
     Args:
         shapes: of the scene's balloons, where they are known already.
+        laws: that act beside the built-in ones.
 
     Raises:
-        InputError: a mesh cannot be read or strung, or not hold gas, a particle is not in its balloon, a varied value
-            is wrong, or the step is not stable.
+        InputError: a law is not right, a mesh cannot be read or strung, or not hold gas, a particle is not in its
+            balloon, a varied value is wrong, or the step is not stable.
     """
     if world_count < 1:
         raise InputError(f"world_count: must be at least 1 (got {world_count})")
+    require_laws(laws)
+    rows = rows_of((*LAWS, *laws))
+    require_law_tables(scene, rows)
     shapes = shapes or [shape_balloon(balloon, scene) for balloon in scene.balloon]
-    for balloon, shape in zip(scene.balloon, shapes, strict=True):
-        if balloon.inflation.kind == "gas":
-            require_sealed(shape)
-    held = [_held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
-    parameters = vary_parameters(parameters_at(scene, 0), scene, world_count, vary or {})
-    shifts = position_shifts(scene, parameters)
-    for number, shape in enumerate(shapes):
-        require_reach(shape.mesh, shape.name, shifts[:, number])
-    parameters["string_length"] = _string_lengths(scene, shapes, held, parameters)
-    parameters = settle_gas(scene, shapes, shifts, parameters)
-    changes = list(turns(scene))
+    held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
+    said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
+    parameters = _settled(scene, shapes, held, said)
+    changes = list(turns(scene, rows))
+    network = Network(shapes, held, (*LAWS, *laws))
     return ModelPlan(
         scene=scene,
         world_count=world_count,
         shapes=shapes,
         held=held,
+        own_laws=tuple(laws),
         parameters=parameters,
-        substeps=_substeps(scene, changes, lambda now, values: stable_step(now, shapes, held, values), parameters),
+        substeps=_substeps(scene, network, parameters, changes),
         turns=changes,
     )
 
 
-def _substeps(
-    scene: Scene,
-    changes: Sequence[Turn],
-    stable: Callable[[Scene, Parameters], float],
-    parameters: Parameters,
-) -> int:
+def _settled(
+    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], said: Mapping[str, NDArray[np.float64]]
+) -> Parameters:
+    """The parameters, and what follows of them and of the shapes: how far each balloon starts from where the scene
+    puts it [m], the lengths of strings, and what gas there is.
+
+    Raises:
+        InputError: a balloon cannot hold gas, or is too far away for float32.
+    """
+    for balloon, shape in zip(scene.balloon, shapes, strict=True):
+        if balloon.inflation.kind == "gas":
+            require_sealed(shape)
+    parameters = dict(said)
+    positions = parameters.pop("initial_balloon_positions")
+    parameters["initial_shifts"] = positions - np.array([balloon.position for balloon in scene.balloon])
+    for number, shape in enumerate(shapes):
+        require_reach(shape.mesh, shape.name, parameters["initial_shifts"][:, number])
+    parameters["string_length"] = string_lengths(scene, shapes, held, parameters)
+    return parameters | settle_gas(scene, shapes, parameters)
+
+
+def _substeps(scene: Scene, network: Network, parameters: Parameters, changes: Sequence[Turn]) -> int:
     """Substeps at the start. Left to us, they are enough for all that follows; else the scene's, which must be enough
     until they change.
 
     Raises:
         InputError: they are not, or what changes differs between worlds.
     """
-    steps = [stable(scene, parameters)]
-    chosen = [choose_substeps(scene, steps[0])]
+    chosen = [choose_substeps(scene, network.stable_step(scene, parameters))]
     values, before = {name: rows.copy() for name, rows in parameters.items()}, scene
     for turn in changes:
-        for name in turn.values:
-            if (values[name][:, turn.values[name][0]] != values[name][0, turn.values[name][0]]).any():
+        for name, (which, _) in turn.values.items():
+            if (values[name][:, which] != values[name][0, which]).any():
                 named = name.replace("_", " ")
                 raise InputError(f"{named}: changes during the simulation, and so cannot differ between worlds")
             turn.apply(name, values[name])
-        if turn.changes_stability(before):
-            steps.append(stable(turn.scene, values))
-            chosen.append(choose_substeps(turn.scene, steps[-1]))
+        methods_change = (turn.scene.substeps, turn.scene.solver) != (before.substeps, before.solver)
+        if methods_change or not names_of_the_step(network.laws).isdisjoint(turn.values):
+            chosen.append(choose_substeps(turn.scene, network.stable_step(turn.scene, values)))
         before = turn.scene
     return max(chosen) if scene.substeps == "auto" else chosen[0]
-
-
-def _held_particle(number: int, string: String, scene: Scene, shapes: Sequence[BalloonShape]) -> int:
-    """The particle that a string holds, numbered within its balloon."""
-    mesh = shapes[string.balloon].mesh
-    if isinstance(string.particle, str):
-        used = np.unique(mesh.face_vertex_indices)
-        heights = mesh.points[used] @ np.array(scene.up)
-        return int(used[heights.argmax() if string.particle == "highest" else heights.argmin()])
-    if string.particle >= mesh.vertex_count:
-        raise InputError(
-            f"string.{number}.particle: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {string.particle})"
-        )
-    return string.particle
-
-
-def position_shifts(scene: Scene, parameters: Parameters) -> NDArray[np.float64]:
-    """How far each balloon starts from where the scene puts it [m], shape (W, balloon_count, 3)."""
-    return parameters["initial_balloon_positions"] - np.array([balloon.position for balloon in scene.balloon])
-
-
-def _string_lengths(
-    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
-) -> NDArray[np.float64]:
-    """Where the scene says none, the distance [m] from anchor to particle at the start, shape (W, string_count)."""
-    lengths = parameters["string_length"]
-    if not np.isnan(lengths).any():
-        return lengths
-    balloons = [string.balloon for string in scene.string]
-    points = np.array([shapes[balloon].mesh.points[particle] for balloon, particle in zip(balloons, held, strict=True)])
-    starts = points + position_shifts(scene, parameters)[:, balloons]
-    return np.where(np.isnan(lengths), np.linalg.norm(starts - parameters["string_anchor"], axis=-1), lengths)

@@ -1,12 +1,13 @@
 """The state: what changes during a simulation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.frame import place_balloons
-from balloon_warp.kernels.health import HEALTHY
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.schedules.frame import place_balloons
+from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 
 
@@ -29,12 +30,9 @@ class State:
     inflation_ramp: wp.array
     """what is keyframed, such as k_normal, at the start of the frame, and its slope [1/s], shape (world_count,
     balloon_count), vec2"""
-    inflation_aims: wp.array
-    """of each particle, shape (world_count, particle_count), vec3: (A_p / A_total) n, or under pressure or gas its area
-    vector [m^2]"""
     inflation_loads: wp.array
-    """what multiplies the aims at height 0, and its rise with height [1/m], under pressure or gas [Pa], shape
-    (world_count, balloon_count), vec2"""
+    """under pressure or gas, the pressure at height 0 [Pa], and its rise with height [Pa/m], shape (world_count,
+    balloon_count), vec2"""
     pressures: wp.array
     """of balloons with pressure or gas, above the air's [Pa], shape (world_count, balloon_count), float32"""
     gas_amounts: wp.array
@@ -44,36 +42,54 @@ class State:
     `HEALTHY`, shape (world_count,), int32"""
 
 
+def new_state(model: Model, room: Room) -> State:
+    """A state of zeros, taken of a room."""
+    worlds = model.world_count
+    particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
+    balloons = (worlds, model.balloon_count)
+    return State(
+        frame=room.array(1, wp.int32),
+        points=room.array(particles, wp.vec3),
+        velocities=room.array(particles, wp.vec3),
+        sphere_positions=room.array(spheres, wp.vec3),
+        sphere_velocities=room.array(spheres, wp.vec3),
+        sphere_forces=room.array(spheres, wp.vec3),
+        inflation_ramp=room.array(balloons, wp.vec2),
+        inflation_loads=room.array(balloons, wp.vec2),
+        pressures=room.array(balloons, wp.float32),
+        gas_amounts=room.array(balloons, wp.float64),
+        first_bad=room.array(worlds, wp.int32),
+    )
+
+
 def initial_state(model: Model) -> State:
     """Every world at the start: at rest, in the shape of the meshes."""
-    worlds, device = model.world_count, model.device
-
-    def rows_of_worlds(rows: wp.array) -> wp.array:
-        row = rows.numpy()
-        return wp.array(np.broadcast_to(row, (worlds, *row.shape[1:])), dtype=rows.dtype, device=device)
-
-    points = wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device)
+    state, parameters = new_state(model, Allocating(model.device)), model.parameters
     wp.launch(
         place_balloons,
-        points.shape,
-        inputs=[model.initial_points, model.initial_shifts, model.particle_balloon],
-        outputs=[points],
-        device=device,
+        state.points.shape,
+        inputs=[model.initial_points, parameters["initial_shifts"], model.particle_balloon],
+        outputs=[state.points],
+        device=model.device,
     )
-    return State(
-        frame=wp.zeros(1, dtype=wp.int32, device=device),
-        points=points,
-        velocities=wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device),
-        sphere_positions=rows_of_worlds(model.initial_sphere_positions),
-        sphere_velocities=rows_of_worlds(model.initial_sphere_velocities),
-        sphere_forces=wp.zeros((worlds, model.sphere_count), dtype=wp.vec3, device=device),
-        inflation_ramp=wp.zeros((worlds, model.balloon_count), dtype=wp.vec2, device=device),
-        inflation_aims=wp.zeros((worlds, model.particle_count), dtype=wp.vec3, device=device),
-        inflation_loads=rows_of_worlds(model.initial_loads),
-        pressures=rows_of_worlds(model.initial_pressures),
-        gas_amounts=rows_of_worlds(model.initial_gas_amounts),
-        first_bad=wp.full(worlds, HEALTHY, dtype=wp.int32, device=device),
-    )
+    for array, name in (
+        (state.sphere_positions, "initial_sphere_positions"),
+        (state.sphere_velocities, "initial_sphere_velocities"),
+        (state.inflation_loads, "initial_loads"),
+        (state.pressures, "initial_pressures"),
+        (state.gas_amounts, "initial_gas_amounts"),
+    ):
+        row = parameters[name].numpy()
+        array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
+    state.first_bad.fill_(HEALTHY)
+    return state
+
+
+def world_bytes(model: Model) -> int:
+    """Device memory of one world's state."""
+    room = Counting()
+    new_state(replace(model, world_count=1), room)
+    return room.bytes
 
 
 def copy_of(state: State) -> State:

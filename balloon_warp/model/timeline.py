@@ -1,21 +1,19 @@
 """What of the parameters changes during a simulation, and when."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.model.parameters import Parameters, require_changeable, scene_parameters
+from balloon_warp.kernels.laws import Parameter
+from balloon_warp.model.law_tables import require_law_tables
+from balloon_warp.model.parameters import parameters_at
+from balloon_warp.model.rows import KEYFRAME_VALUES
+from balloon_warp.model.vary import require_changeable
 from balloon_warp.scene import Scene
-from balloon_warp.scene.timeline import is_there, scenes_over_time
-
-STABILITY = {
-    *("stiffness", "torsion", "viscosity", "string_stiffness", "mass", "damping", "water_density", "gravity"),
-    *("drag_coefficient", "wind", "air_density", "air_pressure", "air_temperature"),
-}
-"""the parameters that the stable step depends on"""
+from balloon_warp.scene.timeline import scenes_over_time
 
 
 @dataclass(frozen=True)
@@ -33,23 +31,8 @@ class Turn:
         which, values = self.values[name]
         rows[:, which] = values[which]
 
-    def changes_stability(self, before: Scene) -> bool:
-        """Whether another step may be stable than in the scene before."""
-        return not STABILITY.isdisjoint(self.values) or (self.scene.substeps, self.scene.solver) != (
-            before.substeps,
-            before.solver,
-        )
 
-
-def parameters_at(scene: Scene, frame: int) -> Parameters:
-    """The scene's parameters, with neither size nor strength for the spheres and strings that are not there."""
-    parameters = scene_parameters(scene)
-    for name, lasting in (("sphere_radius", scene.sphere), ("string_stiffness", scene.string)):
-        parameters[name] = parameters[name] * [[is_there(scene, item, frame) for item in lasting]]
-    return parameters
-
-
-def turns(scene: Scene) -> Iterator[Turn]:
+def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[Turn]:
     """What changes in a scene, in order.
 
     Raises:
@@ -57,14 +40,16 @@ def turns(scene: Scene) -> Iterator[Turn]:
     """
     for number, change in enumerate(scene.change):
         try:
-            require_changeable(scene, change.set)
+            require_changeable(scene, rows, change.set)
         except InputError as mistake:
             raise InputError(f"change.{number}.set: {mistake}") from None
-    before = parameters_at(scene, 0)
+    before = parameters_at(scene, rows, 0)
     for frame, now in scenes_over_time(scene):
-        after = parameters_at(now, frame)
-        keyframes = before["keyframe_values"].shape[2] - after["keyframe_values"].shape[2]
-        after["keyframe_values"] = np.pad(after["keyframe_values"], [(0, 0), (0, 0), (0, keyframes)], mode="edge")
+        require_law_tables(now, rows)
+        after = parameters_at(now, rows, frame)
+        keyframes = before[KEYFRAME_VALUES.name].shape[2] - after[KEYFRAME_VALUES.name].shape[2]
+        padding = [(0, 0), (0, 0), (0, keyframes)]
+        after[KEYFRAME_VALUES.name] = np.pad(after[KEYFRAME_VALUES.name], padding, mode="edge")
         values = {
             name: (different, array[0])
             for name, array in after.items()

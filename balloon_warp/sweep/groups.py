@@ -1,6 +1,6 @@
 """Worlds of a batch grouped by mesh: one topology is one model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.laws import require_laws
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.model.parameters import check_vary
+from balloon_warp.model.rows import rows_of
+from balloon_warp.model.vary import check_vary
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
@@ -40,8 +43,11 @@ class Group:
         return np.flatnonzero(np.isin(self.worlds, chosen))
 
 
-def plan_groups(scene: Scene, world_count: int, vary: BatchVary) -> list[Group]:
+def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[Law] = ()) -> list[Group]:
     """Plan a model for each set of meshes. All take the same step, which suits the stiffest world.
+
+    Args:
+        laws: that act beside the built-in ones.
 
     Raises:
         InputError: as `plan_model`.
@@ -49,7 +55,9 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary) -> list[Group]:
     if world_count < 1:
         raise InputError(f"--worlds {world_count}: expected at least 1")
     meshes = {path: _mesh_column(path, values, world_count) for path, values in vary.items() if _is_mesh(path)}
-    scalars = check_vary(scene, world_count, {path: vary[path] for path in vary if path not in meshes})
+    require_laws(laws)
+    rows = rows_of((*LAWS, *laws))
+    scalars = check_vary(scene, rows, world_count, {path: vary[path] for path in vary if path not in meshes})
     members: dict[tuple[Any, ...], list[int]] = {}
     for world in range(world_count):
         members.setdefault(tuple(_identity(column[world]) for column in meshes.values()), []).append(world)
@@ -57,7 +65,7 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary) -> list[Group]:
     for worlds in members.values():
         own_scene = override_scene(scene, [(path, column[worlds[0]]) for path, column in meshes.items()])
         own_values = {path: values[worlds] for path, values in scalars.items()}
-        groups.append(Group(plan_model(own_scene, len(worlds), own_values), np.array(worlds)))
+        groups.append(Group(plan_model(own_scene, len(worlds), own_values, laws=laws), np.array(worlds)))
     substeps = max(group.plan.substeps for group in groups)
     return [replace(group, plan=replace(group.plan, substeps=substeps)) for group in groups]
 

@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.model import Model
-from balloon_warp.model.memory import require_memory, world_bytes
+from balloon_warp.model import Model, world_bytes
+from balloon_warp.model.memory import require_memory
 from balloon_warp.scene import Scene
 from balloon_warp.solvers.choose import solver_named
 from balloon_warp.sweep.groups import Group

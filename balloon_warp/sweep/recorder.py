@@ -9,9 +9,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.health import HEALTHY
-from balloon_warp.kernels.measures import BalloonSums, measure_worlds, sum_balloons
-from balloon_warp.kernels.worlds import pick_healthy_worlds
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.measure.picking import pick_healthy_worlds
+from balloon_warp.kernels.measure.worlds import BalloonSums, measure_worlds, sum_balloons
 from balloon_warp.model import ModelPlan
 from balloon_warp.simulator import Simulator
 
@@ -105,7 +105,7 @@ class Recorder:
             self._sums.shape,
             inputs=[
                 *(self._balloon_particles, self._balloon_faces, self._balloon_springs),
-                *(model.particle_mass_share, model.mass, model.face_offsets, model.face_particles),
+                *(model.particle_mass_share, model.parameters["mass"], model.face_offsets, model.face_particles),
                 *(model.spring_particles, model.spring_rest_length),
                 *(state.points, state.velocities),
             ],
@@ -115,8 +115,9 @@ class Recorder:
             measure_worlds,
             model.world_count,
             inputs=[
-                *(self._balloon_faces, model.face_offsets, model.face_particles, model.mass),
-                *(model.inflation_kind, model.keyframe_times, model.keyframe_values, model.frame_seconds, model.up),
+                *(self._balloon_faces, model.face_offsets, model.face_particles, model.parameters["mass"]),
+                *(model.inflation_kind, model.keyframe_times, model.parameters["keyframe_values"]),
+                *(model.frame_seconds, model.up),
                 *(state.frame, state.pressures, state.points, state.sphere_positions, self._sums),
                 *(state.first_bad, HEALTHY),
             ],

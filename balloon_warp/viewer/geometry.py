@@ -66,8 +66,8 @@ class Drawing:
         """The strings that are there, and which of their segments are hands."""
         model, points = self.model, np.concatenate(picture.frame.points)
         ground = picture.scene.ground.height if picture.scene.ground else -np.inf
-        strong = picture.model.string_stiffness.numpy()[0] > 0.0
-        held, lengths = picture.model.string_particle.numpy(), picture.model.string_length.numpy()[0]
+        strong = picture.model.parameters["string_stiffness"].numpy()[0] > 0.0
+        held, lengths = picture.model.string_particle.numpy(), picture.model.parameters["string_length"].numpy()[0]
         curves, hands = [np.zeros((0, 2, 3), np.float32)], [np.zeros(0, bool)]
         for string in np.flatnonzero(strong).tolist():
             anchor = picture.frame.string_anchors[string]
@@ -102,7 +102,7 @@ def string_reach(
         center: where the balloons are at the start, shape (3,).
         up: unit vector, shape (3,).
     """
-    anchors = model.string_anchor.numpy()[0].reshape(-1, 3)
-    far = model.string_length.numpy()[0] + size
+    anchors = model.parameters["string_anchor"].numpy()[0].reshape(-1, 3)
+    far = model.parameters["string_length"].numpy()[0] + size
     sides = np.where((center - anchors) @ up >= 0.0, 1.0, -1.0)
     return np.concatenate([anchors, anchors + (sides * far)[:, None] * up])

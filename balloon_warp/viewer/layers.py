@@ -171,7 +171,7 @@ class Layers:
                 lines.points = wanted[name]()
 
     def _draw_spheres(self, picture: Picture) -> None:
-        radii = picture.model.sphere_radius.numpy()[0]
+        radii = picture.model.parameters["sphere_radius"].numpy()[0]
         there = {
             number: place for place, number in enumerate(picture.sphere_numbers) if place < len(radii) and radii[place]
         }

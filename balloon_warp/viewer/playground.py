@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, lay_out, plan_model
-from balloon_warp.model.parameters import METHODS
 from balloon_warp.model.plan import ModelPlan
+from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
@@ -235,7 +235,7 @@ class Playground:
         lasting = (scene.sphere, scene.string)
         there = [[n for n, body in enumerate(bodies) if is_there(scene, body, before)] for bodies in lasting]
         self.numbers = there[0], there[1]
-        lengths = self.simulator.model.string_length.numpy()[0].tolist()
+        lengths = self.simulator.model.parameters["string_length"].numpy()[0].tolist()
         forever = {"start": 0.0, "end": None}
         spheres = [scene.sphere[n].model_copy(update=forever) for n in there[0]]
         strings = [scene.string[n].model_copy(update={**forever, "length": lengths[n]}) for n in there[1]]
@@ -257,7 +257,7 @@ class Playground:
                 "as they are it would blow up"
             )
         values = plan.parameters["keyframe_values"]  # as many as at the start: so they give the same to the last bit
-        missing = self._first_model.keyframe_values.shape[2] - values.shape[2]
+        missing = self._first_model.parameters["keyframe_values"].shape[2] - values.shape[2]
         values = np.pad(values, [(0, 0), (0, 0), (0, missing)], mode="edge")
         parameters = {**plan.parameters, "keyframe_values": values}
         return replace(plan, parameters=parameters, substeps=max(plan.substeps, self._least_substeps))
@@ -267,7 +267,7 @@ class Playground:
         model, differing = self.simulator.model, {}
         for name, rows in plan.parameters.items():
             if not name.startswith("initial_"):
-                running = getattr(model, name).numpy()
+                running = model.parameters[name].numpy()
                 if not np.array_equal(rows.astype(running.dtype).reshape(running.shape), running):
                     differing[name] = rows
         return differing

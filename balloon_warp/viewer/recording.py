@@ -84,9 +84,9 @@ def free_number(folder: Path, name: str, number: int) -> int:
 
 def _with_all_bodies(frame: Frame, bodies: tuple[list[int], list[int]], model: Model) -> Frame:
     """The frame with all the spheres and strings of the journal; those that are not there rest where they start."""
-    positions = model.initial_sphere_positions.numpy()[0].reshape(-1, 3).copy()
+    positions = model.parameters["initial_sphere_positions"].numpy()[0].reshape(-1, 3).copy()
     velocities = np.zeros_like(positions)
-    anchors = model.string_anchor.numpy()[0].reshape(-1, 3).copy()
+    anchors = model.parameters["string_anchor"].numpy()[0].reshape(-1, 3).copy()
     positions[bodies[0]] = frame.sphere_positions[: len(bodies[0])]
     velocities[bodies[0]] = frame.sphere_velocities[: len(bodies[0])]
     anchors[bodies[1]] = frame.string_anchors[: len(bodies[1])]

@@ -10,8 +10,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
-from balloon_warp.kernels import raycast
-from balloon_warp.kernels.raycast_shapes import Shapes
+from balloon_warp.kernels.pictures import raycast
+from balloon_warp.kernels.pictures.shapes import Shapes
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.prims import Capsules
 from balloon_warp.outputs.render.sampling import disc_points, spread_points

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.raycast_studio import Studio
+from balloon_warp.kernels.pictures.studio import Studio
 from balloon_warp.outputs.render.camera import Camera
 
 KEY = (-0.62, 1.0, 0.62)

@@ -22,7 +22,7 @@ def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArr
     clouds = []
     for plan in plans:
         for number, shape in enumerate(plan.shapes):
-            shifts, points = plan.position_shifts[:, number], shape.mesh.points
+            shifts, points = plan.parameters["initial_shifts"][:, number], shape.mesh.points
             clouds += [points.min(axis=0) + shifts, points.max(axis=0) + shifts]
         clouds += [plan.parameters["string_anchor"].reshape(-1, 3)]
         centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]

@@ -26,7 +26,7 @@ class StringPrim:
         self.model, self.number = model, number
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
-        self.length = float(model.string_length.numpy()[0, number])
+        self.length = float(model.parameters["string_length"].numpy()[0, number])
         self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
 
     def write(self, frame: Frame) -> None:

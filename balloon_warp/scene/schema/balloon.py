@@ -12,6 +12,7 @@ from balloon_warp.scene.schema.fields import (
     Index,
     Keyframe,
     Keyframed,
+    LawTables,
     NonNegative,
     Positive,
     Real,
@@ -80,6 +81,16 @@ class Inflation(Table):
         return KEYFRAMED_FIELDS[self.kind]
 
     @property
+    def own_fields(self) -> tuple[str, ...]:
+        """the fields that its kind has"""
+        return FIELDS_OF_KINDS[self.kind]
+
+    @property
+    def has_keyframes(self) -> bool:
+        """whether the field that may change is given as keyframes"""
+        return isinstance(getattr(self, self.keyframed), list)
+
+    @property
     def keyframes(self) -> list[Keyframe]:
         """That field as keyframes; a plain number is one keyframe."""
         value = getattr(self, self.keyframed)
@@ -142,3 +153,5 @@ class Balloon(Table):
     """particles that do not move, by the order of the file's vertices"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
+    law: LawTables = {}
+    """parameters of laws of one's own, by the law's name and the parameter's"""

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from balloon_warp.scene.schema.balloon import Balloon
 from balloon_warp.scene.schema.bodies import Sphere, String
-from balloon_warp.scene.schema.fields import Index, NonNegative, Positive, Real, Table, Vector
+from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Real, Table, Vector
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
 
@@ -73,6 +73,8 @@ class Scene(Table):
     water: Water | None = None
     tube: list[Tube] = []
     atmosphere: Atmosphere = Atmosphere()
+    law: LawTables = {}
+    """parameters of laws of one's own that belong to the world, by the law's name and the parameter's"""
     change: list[Change] = []
     """what changes while it is simulated, in order of time"""
 

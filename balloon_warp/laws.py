@@ -1,0 +1,162 @@
+"""Laws of one's own: made, and made sure of, before anything is simulated.
+
+@wp.func
+def magnet(position: wp.vec3, mass: float, strength: float):
+    return -mass * strength * position
+
+Simulator(scene, laws=[particle_law(magnet, [Parameter("strength", "1/s^2", 1.0)])])
+"""
+
+import inspect
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import LAWS, Law, Parameter
+from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.laws.law import GIVEN, GIVEN_TO_BOUNDS, RESULT, Kind
+
+BUILT_IN = {row.name: row for row in (*columns_of(LAWS).balloon, *columns_of(LAWS).world)}
+"""the parameters that scenes have anyhow, by name"""
+TYPES: Mapping[str, tuple[type, ...]] = {
+    "vec3": (wp.vec3,),
+    "vec4": (wp.vec4,),
+    "float": (float, wp.float32),
+    "int": (int, wp.int32),
+}
+"""what may stand for each type of `GIVEN`"""
+SAMPLES: Mapping[str, Any] = {
+    "vec3": wp.vec3(0.1, 0.2, 0.3),
+    "vec4": wp.vec4(0.1, 0.2, 0.3, 0.4),
+    "float": 0.5,
+    "int": 1,
+}
+"""what functions are tried with"""
+
+
+def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
+    """A force on each particle: a `wp.func` of what it names, of `GIVEN["particle"]` and of its parameters, that
+    returns a vector [N].
+
+    Args:
+        parameters: its own, a row each. One without a path stands in the table `law.NAME` of balloons, or, with
+            `of="world"`, of the scene.
+        more: fields of `Law`: `name`, `energy`, `neutral`, `wants`, and the bounds `stiffness` and `drag`, without
+            which it has no part in the step that "auto" takes.
+
+    Raises:
+        InputError: the function is not right; the sentence says what was expected.
+    """
+    return _law("particle", function, parameters, more)
+
+
+def spring_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
+    """A force along each spring, which returns the force per unit displacement [N/m]. Arguments and errors as for
+    `particle_law`, with `GIVEN["spring"]`."""
+    return _law("spring", function, parameters, more)
+
+
+def face_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
+    """A force on each face, which its corners share alike [N]. Arguments and errors as for `particle_law`, with
+    `GIVEN["face"]`."""
+    return _law("face", function, parameters, more)
+
+
+def require_laws(laws: Sequence[Law]) -> None:
+    """Make sure that laws can act beside the built-in ones.
+
+    Raises:
+        InputError: one is not right, has the name of another, or a parameter that means something else in another.
+    """
+    for law in laws:
+        require_law(law)
+    names: set[str] = {law.name for law in LAWS}
+    owners = {name: (row, "a built-in law") for name, row in BUILT_IN.items()}
+    for law in laws:
+        if law.name in names:
+            raise InputError(f"law {law.name}: there is another law of that name; expected a name of its own")
+        names.add(law.name)
+        for row in law.parameters:
+            known, owner = owners.setdefault(row.name, (row, f"law {law.name}"))
+            if known != row:
+                raise InputError(
+                    f"law {law.name}: its parameter {row.name} is also one of {owner}, with another meaning; expected "
+                    "another name, or the same row"
+                )
+
+
+def require_law(law: Law) -> None:
+    """Make sure that a law can be computed.
+
+    Raises:
+        InputError: its function is none of Warp's, or it asks for what there is not, or returns something else.
+    """
+    if not isinstance(law, Law):
+        raise InputError(f"laws: expected a Law (got {str(law)[:60]})")
+    whose = f"law {law.name}"
+    for row in law.parameters:
+        _require_row(whose, row)
+    rows = {row.name: row for row in law.parameters}
+    numbers = {name: "float" if row.size == 1 else "vec3" for name, row in (BUILT_IN | rows).items()}
+    types = numbers | {each.name: each.type for each in GIVEN[law.kind]}
+    known = ", ".join([*(each.name for each in GIVEN[law.kind]), *rows])
+    _require_function(whose, law.force, types, RESULT[law.kind], known)
+    if law.energy:
+        _require_function(f"{whose}: its energy", law.energy, types, "float", known)
+    told = [each.name for each in GIVEN_TO_BOUNDS[law.kind]]
+    for which, bound in (("stiffness", law.stiffness), ("drag", law.drag)):
+        for name in inspect.signature(bound).parameters if bound else ():
+            if name not in numbers and name not in told:
+                known = ", ".join([*told, *rows])
+                raise InputError(f"{whose}: its {which} asks for {name}; expected {known or 'no argument'}")
+    for name in law.neutral:
+        if name not in numbers:
+            raise InputError(f"{whose}: neutral says {name}; expected one of its parameters, {', '.join(rows)}")
+
+
+def _law(kind: Kind, function: Any, parameters: Sequence[Parameter], more: Mapping[str, Any]) -> Law:
+    _require_own_function(f"{kind} law", function)
+    try:
+        law = Law(kind, function, tuple(parameters), **more)
+    except TypeError as error:
+        raise InputError(f"law {function.func.__name__}: {error}") from None
+    require_law(law)
+    return law
+
+
+def _require_row(whose: str, row: Parameter) -> None:
+    if BUILT_IN.get(row.name) == row:
+        return
+    if row.of not in ("world", "balloon"):
+        raise InputError(f'{whose}: its parameter {row.name} is of="{row.of}"; expected "balloon" or "world"')
+    if row.size not in (1, 3):
+        raise InputError(f"{whose}: its parameter {row.name} has size {row.size}; expected 1, or 3 for a vector")
+    if not row.path.startswith("law.") or row.path.count(".") != 2:
+        raise InputError(f"{whose}: its parameter {row.name} is at {row.path}; expected law.NAME.PARAMETER, or no path")
+
+
+def _require_own_function(whose: str, function: Any) -> None:
+    if not isinstance(function, wp.Function) or function.is_builtin():
+        raise InputError(f"{whose}: expected a function with @wp.func before it (got {str(function)[:60]})")
+
+
+def _require_function(whose: str, function: Any, types: Mapping[str, str], result: str, known: str) -> None:
+    """Make sure that a function names nothing but what there is, and that types are right as far as one can tell."""
+    _require_own_function(whose, function)
+    annotations = inspect.get_annotations(function.func)
+    arguments = list(inspect.signature(function.func).parameters)
+    for name in arguments:
+        if name not in types:
+            raise InputError(f"{whose}: there is nothing that is called {name}; expected some of {known}")
+        if annotations.get(name, Any) not in (Any, *TYPES[types[name]]):
+            expected = TYPES[types[name]][0].__name__
+            raise InputError(f"{whose}: its argument {name} is of another type; expected {expected}")
+    try:
+        returned = function.func(*(SAMPLES[types[name]] for name in arguments))
+    except Exception:  # not everything in a kernel is there on the host
+        return
+    if not isinstance(returned, TYPES[result]):
+        expected = TYPES[result][0].__name__
+        raise InputError(f"{whose}: returns a {type(returned).__name__}; expected a {expected}")

@@ -1,0 +1,107 @@
+"""What the laws' bounds add up to around each particle of a balloon."""
+
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.kernels.laws.law import Kind
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.surroundings import Surroundings
+from balloon_warp.scene import Scene
+
+Bound = Literal["stiffness", "drag"]
+CHUNK = 10_000_000
+"""numbers looked at together, to bound the memory"""
+
+
+class Bounds:
+    """The bounds of one balloon's laws, by what its particles are surrounded with.
+
+    Args:
+        scene: whose laws count.
+        laws: among which they are.
+        number: the balloon.
+        parameters: of all worlds.
+    """
+
+    def __init__(self, scene: Scene, laws: Sequence[Law], number: int, parameters: Parameters):
+        columns = columns_of(laws)
+        self._laws = [law for law in laws if law.wants is None or law.wants(scene)]
+        self._told = {row.name: parameters[row.name][:, number, None] for row in columns.balloon}
+        self._told |= {row.name: parameters[row.name][:, None] for row in columns.world}
+        strings = [place for place, string in enumerate(scene.string) if string.balloon == number]
+        self._strings = parameters["string_stiffness"][:, strings]
+        self._world_count = max(len(values) for values in (*self._told.values(), self._strings))
+
+    @property
+    def has_hinges(self) -> bool:
+        """Whether any law of hinges is stiff in any world."""
+        return any(np.any(bound(**self._told)) for bound in self._of_kind("hinge", "stiffness"))
+
+    def largest(self, bound: Bound, around: Surroundings) -> NDArray[np.float64]:
+        """Of the particles' sums over their parts of the mass the largest, shape (world_count,) or (1,). Twice that
+        over the balloon's mass is what Gershgorin's theorem says of the whole network.
+
+        A pair whose other end is fixed counts half, and so does a force on a single particle.
+        """
+        at_once = max(CHUNK // max(around.particle_count, 1), 1)
+        worlds = range(0, self._world_count, at_once)
+        return np.concatenate(
+            [
+                np.max(self.sums(bound, around, slice(begin, begin + at_once)) / around.mass_share, axis=1, initial=0.0)
+                for begin in worlds
+            ]
+        )
+
+    def sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
+        """The sum of the laws' bounds at each particle, shape (worlds, P) or (1, P)."""
+
+        def some(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return values[worlds] if len(values) > 1 else values
+
+        told = {name: some(values) for name, values in self._told.items()}
+        strings = some(self._strings)
+        total = np.zeros((1, around.particle_count))
+        for of_spring in self._of_kind("spring", bound):
+            for kind, row in enumerate(KINDS):  # what is not proportional to the constant is left where that is 0
+                least, most = (of_spring(**told | {"stiffness": scale * told[row.name]}) for scale in (0.0, 1.0))
+                total = total + least * around.spring_counts[:, kind]
+                total = total + (most - least) * around.spring_scales[:, kind]
+        for of_string in self._of_kind("string", bound):
+            for place in range(strings.shape[1]):
+                held = of_string(**told | {"stiffness": strings[:, place, None]})
+                total = total + 0.5 * held * around.strings[:, place]
+        for of_hinge in self._of_kind("hinge", bound):
+            total = total + of_hinge(**told) * around.hinges
+        place = {"mass_share": around.mass_share, "area": around.area, "velocity": around.velocity}
+        for kind in ("particle", "face"):
+            for of_one in self._of_kind(kind, bound):
+                total = total + 0.5 * of_one(**told | place | {"mass": told["mass"] * around.mass_share})
+        return total
+
+    def _of_kind(self, kind: Kind, bound: Bound) -> Iterator[Callable[..., Any]]:
+        for law in self._laws:
+            if law.kind == kind and getattr(law, bound) is not None:
+                yield told_what_it_names(getattr(law, bound))
+
+
+def told_what_it_names(bound: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, which may be told more than it asks for."""
+    names = names_of(bound)
+    return lambda **told: bound(**{name: told[name] for name in names})
+
+
+def names_of(bound: Callable[..., Any] | None) -> set[str]:
+    """What a law's bound asks for."""
+    return set(inspect.signature(bound).parameters) if bound else set()
+
+
+def names_of_bounds(laws: Sequence[Law]) -> set[str]:
+    """What the bounds of these laws ask for."""
+    return {name for law in laws for bound in (law.stiffness, law.drag) for name in names_of(bound)}

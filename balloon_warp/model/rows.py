@@ -1,0 +1,39 @@
+"""The rows of all parameters: those that no law has stand here, in the form of those of laws."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from balloon_warp.kernels.laws import Law, Parameter
+from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.laws.law import TINY
+
+START = "initial_"
+"""how the name of a parameter begins that counts at the start alone, and so cannot change"""
+KEYFRAME_VALUES = Parameter(
+    "keyframe_values",
+    "N, Pa or mol/s",
+    path="inflation.k_normal, inflation.pressure or inflation.pump",
+    meaning="what is keyframed, by the kind of inflation, at each keyframe",
+)
+ROWS: tuple[Parameter, ...] = (
+    Parameter("initial_balloon_positions", "m", path="position", size=3),
+    Parameter("initial_gas_amounts", "mol", np.nan, least=0.0, path="inflation.amount"),
+    Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="of a gas, above the air's"),
+    Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),
+    Parameter("initial_sphere_velocities", "m/s", of="sphere", path="velocity", size=3),
+    Parameter("sphere_mass", "kg", 1.0, least=TINY, of="sphere", path="mass"),
+    Parameter("sphere_radius", "m", 0.15, least=TINY, of="sphere", path="radius"),
+    Parameter("sphere_penalty", "1", 1.0, least=0.0, of="sphere", path="penalty"),
+    Parameter("string_anchor", "m", of="string", path="anchor", size=3),
+    Parameter("string_length", "m", np.nan, least=TINY, of="string", path="length"),
+    Parameter("string_stiffness", "N/m", 20.0, least=TINY, of="string", path="stiffness"),
+    Parameter("tube_conductance", "mol/(s Pa)", least=0.0, of="tube", path="conductance"),
+)
+"""NaN is settled once all is known: a string's length, and an amount of gas"""
+
+
+def rows_of(laws: Sequence[Law]) -> tuple[Parameter, ...]:
+    """The parameters of these laws, and all others but the keyframes, of which a balloon has several."""
+    columns = columns_of(laws)
+    return (*columns.world, *columns.balloon, *ROWS)

@@ -1,0 +1,103 @@
+"""What differs between worlds, and what may change while they are simulated."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import Parameter
+from balloon_warp.model.law_tables import require_law_tables
+from balloon_warp.model.parameters import Parameters, Place, is_numbered, places_of
+from balloon_warp.model.rows import START
+from balloon_warp.scene import Scene
+from balloon_warp.scene.overrides import override_scene
+
+Vary = Mapping[str, ArrayLike]
+"""a dotted path of the scene, as in overrides, and its value in each world, shape (world_count,)"""
+METHODS = ("substeps", "solver", "normals", "correction", "correction_sweeps", "contact")
+"""fields of the scene that are no parameters, and may change during a simulation all the same"""
+SURROUNDINGS = ("ground", "water")
+"""tables of which a scene has one or none"""
+
+
+def vary_parameters(
+    parameters: Parameters, scene: Scene, rows: Sequence[Parameter], world_count: int, vary: Vary
+) -> Parameters:
+    """The parameters with a value for each world where `vary` has them.
+
+    Raises:
+        InputError: names the path, and the world whose value the scene's schema refuses; or what can vary.
+    """
+    places = places_of(scene, rows)
+    varied = dict(parameters)
+    for path, values in check_vary(scene, rows, world_count, vary).items():
+        for name, index in places[path]:
+            if varied[name] is parameters[name]:
+                varied[name] = np.repeat(parameters[name], world_count, axis=0)
+            target = varied[name][(slice(None), *index)]
+            target[...] = values.reshape(-1, *([1] * (target.ndim - 1)))
+    return varied
+
+
+def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: Vary) -> dict[str, NDArray[np.float64]]:
+    """The varied values as arrays of shape (world_count,), all of them fit for the scene.
+
+    Raises:
+        InputError: as `vary_parameters`.
+    """
+    places = places_of(scene, rows)
+    checked = {}
+    for path, given in vary.items():
+        if path not in places:
+            _require_fit(scene, rows, path, np.ravel(given).tolist()[0])  # says so where there is no such path
+            table = path.partition(".")[0]
+            if table in SURROUNDINGS and not getattr(scene, table):
+                raise InputError(f"{path}: cannot differ between worlds, the scene has no {table}")
+            raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
+        checked[path] = _checked(scene, rows, path, given, world_count)
+    return checked
+
+
+def require_changeable(scene: Scene, rows: Sequence[Parameter], paths: Iterable[str]) -> None:
+    """Make sure that values may change while the scene is simulated.
+
+    Raises:
+        InputError: names the path that may not.
+    """
+    places = places_of(scene, rows)
+    for path in paths:
+        named = [place for known, place in places.items() if known == path or known.startswith(f"{path}.")]
+        at_start = any(name.startswith(START) for place in named for name, _ in place)
+        if path not in METHODS and (at_start or not named):
+            methods = ", ".join(METHODS)
+            raise InputError(f"{path}: cannot change; what can is {methods}, and what may differ between worlds")
+
+
+def _checked(
+    scene: Scene, rows: Sequence[Parameter], path: str, given: ArrayLike, world_count: int
+) -> NDArray[np.float64]:
+    """The values of one path, each fit for the scene: bounds are intervals, so the extremes speak for all."""
+    try:
+        values = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: expected a number for each world (got {str(given)[:60]})") from None
+    if values.shape != (world_count,):
+        raise InputError(f"{path}: expected a value for each of {world_count} worlds (got shape {values.shape})")
+    wild = ~np.isfinite(values)
+    for world in [wild.argmax()] if wild.any() else [values.argmin(), values.argmax()]:
+        try:
+            _require_fit(scene, rows, path, float(values[world]))
+        except InputError as mistake:
+            raise InputError(f"{mistake}, in world {world}") from None
+    return values
+
+
+def _require_fit(scene: Scene, rows: Sequence[Parameter], path: str, value: object) -> None:
+    """Make sure that the scene may have a value at a path."""
+    require_law_tables(override_scene(scene, [(path, value)]), rows)
+
+
+def _summary(places: Mapping[str, list[Place]]) -> list[str]:
+    """The paths without the numbers of balloons, spheres, strings and tubes, the scene's own fields first."""
+    return sorted((path for path in places if not is_numbered(path)), key=lambda path: path.count("."))

@@ -1,0 +1,235 @@
+"""Vectors and numbers, of one particle or of eight side by side: the same names for both.
+
+Eight side by side, one instruction of a CPU serves all of them: each has a *lane*. A lane is a world or a particle, see
+`kernels.schedules.lanes`. Loops over the lanes have constant bounds: Warp unrolls them, and the compiler makes vector
+instructions of them, also where the body calls a law for one particle. It is less sure of that where components mix;
+that algebra is native, a row of eight at a time.
+"""
+
+import warp as wp
+
+LANE_COUNT = wp.constant(8)
+Lanes = wp.types.vector(length=8, dtype=wp.float32)
+"""a number in each of eight lanes"""
+Lanes3 = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
+"""a vector in each of eight lanes, one a column"""
+Lanes4 = wp.types.matrix(shape=(4, 8), dtype=wp.float32)
+"""four numbers in each of eight lanes, those of one a column"""
+LaneNumbers = wp.types.vector(length=8, dtype=wp.int32)
+"""the number of a particle, or of something else, in each of eight lanes"""
+
+NOT_QUITE_ZERO = wp.constant(1.0e-20)
+"""[m^2], added to a squared length, so that its root can be divided by"""
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return rsqrtf(x);
+#else
+    return 1.0f / sqrtf(x);
+#endif
+    """,
+    adj_snippet="adj_x -= 0.5f * adj_ret / (x * sqrtf(x));",
+)
+def inverse_root(x: float) -> float:
+    """1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
+    ...
+
+
+# ---- one of eight
+
+
+@wp.func
+def of_lane(number: float, lane: wp.int32):
+    """What is the same in all lanes."""
+    return number
+
+
+@wp.func
+def of_lane(vector: wp.vec3, lane: wp.int32):  # noqa: F811 - an overload
+    """What is the same in all lanes."""
+    return vector
+
+
+@wp.func
+def of_lane(numbers: Lanes, lane: wp.int32):  # noqa: F811 - an overload
+    """The number of one lane."""
+    return numbers[lane]
+
+
+@wp.func
+def of_lane(vectors: Lanes3, lane: wp.int32):  # noqa: F811 - an overload
+    """The vector of one lane."""
+    return wp.vec3(vectors[0, lane], vectors[1, lane], vectors[2, lane])
+
+
+@wp.func
+def of_lane(vectors: wp.vec4, lane: wp.int32):  # noqa: F811 - an overload
+    """What is the same in all lanes."""
+    return vectors
+
+
+@wp.func
+def of_lane(vectors: Lanes4, lane: wp.int32):  # noqa: F811 - an overload
+    """The four numbers of one lane."""
+    return wp.vec4(vectors[0, lane], vectors[1, lane], vectors[2, lane], vectors[3, lane])
+
+
+@wp.func
+def of_lane(numbers: LaneNumbers, lane: wp.int32):  # noqa: F811 - an overload
+    """The number of one lane."""
+    return numbers[lane]
+
+
+@wp.func
+def set_lane(vectors: Lanes3, lane: wp.int32, vector: wp.vec3):
+    """The vectors with that of one lane replaced."""
+    vectors[0, lane] = vector[0]
+    vectors[1, lane] = vector[1]
+    vectors[2, lane] = vector[2]
+    return vectors
+
+
+# ---- products
+
+
+@wp.func
+def times(a: float, b: float):
+    """a b"""
+    return a * b
+
+
+@wp.func
+def times(a: Lanes, b: Lanes):  # noqa: F811 - an overload
+    """a b in each lane."""
+    return wp.cw_mul(a, b)
+
+
+@wp.func
+def times(a: float, b: Lanes):  # noqa: F811 - an overload
+    """a b in each lane."""
+    return a * b
+
+
+@wp.func
+def cross_product(a: wp.vec3, b: wp.vec3):
+    """a x b"""
+    return wp.cross(a, b)
+
+
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&a.data[0][0]);
+    const eight* q = reinterpret_cast<const eight*>(&b.data[0][0]);
+    wp::mat_t<3, 8, wp::float32> result;
+    eight* r = reinterpret_cast<eight*>(&result.data[0][0]);
+    r[0] = p[1] * q[2] - p[2] * q[1];
+    r[1] = p[2] * q[0] - p[0] * q[2];
+    r[2] = p[0] * q[1] - p[1] * q[0];
+    return result;
+    """
+)
+def cross_product(a: Lanes3, b: Lanes3) -> Lanes3:  # noqa: F811 - an overload
+    """a x b in each lane."""
+    ...
+
+
+@wp.func
+def dot_product(a: wp.vec3, b: wp.vec3):
+    """a . b"""
+    return wp.dot(a, b)
+
+
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&a.data[0][0]);
+    const eight* q = reinterpret_cast<const eight*>(&b.data[0][0]);
+    wp::vec_t<8, wp::float32> result;
+    *reinterpret_cast<eight*>(&result.c[0]) = p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    return result;
+    """
+)
+def dot_product(a: Lanes3, b: Lanes3) -> Lanes:  # noqa: F811 - an overload
+    """a . b in each lane."""
+    ...
+
+
+@wp.func
+def reach_along(vector: wp.vec3, direction: wp.vec3):
+    """How far a vector reaches along a direction."""
+    return wp.dot(vector, direction)
+
+
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&vector.data[0][0]);
+    wp::vec_t<8, wp::float32> result;
+    *reinterpret_cast<eight*>(&result.c[0]) = direction.c[0] * p[0] + direction.c[1] * p[1] + direction.c[2] * p[2];
+    return result;
+    """
+)
+def reach_along(vector: Lanes3, direction: wp.vec3) -> Lanes:  # noqa: F811 - an overload
+    """How far each lane's vector reaches along a direction."""
+    ...
+
+
+@wp.func
+def scaled(vector: wp.vec3, factor: float):
+    """A vector times a factor."""
+    return factor * vector
+
+
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight f = *reinterpret_cast<const eight*>(&factor.c[0]);
+    const eight* p = reinterpret_cast<const eight*>(&vector.data[0][0]);
+    wp::mat_t<3, 8, wp::float32> result;
+    eight* r = reinterpret_cast<eight*>(&result.data[0][0]);
+    r[0] = f * p[0];
+    r[1] = f * p[1];
+    r[2] = f * p[2];
+    return result;
+    """
+)
+def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
+    """Each lane's vector times its own factor."""
+    ...
+
+
+@wp.func
+def scaled(vector: Lanes3, factor: float):  # noqa: F811 - an overload
+    """Each lane's vector times one factor."""
+    return factor * vector
+
+
+@wp.func
+def squared_length(d: wp.vec3):
+    """|d|^2, and a little more, so that its root can be divided by."""
+    return d[0] * d[0] + (d[1] * d[1] + (d[2] * d[2] + NOT_QUITE_ZERO))
+
+
+@wp.func
+def squared_length(d: Lanes3):  # noqa: F811 - an overload
+    """The squared length in each lane, and a little more, so that its root can be divided by."""
+    squared = Lanes()
+    for lane in range(LANE_COUNT):
+        squared[lane] = d[0, lane] * d[0, lane] + (
+            d[1, lane] * d[1, lane] + (d[2, lane] * d[2, lane] + NOT_QUITE_ZERO)
+        )
+    return squared
+
+
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    return __builtin_reduce_or(*reinterpret_cast<const eight*>(&lanes.c[0]) < 0.0f) != 0;
+    """
+)
+def any_negative(lanes: Lanes) -> bool:
+    """Whether a number is below zero in any of the lanes."""
+    ...

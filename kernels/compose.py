@@ -1,0 +1,105 @@
+"""Puts laws together: one function of Warp that adds up all laws of a kind.
+
+A law's arguments say what it needs, so that the sum is written out with just those: no law is paid for by scenes that
+do not have it, and no schedule knows any.
+"""
+
+import inspect
+import linecache
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import of_lane
+from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws.law import GIVEN, Kind, Law
+
+NOTHING: Mapping[str, str] = {"vec3": "wp.vec3()", "float": "0.0"}
+"""the sum of no laws, by type"""
+
+
+def function_from(name: str, source: str, names: Mapping[str, Any]) -> Any:
+    """A `wp.func` of a text, which Warp reads again by the file that is noted for it.
+
+    Args:
+        names: what the text may refer to.
+    """
+    filename = f"<balloon_warp {name} {hash(source):x}>"
+    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
+    space = {"wp": wp, "Any": Any, **names}
+    exec(compile(source, filename, "exec"), space)
+    return wp.func(space[name])
+
+
+def arguments_of(law: Law) -> list[str]:
+    """What the law's function names."""
+    return list(inspect.signature(law.force.func).parameters)
+
+
+def any_names(laws: Sequence[Law], given: str) -> bool:
+    """Whether one of the laws needs this."""
+    return any(given in arguments_of(law) for law in laws)
+
+
+@cache
+def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns) -> Any:
+    """The function that adds up the laws of a kind. Its arguments are all that such laws are told, in the order of
+    `GIVEN`, and the row `n` of their numbers."""
+    given = [each.name for each in GIVEN[kind]]
+    return _summed(f"{kind}_laws", result, laws, columns, given, str, _number, "n: Any")
+
+
+@cache
+def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns) -> Any:
+    """The same for one of eight lanes: what laws are told is of eight lanes, or alike in all; `n` is a row of lanes."""
+    given = [each.name for each in GIVEN[kind]]
+
+    def told(name: str) -> str:
+        return f"of_lane({name}, lane)"
+
+    def number(column: int, size: int) -> str:
+        parts = [f"n[{each}][lane]" for each in range(column, column + size)]
+        return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
+
+    return _summed(f"{kind}_laws_in_lane", result, laws, columns, given, told, number, "n: Any, lane: wp.int32")
+
+
+def _number(column: int, size: int) -> str:
+    parts = [f"n[{each}]" for each in range(column, column + size)]
+    return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
+
+
+def call_of(
+    function: Any,
+    name: str,
+    given: Sequence[str],
+    columns: Columns,
+    told: Callable[[str], str] = str,
+    number: Callable[[int, int], str] = _number,
+) -> str:
+    """The text of a call with just what the function names."""
+    sizes = {parameter.name: parameter.size for parameter in (*columns.balloon, *columns.world)}
+    arguments = [
+        told(each) if each in given else number(columns.places[each], sizes[each])
+        for each in inspect.signature(function.func).parameters
+    ]
+    return f"{name}({', '.join(arguments)})"
+
+
+def _summed(
+    name: str,
+    result: str,
+    laws: Sequence[Law],
+    columns: Columns,
+    given: Sequence[str],
+    told: Callable[[str], str],
+    number: Callable[[int, int], str],
+    row: str,
+) -> Any:
+    called = {f"law_{place}": law.force for place, law in enumerate(laws)}
+    calls = [call_of(force, each, given, columns, told, number) for each, force in called.items()]
+    arguments = ", ".join([*(f"{each}: Any" for each in given), row])
+    source = f"def {name}({arguments}):\n    return {' + '.join(calls) or NOTHING[result]}\n"
+    return function_from(name, source, {"of_lane": of_lane, **called})

@@ -1,0 +1,19 @@
+"""The laws: what acts on a particle, along a spring or a string, at a hinge, on a face, in a balloon, in a contact.
+
+Each is a file: formula, units, source, energy, and what it asks of the step. The list is all that the rest of the house
+knows of them: a law that stands there has its parameters in scenes, and acts in every schedule.
+"""
+
+from balloon_warp.kernels.laws.air import AIR_DRAG
+from balloon_warp.kernels.laws.body import DAMPING, WEIGHT
+from balloon_warp.kernels.laws.hooke import HOOKE
+from balloon_warp.kernels.laws.law import Given, Law, Parameter
+from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
+from balloon_warp.kernels.laws.string import STRING
+from balloon_warp.kernels.laws.torsion import TORSION
+from balloon_warp.kernels.laws.water import WATER
+
+LAWS: tuple[Law, ...] = (WEIGHT, DAMPING, HOOKE, RUBBER, RUBBER_AT_LIMIT, STRING, TORSION, WATER, AIR_DRAG)
+"""in the order in which their forces are added"""
+
+__all__ = ["LAWS", "Given", "Law", "Parameter"]

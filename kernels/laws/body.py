@@ -1,0 +1,40 @@
+"""Gravity, helium and damping (paper, "Particle Simulation")."""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.law import TINY, Law, Parameter
+
+
+@wp.func
+def weight(mass: float, up: wp.vec3, gravity: float, helium: float):
+    """Gravity [m/s^2] and helium's lift [N/kg] along the up axis [N]."""
+    return (mass * (helium - gravity)) * up
+
+
+@wp.func
+def weight_energy(position: wp.vec3, mass: float, up: wp.vec3, gravity: float, helium: float):
+    """-F . x [J]"""
+    return -wp.dot(weight(mass, up, gravity, helium), position)
+
+
+@wp.func
+def damping(velocity: wp.vec3, mass_share: float, damping: float):
+    """Drag against the velocity [N], of a particle's share of the balloon's damping [N s/m]."""
+    return (-mass_share * damping) * velocity
+
+
+MASS = Parameter("mass", "kg", 0.1, least=TINY, path="mass", meaning="of the whole balloon")
+GRAVITY = Parameter("gravity", "m/s^2", 9.81, of="world", path="gravity", meaning="down the up axis")
+HELIUM = Parameter("helium", "N/kg", path="helium", meaning="lift for each kilogram of balloon, against gravity's 9.81")
+DAMPING_CONSTANT = Parameter(
+    "damping", "N s/m", 0.1, least=0.0, path="damping", meaning="drag of the whole balloon for each m/s"
+)
+
+WEIGHT = Law("particle", weight, (GRAVITY, HELIUM), energy=weight_energy)
+DAMPING = Law(
+    "particle",
+    damping,
+    (DAMPING_CONSTANT,),
+    neutral={"damping": 0.0},
+    drag=lambda mass_share, damping: mass_share * damping,
+)

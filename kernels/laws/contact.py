@@ -1,0 +1,152 @@
+"""Contact with spheres and with the ground (paper, "Collision Detection and Resolution").
+
+A particle inside a sphere moves out along center -> particle. Its velocity into the sphere is taken away too: the paper
+leaves it, but then a particle pressed against a sphere gathers speed for as long as it is pressed.
+
+The sphere gets, by one of two rules,
+
+- "penalty", the paper's: a force against that movement, proportional to how inflated the balloon is: the particle's own
+  inflation force times the sphere's `penalty`, so that the sphere feels pressure times contact area. The particle's
+  momentum into the sphere is lost, and the sphere's comes from nowhere.
+- "impulse": the momentum that the particle loses, and nothing else. See `collide`.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import inverse_root, squared_length
+from balloon_warp.kernels.laws.law import Parameter
+
+
+@wp.func
+def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
+    """Unit vector from a sphere's center to a particle; up where they coincide."""
+    arm = point - center
+    if wp.length_sq(arm) > 0.0:
+        return inverse_root(squared_length(arm)) * arm
+    return up
+
+
+@wp.func
+def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.vec3):
+    """The velocity less its part into the obstacle."""
+    return velocity - wp.min(wp.dot(velocity - obstacle_velocity, normal), 0.0) * normal
+
+
+@wp.func
+def leave_sphere(
+    point: wp.vec3, velocity: wp.vec3, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, up: wp.vec3
+):
+    """A particle out of a sphere: its point, its velocity, and the unit vector it moved along, zero if outside."""
+    outward = wp.vec3()
+    if wp.length_sq(point - center) < radius * radius:
+        outward = way_out(point, center, up)
+        point = center + radius * outward
+        velocity = without_approach(velocity, sphere_velocity, outward)
+    return point, velocity, outward
+
+
+@wp.func
+def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float):
+    """A particle up to the ground's height. The speed into the ground is stopped, and by Coulomb's law at most
+    `friction` times as much of the speed along it."""
+    depth = height - wp.dot(point, up)
+    if depth > 0.0:
+        point += depth * up
+        rise = wp.dot(velocity, up)
+        along = velocity - rise * up
+        stopped = wp.max(-rise, 0.0)
+        kept = wp.max(1.0 - friction * stopped * inverse_root(squared_length(along)), 0.0)
+        velocity = kept * along + wp.max(rise, 0.0) * up
+    return point, velocity
+
+
+@wp.func
+def out_of_sphere(point: wp.vec3, normal: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3):
+    """Where a sphere lets a point go, and the obstacle's normal there; both as they are if it is outside."""
+    if wp.length_sq(point - center) < radius * radius:
+        normal = way_out(point, center, up)
+        point = center + radius * normal
+    return point, normal
+
+
+@wp.func
+def above_ground(point: wp.vec3, normal: wp.vec3, up: wp.vec3, height: float):
+    """Where the ground lets a point go, and the obstacle's normal there; both as they are if it is above."""
+    depth = height - wp.dot(point, up)
+    if depth > 0.0:
+        normal = up
+        point += depth * up
+    return point, normal
+
+
+@wp.func
+def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
+    """Force on a sphere [N] from a particle that it moved `outward`."""
+    squared = squared_length(inflation)
+    return (-penalty * squared * inverse_root(squared)) * outward
+
+
+@wp.func
+def collide(mass: float, sphere_part: float, velocity: wp.vec3, stopped: wp.vec3, step_seconds: float):
+    """A particle that left a sphere, and a part of the sphere's mass [kg], as an inelastic collision: the velocity of
+    the particle, and the force on the sphere [N] that gives it in the next step what the particle loses in this one.
+
+    The part is the particle's share of its balloon's mass, shared out to the balloons: those of all particles add up to
+    the sphere at most. So the sphere as a whole gets what its parts get, each from the velocities before the step, and
+    never turns back, however many particles touch it. Each collision takes away energy, and so does the sphere's coming
+    to one velocity. The force's line goes through both centers, so that nothing is turned.
+
+    Args:
+        velocity: before the contact.
+        stopped: the same without its part into the sphere, as if the sphere could not be moved.
+    """
+    after = velocity + sphere_part / (mass + sphere_part) * (stopped - velocity)
+    return after, (mass / step_seconds) * (velocity - after)
+
+
+@wp.func
+def move_sphere(
+    position: wp.vec3,
+    velocity: wp.vec3,
+    pushed: wp.vec3,
+    radius: float,
+    gravity: float,
+    up: wp.vec3,
+    ground_height: float,
+    ground_restitution: float,
+    step_seconds: float,
+):
+    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by contacts."""
+    velocity += step_seconds * (pushed - gravity * up)
+    position += step_seconds * velocity
+    depth = ground_height + radius - wp.dot(position, up)
+    if depth > 0.0:
+        position += depth * up
+        velocity -= (1.0 + ground_restitution) * wp.min(wp.dot(velocity, up), 0.0) * up
+    return position, velocity
+
+
+NO_GROUND = -1.0e30
+"""height [m] of a ground that is not there"""
+GROUND = (
+    Parameter("ground_height", "m", of="world", path="ground.height", absent=NO_GROUND),
+    Parameter(
+        "ground_friction",
+        "1",
+        0.5,
+        least=0.0,
+        of="world",
+        path="ground.friction",
+        meaning="Coulomb's coefficient, for balloons",
+    ),
+    Parameter(
+        "ground_restitution",
+        "1",
+        0.3,
+        least=0.0,
+        most=1.0,
+        of="world",
+        path="ground.restitution",
+        meaning="rebound speed over impact speed, for spheres",
+    ),
+)

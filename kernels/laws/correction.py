@@ -1,0 +1,40 @@
+"""Position correction: after a step, a spring longer than (1 + limit) times its rest length is shortened to that, by
+moving both ends alike, or the free one (Provot 1995).
+
+One spring after the other, of those that share no particle side by side: springs are colored so that no two of a color
+meet, and a sweep takes the colors in turn (Gauss-Seidel), which carries a correction through the balloon faster than
+averaging all springs' wishes (Jacobi). The order of springs in memory does not matter.
+
+The velocities follow: an end that is moved by c in a step of h gains c / h. Then a velocity is that of the way which a
+particle really went, where otherwise it would gather speed against the limit for as long as it is pulled. The gains of
+the two ends are opposite, so that momentum stays; and along the spring, so that angular momentum stays to first order
+in the step.
+"""
+
+import warp as wp
+
+
+@wp.func
+def excess(d: wp.vec3, rest_length: float, limit: float):
+    """How much of d, from one end of a spring to the other, is beyond its longest [m]; zero if it is short enough."""
+    longest = (1.0 + limit) * rest_length
+    squared = wp.length_sq(d)
+    if squared <= longest * longest:
+        return wp.vec3()
+    return (1.0 - longest / wp.sqrt(squared)) * d
+
+
+@wp.func
+def share_of_correction(mass_share: float, mass_share_of_other: float):
+    """The part of a correction that one end makes: half, or all beside a fixed end, or nothing if fixed itself."""
+    if mass_share == 0.0:
+        return 0.0
+    return wp.where(mass_share_of_other > 0.0, 0.5, 1.0)
+
+
+@wp.func
+def moves_of_ends(mass_share_p: float, mass_share_q: float, too_long: wp.vec3):
+    """How a spring's two ends move to make good for an excess [m]."""
+    move_p = share_of_correction(mass_share_p, mass_share_q) * too_long
+    move_q = -share_of_correction(mass_share_q, mass_share_p) * too_long
+    return move_p, move_q

@@ -1,0 +1,36 @@
+"""What blows a balloon up pushes each of its particles along a vector: its *aim*, or its area vector.
+
+- Normal forces, the paper's: F = 100 k_normal (A_p / A_total) n (paper, "Particle Simulation"). A_p is the area of the
+  incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean of the unit normals
+  of its incident faces, normalized. The aim is (A_p / A_total) n, which the paper caches over a frame.
+- A pressure, given or of a gas: F = p dV/dx, p times the particle's area vector.
+"""
+
+from typing import Any
+
+import warp as wp
+
+NORMAL_FORCE = wp.constant(0)
+PRESSURE = wp.constant(1)
+GAS = wp.constant(2)
+FAR = wp.constant(1.0e30)
+"""a squared distance [m^2] beyond all others"""
+
+
+@wp.func
+def normal_push(k_normal: Any):
+    """Force over the aim [N]."""
+    return 100.0 * k_normal
+
+
+@wp.func
+def nearer_area(nearest: wp.vec2, point: wp.vec3, center: wp.vec3, area_vector: wp.vec3):
+    """Squared distance and area of the face whose center is nearest so far, or of this one if it is nearer."""
+    squared_distance = wp.length_sq(center - point)
+    return wp.where(squared_distance < nearest[0], wp.vec2(squared_distance, wp.length(area_vector)), nearest)
+
+
+@wp.func
+def aim_of(normal_sum: wp.vec3, nearest: wp.vec2, total_area: float):
+    """(A_p / A_total) n from the sum of the unit normals around a particle, and its nearest face."""
+    return (nearest[1] / wp.max(total_area, 1.0e-20)) * wp.normalize(normal_sum)

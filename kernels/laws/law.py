@@ -1,0 +1,146 @@
+"""What a law is, and what it may ask for.
+
+A law is a function of Warp that gives a force. It names what it needs: each of its arguments is one of the things that
+its kind of law is told (below), or one of its own parameters. What no law of a scene names is not computed.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, NamedTuple
+
+Kind = Literal["particle", "spring", "string", "hinge", "face"]
+
+
+class Given(NamedTuple):
+    """Something that laws of a kind are told."""
+
+    name: str
+    type: str
+    meaning: str
+
+
+_MOMENT = (
+    Given("up", "vec3", "unit vector against gravity"),
+    Given("step_seconds", "float", "length of the substep [s]"),
+    Given("time", "float", "since the simulation began [s]"),
+)
+_PAIR = (
+    Given("squared_length", "float", "|d|^2 [m^2], d from this end to the other; never 0"),
+    Given("opening", "float", "d . d' [m^2/s], d' how fast d changes: it lengthens by opening / |d| each second"),
+    Given("rest_length", "float", "[m]"),
+    Given("stiffness", "float", "its spring constant k [N/m]"),
+    Given("stiffness_times_length", "float", "k times its rest length [N]"),
+)
+GIVEN: Mapping[Kind, tuple[Given, ...]] = {
+    "particle": (
+        Given("position", "vec3", "[m]"),
+        Given("velocity", "vec3", "[m/s]"),
+        Given("mass", "float", "[kg]; 0 if it is fixed"),
+        Given("mass_share", "float", "its part of the balloon's mass"),
+        Given("area_vector", "vec3", "gradient of the balloon's volume by its place [m^2]"),
+        Given("water_load", "vec4", "depth times area vector of its wetted faces [m^3], and their area [m^2]"),
+        *_MOMENT,
+    ),
+    "spring": (*_PAIR, *_MOMENT[1:]),
+    "string": (*_PAIR, *_MOMENT[1:]),
+    "hinge": (
+        Given("role", "int", "0 and 1: the edge's ends a and b; 2 and 3: the corners beside it of the two faces"),
+        Given("a", "vec3", "[m]"),
+        Given("b", "vec3", "[m]"),
+        Given("first", "vec3", "mean of the first face's corners beside the edge [m]"),
+        Given("second", "vec3", "and of the second's [m]"),
+        Given("rest_angle", "float", "between the two faces [rad]"),
+    ),
+    "face": (
+        Given("center", "vec3", "mean of its corners [m]"),
+        Given("area_vector", "vec3", "its area along its outer normal [m^2]"),
+        Given("velocity", "vec3", "mean of its corners' [m/s]"),
+        *_MOMENT,
+    ),
+}
+RESULT: Mapping[Kind, str] = {
+    "particle": "vec3",  # the force on the particle [N]
+    "spring": "float",  # force per unit displacement [N/m]: the force on this end is that times d, on the other minus
+    "string": "float",  # the same, on a particle that a fixed anchor holds
+    "hinge": "vec3",  # the force on the place that the role names [N]; a wing's corners share theirs
+    "face": "vec3",  # the force on the face [N], which its corners share alike
+}
+"""what a law of each kind returns"""
+
+
+FAR = 1.0e12
+"""beyond all numbers of a scene"""
+TINY = 1.0e-12
+"""the least of what is divided by: its square does not vanish in float32"""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that a scene has for each world, or for each balloon, sphere, string or tube: one row, from which all
+    else follows. A law's are of the world or of balloons."""
+
+    name: str
+    unit: str
+    default: float = 0.0
+    """where the scene does not say it"""
+    least: float = -FAR
+    most: float = FAR
+    of: Literal["world", "balloon", "sphere", "string", "tube"] = "balloon"
+    meaning: str = ""
+    path: str = ""
+    """where it stands in a scene, or in a balloon of it; of a law, when empty, in the table `law.NAME` of that law"""
+    size: int = 1
+    """3 for a vector"""
+    absent: float | None = None
+    """where the scene does not have the table that it stands in; the default, when missing"""
+
+
+_OF_PARTICLE_AT_REST = (
+    Given("mass", "float", "the particle's [kg]"),
+    Given("mass_share", "float", "its part of the balloon's mass"),
+    Given("area", "float", "its share of the balloon's area [m^2]: twice that at the start, for it may grow"),
+    Given("velocity", "vec3", "[m/s]; 0 at the start"),
+)
+GIVEN_TO_BOUNDS: Mapping[Kind, tuple[Given, ...]] = {
+    "particle": _OF_PARTICLE_AT_REST,
+    "spring": (Given("stiffness", "float", "its spring constant k [N/m]"),),
+    "string": (Given("stiffness", "float", "its spring constant k [N/m]"),),
+    "hinge": (),
+    "face": _OF_PARTICLE_AT_REST,  # which a face's bound is shared out to, in proportion to the area
+}
+"""what the bounds of each kind are told, beside all parameters"""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A law of the simulation.
+
+    Its bounds are functions for the host, from which the stable step follows. They name what they need, of
+    `GIVEN_TO_BOUNDS` and of the parameters, and get arrays that broadcast: worlds first, then particles, and a vector's
+    three numbers last. A law without bounds has no part in the step that "auto" takes.
+    """
+
+    kind: Kind
+    force: Any
+    """a `wp.func`; see `GIVEN` for its arguments and `RESULT` for what it returns"""
+    parameters: tuple[Parameter, ...] = ()
+    """its rows, each with a path"""
+    name: str = ""
+    """the function's own, when empty"""
+    energy: Any = None
+    """a `wp.func` of what the force names [J], whose negative gradient the force is; None if there is none"""
+    neutral: Mapping[str, float] = field(default_factory=dict)
+    """the law does nothing while all these parameters have these values: then it is left out"""
+    wants: Callable[[Any], bool] | None = None
+    """of a scene, whether the law belongs to it; to all, when missing"""
+    stiffness: Callable[..., Any] | None = None
+    """bound of the force's derivative by the place [N/m], of a pair's force by the distance; at a hinge, of its moment
+    by the angle [N m/rad]; 0 when missing"""
+    drag: Callable[..., Any] | None = None
+    """bound of the force's derivative by the velocity [N s/m], of a pair's by how fast it lengthens; 0 when missing"""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.force.key.rpartition(".")[2])
+        placed = (row if row.path else replace(row, path=f"law.{self.name}.{row.name}") for row in self.parameters)
+        object.__setattr__(self, "parameters", tuple(placed))

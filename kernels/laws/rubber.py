@@ -1,0 +1,93 @@
+"""Springs that are viscous, and those that are overextended from some stretch on (Tarantino 1996)."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.hooke import hooke
+from balloon_warp.kernels.laws.law import Law, Parameter
+
+NEVER_YIELDS = 1.0e9
+"""the stretch at which springs yield that do not yield: 1 - 1 / stretch is 1 in float32"""
+AT_LIMIT = wp.constant(0.999)
+"""of its longest, from which on a spring counts as at its limit: correction leaves it there but for rounding"""
+
+
+@wp.func
+def rubber(
+    squared_length: float,
+    opening: float,
+    stiffness: float,
+    stiffness_times_length: float,
+    viscosity: float,
+    yield_stretch: float,
+):
+    """What is added to Hooke's coefficient [N/m]: t k (d . d') / |d|^2, t the viscosity; or, from the yield stretch on,
+    what takes the whole pull away."""
+    elastic = hooke(squared_length, stiffness, stiffness_times_length)
+    if elastic > stiffness * (1.0 - 1.0 / yield_stretch):  # elastic / stiffness is 1 - L/|d|
+        return -elastic
+    return viscosity * stiffness * opening / squared_length
+
+
+@wp.func
+def rubber_at_limit(
+    squared_length: float,
+    opening: float,
+    stiffness: float,
+    stiffness_times_length: float,
+    viscosity: float,
+    yield_stretch: float,
+    correction_limit: float,
+):
+    """The same, with springs that do not pull at the length either that correction shortens them to."""
+    stretch = wp.min(yield_stretch, AT_LIMIT * (1.0 + correction_limit))
+    return rubber(squared_length, opening, stiffness, stiffness_times_length, viscosity, stretch)
+
+
+VISCOSITY = Parameter(
+    "viscosity",
+    "s",
+    least=0.0,
+    path="stiffness.viscosity",
+    meaning="damping constant of each spring along it, over its spring constant",
+)
+YIELD_STRETCH = Parameter(
+    "yield_stretch",
+    "1",
+    NEVER_YIELDS,
+    least=1.0,
+    path="stiffness.yield_stretch",
+    meaning="length over rest length from which on a spring pulls no more",
+)
+CORRECTION_LIMIT = Parameter(
+    "correction_limit",
+    "1",
+    0.1,
+    least=0.001,
+    of="world",
+    path="correction_limit",
+    meaning="strain beyond which a spring is shortened",
+)
+
+
+def dashpot(stiffness: Any, viscosity: Any) -> Any:
+    """Damping constant of a spring along it [N s/m]."""
+    return viscosity * stiffness
+
+
+RUBBER = Law(
+    "spring",
+    rubber,
+    (VISCOSITY, YIELD_STRETCH),
+    neutral={"viscosity": 0.0, "yield_stretch": NEVER_YIELDS},
+    wants=lambda scene: scene.correction != "tarantino",
+    drag=dashpot,
+)
+RUBBER_AT_LIMIT = Law(
+    "spring",
+    rubber_at_limit,
+    (VISCOSITY, YIELD_STRETCH, CORRECTION_LIMIT),
+    wants=lambda scene: scene.correction == "tarantino",
+    drag=dashpot,
+)

@@ -1,0 +1,140 @@
+"""A liquid under a level surface: pressure and drag on the wetted part of each face, cut exactly at the surface.
+
+A face is the fan of triangles about its center. Depth is linear over a triangle, and a corner takes of the pressure and
+of the wetted area what its barycentric coordinate weighs, the center's part being shared out evenly to the face's
+corners: so force and torque are those of the hydrostatic pressure on the fan (Kim et al. 2006).
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.body import GRAVITY
+from balloon_warp.kernels.laws.law import TINY, Law, Parameter
+
+
+@wp.func
+def corner_shares(depths: wp.vec3):
+    """Of the piece that the surface cuts off a triangle at its first corner, which alone is wet, or alone is dry: the
+    integrals of depth times each barycentric coordinate [m], and of each coordinate, over the triangle's area."""
+    along = depths[0] / (depths[0] - depths[1])
+    across = depths[0] / (depths[0] - depths[2])
+    piece = along * across
+    moments = (piece * depths[0] / 12.0) * wp.vec3(4.0 - along - across, along, across)
+    areas = (piece / 3.0) * wp.vec3(3.0 - along - across, along, across)
+    return moments, areas
+
+
+@wp.func
+def lone_corner(depths: wp.vec3, wet: bool):
+    """The corner that alone is wet, or alone is dry."""
+    if (depths[0] > 0.0) == wet:
+        return 0
+    if (depths[1] > 0.0) == wet:
+        return 1
+    return 2
+
+
+@wp.func
+def wet_shares(depths: wp.vec3):
+    """Of the wetted part of a triangle with these depths at its corners [m]: the integrals of depth times each
+    barycentric coordinate [m], and of each coordinate, over the triangle's area."""
+    wet = wp.where(depths[0] > 0.0, 1, 0) + wp.where(depths[1] > 0.0, 1, 0) + wp.where(depths[2] > 0.0, 1, 0)
+    moments = wp.vec3()
+    areas = wp.vec3()
+    if wet > 1:
+        moments = (wp.vec3(depths[0] + depths[1] + depths[2]) + depths) / 12.0
+        areas = wp.vec3(1.0 / 3.0)
+    if wet == 1 or wet == 2:
+        a = lone_corner(depths, wet == 1)
+        b = (a + 1) % 3
+        c = (a + 2) % 3
+        corner_moments, corner_areas = corner_shares(wp.vec3(depths[a], depths[b], depths[c]))
+        sign = wp.where(wet == 1, 1.0, -1.0)
+        moments[a] += sign * corner_moments[0]
+        moments[b] += sign * corner_moments[1]
+        moments[c] += sign * corner_moments[2]
+        areas[a] += sign * corner_areas[0]
+        areas[b] += sign * corner_areas[1]
+        areas[c] += sign * corner_areas[2]
+    return moments, areas
+
+
+@wp.struct
+class TriangleLoad:
+    """What the corners of a triangle take of its wetted part."""
+
+    area_vector: wp.vec3
+    """of the whole triangle [m^2]"""
+    moments: wp.vec3
+    """by corner, times the area vector: the integral of depth [m]"""
+    areas: wp.vec3
+    """by corner: the wetted area [m^2]"""
+
+
+@wp.func
+def triangle_load(a: wp.vec3, b: wp.vec3, c: wp.vec3, level: float, up: wp.vec3):
+    """What water up to a level puts on a triangle."""
+    load = TriangleLoad()
+    moments, shares = wet_shares(wp.vec3(level - wp.dot(a, up), level - wp.dot(b, up), level - wp.dot(c, up)))
+    load.area_vector = 0.5 * wp.cross(a - c, b - c)
+    load.moments = moments
+    load.areas = wp.length(load.area_vector) * shares
+    return load
+
+
+@wp.func
+def corner_load(load: TriangleLoad, moment: float, area: float):
+    """A corner's depth times area vector, and wetted area, as one vector."""
+    return wp.vec4(moment * load.area_vector[0], moment * load.area_vector[1], moment * load.area_vector[2], area)
+
+
+@wp.func
+def drag_in_water(density: float, drag: float, wet_area: float, velocity: wp.vec3, mass: float, step_seconds: float):
+    """Force against the velocity [N]: 1/2 density drag A |v| v as it is on average over a step in which nothing else
+    acts, 1/v growing evenly: a light particle in a dense liquid stops, and does not turn back."""
+    resistance = 0.5 * density * drag * wet_area * wp.length(velocity)
+    slowed = wp.where(mass > 0.0, 1.0 + resistance * step_seconds / mass, 1.0)
+    return (-resistance / slowed) * velocity
+
+
+@wp.func
+def water(
+    velocity: wp.vec3,
+    mass: float,
+    water_load: wp.vec4,
+    step_seconds: float,
+    gravity: float,
+    water_density: float,
+    water_drag: float,
+):
+    """Hydrostatic pressure and drag on a particle [N], from its load."""
+    pressure = (-water_density * gravity) * wp.vec3(water_load[0], water_load[1], water_load[2])
+    drag = drag_in_water(water_density, water_drag, water_load[3], velocity, mass, step_seconds)
+    return pressure + drag
+
+
+NO_WATER = -1.0e30
+"""level [m] of a liquid that is not there"""
+WATER_LEVEL = Parameter(
+    "water_level", "m", of="world", path="water.level", meaning="height of its surface", absent=NO_WATER
+)
+
+WATER = Law(
+    "particle",
+    water,
+    (
+        WATER_LEVEL,
+        Parameter("water_density", "kg/m^3", 1000.0, least=TINY, of="world", path="water.density"),
+        Parameter(
+            "water_drag",
+            "1",
+            1.0,
+            least=0.0,
+            of="world",
+            path="water.drag",
+            meaning="c of the drag 1/2 density c A |v| v, A the wetted area that moves at v",
+        ),
+        GRAVITY,
+    ),
+    wants=lambda scene: scene.water is not None,
+    stiffness=lambda area, water_density, gravity: water_density * abs(gravity) * area,
+)

@@ -1,0 +1,162 @@
+"""What a batch's table says of each world, reduced on the device in a fixed order: every run gives the same bits.
+
+Each balloon is summed by a number of lanes, threads that each take every so-manyth face, spring and particle; then a
+thread a world adds up the lanes, and the balloons.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
+from balloon_warp.kernels.schedules.frame import keyframed_value
+
+
+@wp.struct
+class BalloonSums:
+    """A lane's part of one balloon. Places are from one of the balloon's own points, which keeps float32's digits."""
+
+    volume: float
+    """about that point [m^3]"""
+    area: float
+    """[m^2]"""
+    area_vector: wp.vec3
+    """sum of the faces' area vectors [m^2]; over all lanes, zero for a closed balloon"""
+    corners: wp.vec3
+    """sum of the faces' corners, from that point [m]"""
+    stretch: float
+    """largest length of a spring over its rest length"""
+    kinetic_energy: float
+    """[J]"""
+
+
+@wp.kernel(enable_backward=False)
+def sum_balloons(
+    # model
+    balloon_particles: wp.array[wp.int32],
+    balloon_faces: wp.array[wp.int32],
+    balloon_springs: wp.array[wp.int32],
+    particle_mass_share: wp.array[float],
+    mass: wp.array2d[float],
+    face_offsets: wp.array[wp.int32],
+    face_particles: wp.array[wp.int32],
+    spring_particles: wp.array[wp.vec2i],
+    spring_rest_length: wp.array[float],
+    # state in
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # out
+    sums: wp.array3d[BalloonSums],
+):
+    """A thread a (world, balloon, lane). The `balloon_` arrays say where each balloon's items begin and end."""
+    world, balloon, lane = wp.tid()
+    lanes = sums.shape[2]
+    part = BalloonSums()
+    origin = points[world, face_particles[face_offsets[balloon_faces[balloon]]]]
+    for face in range(balloon_faces[balloon] + lane, balloon_faces[balloon + 1], lanes):
+        begin = face_offsets[face]
+        end = face_offsets[face + 1]
+        corners = wp.vec3()
+        for corner in range(begin, end):
+            corners += points[world, face_particles[corner]] - origin
+        center = corners / float(end - begin)
+        area_vector = wp.vec3()
+        arm = points[world, face_particles[end - 1]] - origin - center
+        for corner in range(begin, end):
+            next_arm = points[world, face_particles[corner]] - origin - center
+            area_vector += 0.5 * wp.cross(arm, next_arm)
+            arm = next_arm
+        part.volume += wp.dot(center, area_vector) / 3.0
+        part.area += wp.length(area_vector)
+        part.area_vector += area_vector
+        part.corners += corners
+    for spring in range(balloon_springs[balloon] + lane, balloon_springs[balloon + 1], lanes):
+        ends = spring_particles[spring]
+        length = wp.length(points[world, ends[1]] - points[world, ends[0]])
+        if spring_rest_length[spring] > 0.0:
+            part.stretch = wp.max(part.stretch, length / spring_rest_length[spring])
+    for particle in range(balloon_particles[balloon] + lane, balloon_particles[balloon + 1], lanes):
+        particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], balloon]
+        part.kinetic_energy += 0.5 * particle_mass * wp.length_sq(velocities[world, particle])
+    sums[world, balloon, lane] = part
+
+
+@wp.kernel(enable_backward=False)
+def measure_worlds(
+    # model
+    balloon_faces: wp.array[wp.int32],
+    face_offsets: wp.array[wp.int32],
+    face_particles: wp.array[wp.int32],
+    mass: wp.array2d[float],
+    inflation_kind: wp.array[wp.int32],
+    keyframe_times: wp.array2d[float],
+    keyframe_values: wp.array3d[float],
+    frame_seconds: float,
+    up: wp.vec3,
+    # state in
+    frame: wp.array[wp.int32],
+    pressures: wp.array2d[float],
+    points: wp.array2d[wp.vec3],
+    sphere_positions: wp.array2d[wp.vec3],
+    sums: wp.array3d[BalloonSums],
+    first_bad: wp.array[wp.int32],
+    no_body: wp.int32,
+    # out
+    measures: wp.array2d[float],
+    healthy: wp.array[wp.int32],
+):
+    """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
+    spheres.
+
+    A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
+    its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
+    left the finite numbers the last good measures stay.
+    """
+    world = wp.tid()
+    volume = float(0.0)
+    area = float(0.0)
+    pushed = float(0.0)
+    height = float(0.0)
+    total_mass = float(0.0)
+    stretch = float(0.0)
+    kinetic_energy = float(0.0)
+    finite = bool(True)
+    for balloon in range(sums.shape[1]):
+        total = BalloonSums()
+        for lane in range(sums.shape[2]):
+            part = sums[world, balloon, lane]
+            total.volume += part.volume
+            total.area += part.area
+            total.area_vector += part.area_vector
+            total.corners += part.corners
+            total.kinetic_energy += part.kinetic_energy
+            stretch = wp.max(stretch, part.stretch)
+        first = face_offsets[balloon_faces[balloon]]
+        corner_count = face_offsets[balloon_faces[balloon + 1]] - first
+        center = total.corners / float(corner_count)
+        balloon_mass = mass[world % mass.shape[0], balloon]
+        volume += total.volume - wp.dot(center, total.area_vector) / 3.0
+        area += total.area
+        if inflation_kind[balloon] == NORMAL_FORCE:
+            time = float(frame[0]) * frame_seconds
+            pushed += normal_push(keyframed_value(keyframe_times, keyframe_values, world, balloon, time))
+        else:
+            pushed += pressures[world, balloon] * total.area
+        kinetic_energy += total.kinetic_energy
+        height += balloon_mass * (wp.dot(points[world, face_particles[first]], up) + wp.dot(center, up))
+        total_mass += balloon_mass
+    height /= total_mass
+    pressure = pushed / wp.max(area, 1.0e-20)
+    for sphere in range(sphere_positions.shape[1]):
+        finite = finite and wp.isfinite(sphere_positions[world, sphere])
+    finite = finite and wp.isfinite(volume) and wp.isfinite(area) and wp.isfinite(height)
+    finite = finite and wp.isfinite(pressure) and wp.isfinite(stretch) and wp.isfinite(kinetic_energy)
+    if first_bad[world] != no_body or not finite:
+        healthy[world] = 0
+    if healthy[world] == 1:
+        measures[world, 0] = volume
+        measures[world, 1] = area
+        measures[world, 2] = pressure
+        measures[world, 3] = height
+        measures[world, 4] = stretch
+        measures[world, 5] = kinetic_energy
+        for sphere in range(sphere_positions.shape[1]):
+            measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)

@@ -1,0 +1,199 @@
+"""Fast simulation of mass-spring systems (Liu et al. 2013): backward Euler by local and global steps.
+
+A substep h seeks the displacements u that minimize
+
+    g(u) = sum_p (m + h c) |u - w|^2 / (2 h^2) + E(x + u)
+
+where E is the energy of springs and strings, c the damping, and w the displacement that there would be without them.
+The local step projects each spring on its rest length: its vector d becomes L d/|d|. The global step then solves the
+linear system (M + h C + h^2 L) u = (M + h C) w + h^2 (pull of the projections), whose matrix A never changes. Here it
+is solved for the increment, which float32 resolves better,
+
+    A du = (m + h c) (w - u) + h^2 F(x + u)
+
+since k (L d/|d| - d) is the force of a spring: the local step is Hooke's law, at the particles of the last iteration. A
+slack string has itself as projection, so it has no force either. Each iteration lowers g, whatever h is.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.compose import sum_of_laws
+from balloon_warp.kernels.laws.body import DAMPING
+from balloon_warp.kernels.laws.law import RESULT
+from balloon_warp.kernels.loops.springs import spring_loop
+from balloon_warp.kernels.loops.strings import string_loop
+from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.schedules.launched import Working, leaving_function
+from balloon_warp.kernels.substep import inflation_of, ramp_at, time_of
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def inertia_function(traits: Traits) -> Any:
+    """The function that gives m + h c [kg]: what holds a particle back in a step of h, damping included; 0 for a fixed
+    particle."""
+    column = traits.columns.places["damping"]
+
+    @wp.func
+    def inertia(own: Any, step_seconds: float):
+        return own.mass + step_seconds * own.share * own.n[column]
+
+    return inertia
+
+
+@cache
+def push_function(traits: Traits) -> Any:
+    """The function that gives the inflation force on a particle."""
+    inflation = inflation_of(traits)
+
+    @wp.func
+    def push_of(
+        t: Tables, state: WorldState, working: Working, own: Any, point: wp.vec3, time_in_frame: float
+    ):
+        """[N]"""
+        value = ramp_at(state, own.world, own.balloon, time_in_frame)
+        aim = working.aims[own.world, own.number]
+        return inflation(own.kind, value, 0.0, 0.0, t.up, point, aim, wp.vec3())
+
+    return push_of
+
+
+@cache
+def foreseeing_kernel(traits: Traits) -> Any:
+    """The kernel that foresees displacements."""
+    _, read_own = own_functions(traits.columns)
+    outer = tuple(law for law in traits.of_kind("particle") if law is not DAMPING)
+    particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns)
+    inertia = inertia_function(traits)
+    push_of = push_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def foresee_displacements(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # state in
+        state: WorldState,
+        working: Working,
+        # out
+        free_displacements: wp.array2d[wp.vec3],
+        displacements: wp.array2d[wp.vec3],
+        trial_points: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle): w, where the iterations begin."""
+        world, particle = wp.tid()
+        own = read_own(t, world, particle)
+        point = state.points[world, particle]
+        free = wp.vec3()
+        if own.mass > 0.0:
+            velocity = state.velocities[world, particle]
+            time = time_of(t, state.frame, time_in_frame)
+            force = push_of(t, state, working, own, point, time_in_frame) + particle_laws(
+                point, velocity, own.mass, own.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds, time, own.n
+            )
+            impulse = own.mass * velocity + t.step_seconds * force
+            free = (t.step_seconds / inertia(own, t.step_seconds)) * impulse
+        free_displacements[world, particle] = free
+        displacements[world, particle] = free
+        trial_points[world, particle] = point + free
+
+    return foresee_displacements
+
+
+@cache
+def local_step_kernel(traits: Traits) -> Any:
+    """The kernel of the local step."""
+    _, read_own = own_functions(traits.columns)
+    pull_of_springs = spring_loop(traits, vector_at)
+    pull_of_strings = string_loop(traits)
+    inertia = inertia_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
+    def find_residuals(
+        # model
+        t: Tables,
+        # in
+        free_displacements: wp.array2d[wp.vec3],
+        displacements: wp.array2d[wp.vec3],
+        trial_points: wp.array2d[wp.vec3],
+        # out
+        residuals: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle): minus h^2 times the slope of g [kg m]."""
+        world, particle = wp.tid()
+        own = read_own(t, world, particle)
+        residual = wp.vec3()
+        if own.share > 0.0:
+            point = trial_points[world, particle]
+            displacement = displacements[world, particle]
+            # No law here looks at velocities or at the time.
+            pull = pull_of_springs(
+                t, trial_points[world], displacements[world], own, own.number, point, displacement, 0.0
+            )
+            if wp.static(traits.has("string")):
+                pull += pull_of_strings(
+                    t.strings, world, particle, point, displacement, own.n, t.step_seconds, 0.0
+                )
+            lag = free_displacements[world, particle] - displacement
+            residual = inertia(own, t.step_seconds) * lag + t.step_seconds * t.step_seconds * pull
+        residuals[world, particle] = residual
+
+    return find_residuals
+
+
+@wp.kernel(enable_backward=False)
+def apply_increments(
+    # in
+    points: wp.array2d[wp.vec3],
+    increments: wp.array2d[wp.vec3],
+    # in and out
+    displacements: wp.array2d[wp.vec3],
+    # out
+    trial_points: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): what the global step found."""
+    world, particle = wp.tid()
+    displacement = displacements[world, particle] + increments[world, particle]
+    displacements[world, particle] = displacement
+    trial_points[world, particle] = points[world, particle] + displacement
+
+
+@cache
+def ending_kernel(traits: Traits) -> Any:
+    """The kernel that ends a substep."""
+    _, read_own = own_functions(traits.columns)
+    leave = leaving_function(traits)
+    push_of = push_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def take_displacements(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # in
+        displacements: wp.array2d[wp.vec3],
+        # state in and out
+        state: WorldState,
+        working: Working,
+    ):
+        """A thread a (world, particle): the substep ends, and contacts follow; the spheres have moved already."""
+        world, particle = wp.tid()
+        own = read_own(t, world, particle)
+        start = state.points[world, particle]
+        point = start + displacements[world, particle]
+        velocity = displacements[world, particle] / t.step_seconds
+        if wp.static(traits.obstacles):
+            if own.share > 0.0:
+                push = push_of(t, state, working, own, start, time_in_frame)
+                out, after = leave(t, state, working, own, own.mass, point, velocity, push)
+                point = out
+                velocity = after
+        state.points[world, particle] = point
+        state.velocities[world, particle] = velocity
+
+    return take_displacements
