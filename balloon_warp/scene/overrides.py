@@ -12,9 +12,6 @@ from balloon_warp.scene.schema import Scene
 
 Override = tuple[str, Any]
 """a dotted path, and the value to put there"""
-WELD: Override = ("balloon.weld", True)
-"""what --weld stands for"""
-WELD_HELP = "Join faces where vertices lie at exactly the same place: --set balloon.weld=true"
 
 
 def parse_override(text: str) -> Override:
