@@ -120,15 +120,28 @@ def animate(
     if blow_up:
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
     seconds = time.perf_counter() - began
-    frames = simulator.frame_number - bool(blow_up)
     if picture:
         from balloon_warp.outputs.render import render_stage
 
         render_stage(output, picture, device=device)
-    model = simulator.model
+    files = str(output), str(picture) if picture else None
+    return _summary(simulator, name, files, begin, restarts, blow_up, seconds)
+
+
+def _summary(
+    simulator: Simulator,
+    name: str,
+    files: tuple[str, str | None],
+    begin: int,
+    restarts: int,
+    blow_up: BlowUpError | None,
+    seconds: float,
+) -> Summary:
+    """What `animate` hands back; `files` are the stage and the picture."""
+    model, frames = simulator.model, simulator.frame_number - bool(blow_up)
     return Summary(
-        output=str(output),
-        picture=str(picture) if picture else None,
+        output=files[0],
+        picture=files[1],
         scene=name,
         device=str(model.device),
         schedule=simulator.schedule.name,

@@ -3,31 +3,55 @@
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
 from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
-from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
+
+if TYPE_CHECKING:
+    from balloon_warp.sweep.batch import BatchSummary
+
+Vary = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATH=LOW:HIGH|VALUE,...",
+        help="What differs: a range is sampled, --vary balloon.mass=1:3; a list is cycled, "
+        "--vary sphere.0.mass=1,10 or --vary balloon.mesh=a.obj,b.obj.",
+    ),
+]
+OnBlowup = Annotated[
+    str,
+    typer.Option(
+        "--on-blowup",
+        metavar="freeze|restart|stop",
+        help="What becomes of a world that blows up: it stays at its last good frame, begins again with half the "
+        "step, or ends the batch.",
+    ),
+]
+Checkpoint = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        metavar="SECONDS",
+        help="How often a long batch is saved, in OUTPUT/partial, from where --resume goes on; 0 for only when it "
+        "is stopped with Ctrl-C.",
+    ),
+]
 
 
 def batch(
-    scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
+    scene: SceneName,
+    *,
     worlds: Annotated[int, typer.Option(help="How many worlds.")] = 64,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PATH=LOW:HIGH|VALUE,...",
-            help="What differs: a range is sampled, --vary balloon.mass=1:3; a list is cycled, "
-            "--vary sphere.0.mass=1,10 or --vary balloon.mesh=a.obj,b.obj.",
-        ),
-    ] = None,
+    vary: Vary = None,
     grid: Annotated[bool, typer.Option("--grid", help="Divide the ranges evenly instead of sampling them.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
     export: Annotated[
@@ -40,42 +64,24 @@ def batch(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all worlds: --set balloon.mass=0.2"),
     ] = None,
-    weld: Annotated[bool, typer.Option("--weld", help=WELD_HELP)] = False,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
-    schedule: Annotated[
-        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
-    ] = "auto",
-    on_blowup: Annotated[
-        str,
-        typer.Option(
-            "--on-blowup",
-            metavar="freeze|restart|stop",
-            help="What becomes of a world that blows up: it stays at its last good frame, begins again with half the "
-            "step, or ends the batch.",
-        ),
-    ] = "freeze",
+    weld: Weld = False,
+    device: Device = None,
+    schedule: Schedule = "auto",
+    on_blowup: OnBlowup = "freeze",
     gpus: Annotated[int | None, typer.Option(help="Spread the worlds over this many GPUs of this machine.")] = None,
     workers: Annotated[int | None, typer.Option(help="Spread the worlds over this many processes on the CPU.")] = None,
     cluster: Annotated[
         str | None,
         typer.Option(metavar="tcp://HOST:PORT", help="Spread the worlds over the workers of a Dask scheduler."),
     ] = None,
-    checkpoint: Annotated[
-        float,
-        typer.Option(
-            min=0.0,
-            metavar="SECONDS",
-            help="How often a long batch is saved, in OUTPUT/partial, from where --resume goes on; 0 for only when it "
-            "is stopped with Ctrl-C.",
-        ),
-    ] = 30.0,
+    checkpoint: Checkpoint = 30.0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from where a batch that was stopped or killed was saved.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
-    loaded = load_scene(scene, [parse_override(text) for text in overrides or []] + ([WELD] if weld else []))
+    loaded = load_scene(scene, scene_changes(overrides, weld))
     name = scene_name(scene)
     quiet_warp()
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
@@ -110,13 +116,22 @@ def batch(
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     if as_json:
         print(json.dumps(summary.as_json()))
-        return
+    else:
+        _print_summary(summary, spread=bool(spread_over))
+
+
+def _print_summary(summary: "BatchSummary", spread: bool) -> None:
+    """What was done, what went wrong, and where it is.
+
+    Args:
+        spread: whether it was over workers.
+    """
+    device = f"{summary.workers} x {summary.device}" if spread else summary.device
     console = Console(highlight=False, soft_wrap=True)
-    device_text = f"{summary.workers} x {summary.device}" if spread_over else summary.device
     console.print(
         f"{summary.scene}: {counted(summary.worlds, 'world')}, {counted(summary.particles, 'particle')}, "
         f"{counted(summary.frames, 'frame')} of {counted(summary.substeps, 'substep')} in "
-        f"{summary.wall_seconds:.1f} s on {device_text} ({summary.schedule})",
+        f"{summary.wall_seconds:.1f} s on {device} ({summary.schedule})",
         markup=False,
     )
     for sentence in summary.blow_ups:

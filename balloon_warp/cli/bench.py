@@ -9,6 +9,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from balloon_warp.cli.options import Device
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.errors import InputError
 
@@ -17,7 +18,7 @@ FILE_WIDTH = 200
 
 
 def bench(
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    device: Device = None,
     quick: Annotated[bool, typer.Option("--quick", help="A few cases only.")] = False,
     gpus: Annotated[
         str | None, typer.Option(metavar="1,2,4", help="Weak scaling instead: so many GPUs, each with 8,192 balloons.")

@@ -8,13 +8,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from balloon_warp.cli.options import Device, SceneName, Schedule, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.size import parse_size
 from balloon_warp.comparison.choices import parse_choices, shown
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import load_scene, scene_name
-from balloon_warp.scene.overrides import parse_override
 
 if TYPE_CHECKING:
     from balloon_warp.comparison.compare import Comparison
@@ -35,7 +35,7 @@ HEADERS = {
 
 
 def compare(
-    scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
+    scene: SceneName,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -57,13 +57,11 @@ def compare(
         typer.Option(help="Frame that is shown and measured; if not given, the scene's picture, else the last."),
     ] = None,
     size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of each run's picture, in pixels.")] = "480x270",
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
-    schedule: Annotated[
-        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
-    ] = "auto",
+    device: Device = None,
+    schedule: Schedule = "auto",
 ) -> None:
     """Run a scene with different values, and show the runs side by side: one picture, one table."""
-    loaded = load_scene(scene, [parse_override(text) for text in overrides or []])
+    loaded = load_scene(scene, scene_changes(overrides))
     quiet_warp()
     from balloon_warp.comparison.compare import compare as run_all  # loads Warp and USD: only for a good scene
 

@@ -10,12 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from balloon_warp.cli.options import WELD, Weld, scene_changes
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import Scene, bundled_scenes, load_scene
-from balloon_warp.scene.overrides import WELD, WELD_HELP, Override, parse_override
+from balloon_warp.scene.overrides import Override
 
 
 def inspect(
@@ -30,11 +31,11 @@ def inspect(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value, for the step: --set balloon.mass=2"),
     ] = None,
-    weld: Annotated[bool, typer.Option("--weld", help=WELD_HELP)] = False,
+    weld: Weld = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON on standard output.")] = False,
 ) -> None:
     """Report the faces, springs, topology and size of meshes, what is odd about them, and the step that they allow."""
-    changes = [parse_override(text) for text in overrides or []] + ([WELD] if weld else [])
+    changes = scene_changes(overrides, weld)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, load_scene(source, changes), as_json)
     else:

@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from balloon_warp.cli.options import Device
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.size import parse_size
 
@@ -31,7 +32,7 @@ def render(
         float | None, typer.Option(metavar="DEGREES", help="Look from so far above: 90 is the top; 13 if not given.")
     ] = None,
     samples: Annotated[int, typer.Option(help="Rays a pixel.")] = 4,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    device: Device = None,
 ) -> None:
     """Make a picture or an animation of a stage."""
     pixels = parse_size(size)

@@ -8,16 +8,16 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
 from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
-from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
 
 
 def run(
-    scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
+    scene: SceneName,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Stage to write: .usdc, .usda or .usd; SCENE.usdc if not given."),
@@ -27,11 +27,9 @@ def run(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
-    weld: Annotated[bool, typer.Option("--weld", help=WELD_HELP)] = False,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
-    schedule: Annotated[
-        str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")
-    ] = "auto",
+    weld: Weld = False,
+    device: Device = None,
+    schedule: Schedule = "auto",
     on_blowup: Annotated[
         str,
         typer.Option(
@@ -55,7 +53,7 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate a scene, or any mesh, and write it as animated USD."""
-    loaded = load_scene(scene, [parse_override(text) for text in overrides or []] + ([WELD] if weld else []))
+    loaded = load_scene(scene, scene_changes(overrides, weld))
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     quiet_warp()

@@ -11,15 +11,15 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.cli.options import Device, SceneName, Weld, scene_changes
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.scene.load import load_scene, scene_name
-from balloon_warp.scene.overrides import WELD, WELD_HELP, parse_override
 
 
 def view(
-    scene: Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")],
+    scene: SceneName,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="8080 or the next free one if not given.")] = None,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     folder: Annotated[
@@ -29,12 +29,12 @@ def view(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
-    weld: Annotated[bool, typer.Option("--weld", help=WELD_HELP)] = False,
-    device: Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")] = None,
+    weld: Weld = False,
+    device: Device = None,
     host: Annotated[str, typer.Option(help="Address to listen on; this machine alone if not given.")] = "127.0.0.1",
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it."""
-    loaded = load_scene(scene, [parse_override(text) for text in overrides or []] + ([WELD] if weld else []))
+    loaded = load_scene(scene, scene_changes(overrides, weld))
     if not folder.is_dir():
         raise InputError(f"{folder}: the folder does not exist")
     quiet_warp()

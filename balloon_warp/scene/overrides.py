@@ -12,9 +12,6 @@ from balloon_warp.scene.schema import Scene
 
 Override = tuple[str, Any]
 """a dotted path, and the value to put there"""
-WELD: Override = ("balloon.weld", True)
-"""what --weld stands for"""
-WELD_HELP = "Join faces where vertices lie at exactly the same place: --set balloon.weld=true"
 
 
 def parse_override(text: str) -> Override:
@@ -66,9 +63,8 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
             place[int(name)] = value
     elif isinstance(place, dict):
         if rest:
-            _put(
-                place.setdefault(name, [] if name in ("balloon", "sphere", "string", "tube") else {}), rest, value, path
-            )
+            listed = len(names) == path.count(".") + 1 and name in ("balloon", "sphere", "string", "tube")
+            _put(place.setdefault(name, [] if listed else {}), rest, value, path)
         else:
             place[name] = value
     else:

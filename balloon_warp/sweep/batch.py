@@ -17,7 +17,9 @@ from balloon_warp.sweep.local import simulate_locally
 from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
 from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.resume import BatchCheckpoints
-from balloon_warp.sweep.task import BatchTask
+from balloon_warp.sweep.task import BatchTask, Outcome
+
+TABLE_NAMES = ("table.npz", "table.csv")
 
 
 @dataclass(frozen=True)
@@ -138,33 +140,38 @@ def run_batch(
             outcome = simulate_locally(task, device, checkpoints, on_frame)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(checkpoints.advice) from None
-    names = ["table.npz", "table.csv", *([STAGE_NAME] if len(chosen) else [])]
+    names = [*TABLE_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
-    substeps = task.groups[0].plan.substeps
-    particles = sum(len(group.worlds) * group.plan.particle_count for group in task.groups)
+    return _summary(task, outcome, name)
+
+
+def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
+    """What `run_batch` hands back."""
+    scene, groups, stage = task.scene, task.groups, str(task.folder / STAGE_NAME)
+    substeps = groups[0].plan.substeps
+    particles = sum(len(group.worlds) * group.plan.particle_count for group in groups)
+    simulated = particles * substeps * scene.frames * (1.0 - outcome.resumed)
     return BatchSummary(
-        output=str(folder),
-        table=[str(task.folder / "table.npz"), str(task.folder / "table.csv")],
-        stage=str(task.folder / STAGE_NAME) if len(chosen) else None,
+        output=str(task.folder),
+        table=[str(task.folder / table) for table in TABLE_NAMES],
+        stage=stage if len(task.chosen) else None,
         manifest=str(task.folder / MANIFEST_NAME),
-        removed_stage=str(task.folder / STAGE_NAME) if outcome.removed_stage else None,
+        removed_stage=stage if outcome.removed_stage else None,
         scene=name,
         device=outcome.device,
         schedule=outcome.schedule,
         workers=outcome.workers,
-        worlds=world_count,
-        exported_worlds=len(chosen),
-        unhealthy_worlds=world_count - outcome.healthy_worlds,
+        worlds=task.world_count,
+        exported_worlds=len(task.chosen),
+        unhealthy_worlds=task.world_count - outcome.healthy_worlds,
         restarted_worlds=len(outcome.failures.restarted),
         blow_ups=[str(report) for report in outcome.failures.reports],
         particles=particles,
-        springs=sum(len(group.worlds) * group.plan.spring_count for group in task.groups),
+        springs=sum(len(group.worlds) * group.plan.spring_count for group in groups),
         frames=scene.frames,
         substeps=substeps,
         resumed=round(outcome.resumed, 3),
         wall_seconds=round(outcome.seconds, 3),
-        particle_substeps_per_second=round(
-            particles * substeps * scene.frames * (1.0 - outcome.resumed) / outcome.seconds
-        ),
+        particle_substeps_per_second=round(simulated / outcome.seconds),
     )

@@ -11,8 +11,9 @@ from balloon_warp.errors import InputError
 from balloon_warp.scene import Scene, bundled_scenes, load_scene
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.layers import LAYERS, Layers
+from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
-from balloon_warp.viewer.session import Picture, Session
+from balloon_warp.viewer.session import Session
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04

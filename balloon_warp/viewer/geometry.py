@@ -9,7 +9,7 @@ from balloon_warp.mesh.geometry import signed_volume, total_area, triangulate, v
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.viewer.colors import SPRINGS, STRAIN_BOUNDS
-from balloon_warp.viewer.session import Picture
+from balloon_warp.viewer.picture import Picture
 
 Lines = NDArray[np.float32]
 """segments [m], shape (count, 2, 3)"""

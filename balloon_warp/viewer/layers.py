@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
-from balloon_warp.viewer.session import Picture
+from balloon_warp.viewer.picture import Picture
 
 LAYERS = {
     "balloon": "smooth balloon",

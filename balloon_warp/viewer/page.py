@@ -17,8 +17,8 @@ from balloon_warp.viewer.guard import guarded
 from balloon_warp.viewer.layers import Layers
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.plots import Plots
-from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
-from balloon_warp.viewer.session import SHOWN_SECONDS, Session, nearest_particle
+from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_particle, throw_at
+from balloon_warp.viewer.session import SHOWN_SECONDS, Session
 
 DEFAULT_PORT = 8080
 PANEL_SECONDS = 0.2

@@ -1,7 +1,7 @@
 """A simulation that is played with: every touch takes effect between two frames, and is written down."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from balloon_warp.scene.timeline import is_there, scenes_over_time
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.bodies import as_vector, new_body
 from balloon_warp.viewer.journal import Journal
+from balloon_warp.viewer.moment import Moment
 
 MOST_SUBSTEPS = 1000
 """in a frame, of what is played with"""
@@ -26,19 +27,6 @@ MOST_THROWN = 8
 SPHERE_DRAG = 0.47
 REBUILT = ("viscosity", "yield_stretch", "drag_coefficient")
 """fields that decide which kernels run"""
-
-
-@dataclass(frozen=True)
-class Moment:
-    """All that it takes to go on from here."""
-
-    frame: int
-    scene: Scene
-    journal: Journal
-    numbers: tuple[list[int], list[int]]
-    substeps: int
-    hands: dict[object, int]
-    state: dict[str, NDArray]
 
 
 class Playground:

@@ -6,7 +6,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from balloon_warp.viewer.session import Picture
+from balloon_warp.viewer.picture import Picture
 
 SECONDS = 10.0
 CURVES = {

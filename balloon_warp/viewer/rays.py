@@ -39,3 +39,8 @@ def throw_at(target: ArrayLike, start: ArrayLike, speed: float, gravity: float, 
     target, start, up = (np.asarray(each, float) for each in (target, start, up))
     seconds = max(float(np.linalg.norm(target - start)), 1e-9) / speed
     return (target - start) / seconds + 0.5 * gravity * seconds * up
+
+
+def nearest_particle(points: NDArray[np.floating], place: NDArray[np.floating]) -> int:
+    """The particle that is nearest to a place."""
+    return int(np.argmin(((points - place) ** 2).sum(axis=1)))

@@ -75,6 +75,13 @@ def write_recording(recorded: Recorded, folder: Path, name: str) -> list[Path]:
     return [stage, script]
 
 
+def free_number(folder: Path, name: str, number: int) -> int:
+    """The first from a number on for which there is no file NAME_NUMBER yet."""
+    while any((folder / f"{name}_{number}{suffix}").exists() for suffix in (".usdc", ".toml")):
+        number += 1
+    return number
+
+
 def _with_all_bodies(frame: Frame, bodies: tuple[list[int], list[int]], model: Model) -> Frame:
     """The frame with all the spheres and strings of the journal; those that are not there rest where they start."""
     positions = model.parameters["initial_sphere_positions"].numpy()[0].reshape(-1, 3).copy()

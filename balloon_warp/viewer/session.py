@@ -9,15 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.frame import Frame
-from balloon_warp.model import Model
 from balloon_warp.scene import Scene
+from balloon_warp.viewer.moment import Moment
 from balloon_warp.viewer.pace import Pace
-from balloon_warp.viewer.playground import Moment, Playground
-from balloon_warp.viewer.recording import Recording, write_recording
+from balloon_warp.viewer.picture import Picture
+from balloon_warp.viewer.playground import Playground
+from balloon_warp.viewer.recording import Recording, free_number, write_recording
 from balloon_warp.viewer.wishes import Wish, Wishes
 
 SHOWN_SECONDS = 1.0 / 30.0
@@ -25,39 +24,6 @@ SHOWN_SECONDS = 1.0 / 30.0
 MOMENT_SECONDS = 0.5
 """of simulated time between two states that can be gone back to"""
 MOMENTS = 12
-
-
-@dataclass(frozen=True)
-class Picture:
-    """What is to be seen of a session at one time."""
-
-    load: int
-    """how many scenes were loaded until now: another number, another model"""
-    revision: int
-    """changes whenever values of the scene changed otherwise than by being set"""
-    granted: int
-    """how many wishes it shows; what was asked since, it does not"""
-    name: str
-    model: Model
-    scene: Scene
-    frame: Frame
-    seconds: float
-    sphere_numbers: tuple[int, ...]
-    """of the spheres that are there, over the whole simulation"""
-    hands: frozenset[int]
-    """strings that are hands"""
-    inflation: float
-    running: bool
-    speed: float
-    rate: float
-    """simulated seconds over the wall's"""
-    step_seconds: float
-    """of the wall's clock, for a frame"""
-    schedule: str
-    trouble: str
-    """what happened, if it blew up"""
-    recorded_seconds: float | None
-    """of the recording that goes on"""
 
 
 @dataclass
@@ -254,7 +220,7 @@ class Session:
         if not self.recording:
             return
         recorded, self.recording = self.recording.end(self.playground.journal), None
-        self._recordings = _free_number(self.folder, self.name, self._recordings + 1)
+        self._recordings = free_number(self.folder, self.name, self._recordings + 1)
         name = f"{self.name}_{self._recordings}"
 
         def write() -> None:
@@ -291,15 +257,3 @@ class Session:
             trouble=self.trouble,
             recorded_seconds=(playground.frame - began) * simulator.model.frame_seconds if self.recording else None,
         )
-
-
-def _free_number(folder: Path, name: str, number: int) -> int:
-    """The first from a number on for which there is no file NAME_NUMBER yet."""
-    while any((folder / f"{name}_{number}{suffix}").exists() for suffix in (".usdc", ".toml")):
-        number += 1
-    return number
-
-
-def nearest_particle(points: NDArray[np.floating], place: NDArray[np.floating]) -> int:
-    """The particle that is nearest to a place."""
-    return int(np.argmin(((points - place) ** 2).sum(axis=1)))

@@ -100,7 +100,13 @@ AIR_DRAG = Law(
     air_drag,
     (
         *AIR,
-        Parameter("drag_coefficient", "1", least=0.0, path="drag_coefficient", meaning="C_d, as for a sphere"),
+        Parameter(
+            "drag_coefficient",
+            "1",
+            least=0.0,
+            path="drag_coefficient",
+            meaning="C_d of 1/2 density C_d A u^2, as for a sphere, u the speed relative to the wind",
+        ),
         Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="velocity of the air"),
     ),
     neutral={"drag_coefficient": 0.0},

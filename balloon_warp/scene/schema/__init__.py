@@ -1,0 +1,27 @@
+"""The scene schema: every field, its unit, its default and its bounds. SI units throughout.
+
+scene          a scene as a whole: time, methods, and the lists of what is in it
+balloon        balloons, their springs and what fills them
+bodies         spheres and strings
+surroundings   air, water and ground
+fields         what all of these are made of
+"""
+
+from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
+from balloon_warp.scene.schema.bodies import Sphere, String
+from balloon_warp.scene.schema.scene import Change, Scene, Tube
+from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
+
+__all__ = [
+    "Atmosphere",
+    "Balloon",
+    "Change",
+    "Ground",
+    "Inflation",
+    "Scene",
+    "Sphere",
+    "Stiffness",
+    "String",
+    "Tube",
+    "Water",
+]

@@ -1,0 +1,57 @@
+"""What balloons touch and are tied with, for all the time or some of it: spheres and strings."""
+
+from typing import Any, Literal
+
+from pydantic import model_validator
+
+from balloon_warp.scene.schema.fields import Color, Index, NonNegative, Positive, Table, Vector
+
+
+def _ends_after_its_start(lasting: Any) -> Any:
+    if lasting.end is not None and lasting.end < lasting.start:
+        raise ValueError(f"end: must not come before the start, {lasting.start:g} s (got {lasting.end:g} s)")
+    return lasting
+
+
+class Sphere(Table):
+    """A rigid sphere that collides with balloons and the ground."""
+
+    radius: Positive = 0.15
+    """[m]"""
+    mass: Positive = 1.0
+    """[kg]"""
+    position: Vector
+    """of its center at the start [m]"""
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """at the start [m/s]"""
+    penalty: NonNegative = 1.0
+    """force it gets from a touching particle, as a multiple of that particle's inflation force; without meaning where
+    `contact = "impulse"`"""
+    color: Color | None = None
+    start: NonNegative = 0.0
+    """when it appears, at its position and velocity [s]; until then nothing touches it"""
+    end: NonNegative | None = None
+    """when it is gone [s]; never when missing"""
+
+    _lives = model_validator(mode="after")(_ends_after_its_start)
+
+
+class String(Table):
+    """A string from a fixed anchor to one particle: it pulls when taut and does not push."""
+
+    anchor: Vector
+    """its fixed end [m]"""
+    balloon: Index = 0
+    """the balloon it holds, by its place in the scene"""
+    particle: Index | Literal["highest", "lowest"] = "lowest"
+    """the particle it holds, by the order of the file's vertices, or along the up axis at the start"""
+    length: Positive | None = None
+    """[m]; the distance from anchor to particle at the start when missing"""
+    stiffness: Positive = 20.0
+    """[N/m]"""
+    start: NonNegative = 0.0
+    """when it is tied [s]"""
+    end: NonNegative | None = None
+    """when it is cut [s]; never when missing"""
+
+    _lives = model_validator(mode="after")(_ends_after_its_start)

@@ -1,0 +1,21 @@
+"""A moment of a simulation that is played with, to come back to."""
+
+from dataclasses import dataclass
+
+from numpy.typing import NDArray
+
+from balloon_warp.scene import Scene
+from balloon_warp.viewer.journal import Journal
+
+
+@dataclass(frozen=True)
+class Moment:
+    """All that it takes to go on from here."""
+
+    frame: int
+    scene: Scene
+    journal: Journal
+    numbers: tuple[list[int], list[int]]
+    substeps: int
+    hands: dict[object, int]
+    state: dict[str, NDArray]
