@@ -113,6 +113,16 @@ def require_law(law: Law) -> None:
             raise InputError(f"{whose}: neutral says {name}; expected one of its parameters, {', '.join(rows)}")
 
 
+def acting_laws(laws: Sequence[Law], scene: Any, parameters: Mapping[str, Any]) -> tuple[Law, ...]:
+    """Those that act: the scene wants them, and their parameters, arrays of all worlds by name, are not neutral."""
+    return tuple(
+        law
+        for law in laws
+        if (law.wants is None or law.wants(scene))
+        and not (law.neutral and all((parameters[name] == value).all() for name, value in law.neutral.items()))
+    )
+
+
 def _law(kind: Kind, function: Any, parameters: Sequence[Parameter], more: Mapping[str, Any]) -> Law:
     _require_own_function(f"{kind} law", function)
     try:

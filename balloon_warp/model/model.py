@@ -8,7 +8,7 @@ from typing import Self
 
 import warp as wp
 
-from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.packing import views_of
 from balloon_warp.model.shape import BalloonShape
@@ -119,6 +119,11 @@ class Model:
         return replace(
             self, balloon_numbers=balloon_numbers, world_numbers=world_numbers, parameters={**views, **others}
         )
+
+    @property
+    def own_laws(self) -> tuple[Law, ...]:
+        """those of the user"""
+        return self.laws[len(LAWS) :]
 
     @property
     def step_seconds(self) -> float:

@@ -37,7 +37,7 @@ def optional_field_of(name: str) -> Any:
     return Field(None, **_bounds(row), description=_description(row))
 
 
-def _bounds(row: Parameter) -> dict[str, float]:
+def _bounds(row: Parameter) -> dict[str, Any]:
     """As Pydantic has them; a vector's are those of its parts."""
     if row.size == 3:
         return {}
