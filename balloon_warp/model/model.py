@@ -4,7 +4,7 @@ Fixed during a simulation, but for what a scene's timeline writes into the param
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import warp as wp
 
@@ -106,7 +106,7 @@ class Model:
     def of_world(self, world: int) -> Self:
         """A batch of a single world, with the parameters that one has."""
 
-        def row(array: wp.array) -> wp.array:
+        def row(array: Any) -> wp.array:
             return wp.clone(array[world : world + 1]) if array.size and array.shape[0] > 1 else array
 
         return replace(self._with_parameters(row), world_count=1)

@@ -106,8 +106,8 @@ def run_batch(
         on_blowup: what becomes of a world that blows up: "freeze" keeps its rows at its last good frame; "restart"
             simulates it anew after the others with half the step, `MOST_HALVINGS` times at most; "stop" ends all.
         cluster: the workers that simulate it; this process does, when missing. The files are the same.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`. On a cluster each has a global name in the module
-            of its function, which workers can import.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`. On a cluster each has a global name in the
+            module of its function, which workers can import.
         provenance: what the manifest is to say of where all this comes from, such as a command and a seed.
         checkpoint_seconds: between two checkpoints; 0 for one only when the batch is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same files as a batch that was never stopped;
