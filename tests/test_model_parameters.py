@@ -8,11 +8,12 @@ from meshes import cube
 from balloon_warp.kernels.laws import LAWS, PARAMETERS
 from balloon_warp.kernels.laws.contact import NO_GROUND
 from balloon_warp.kernels.laws.water import NO_WATER
-from balloon_warp.model import build_model, initial_state, plan_model, world_bytes
+from balloon_warp.model import bounds, build_model, initial_state, plan_model, world_bytes
 from balloon_warp.model.memory import Allocating, Counting
 from balloon_warp.model.parameters import places_of, value_of
 from balloon_warp.model.rows import ROWS, rows_of
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String, Tube, Water
+from balloon_warp.scene.overrides import override_scene
 
 GAS = Inflation(kind="gas")
 
@@ -89,6 +90,17 @@ def test_one_world_has_the_numbers_that_it_has_among_others():
     np.testing.assert_allclose(one.parameters["mass"].numpy(), [[0.1, 0.4]])
     np.testing.assert_allclose(one.parameters["gravity"].numpy(), [2.0])
     np.testing.assert_allclose(one.parameters["sphere_mass"].numpy(), [[4.0]])
+
+
+@pytest.mark.parametrize(
+    "path", ["balloon.stiffness.structural", "balloon.mass", "balloon.drag_coefficient", "gravity"]
+)
+def test_the_step_of_many_worlds_is_that_of_the_stiffest(path, monkeypatch):
+    """However many are looked at together."""
+    scene, values = everything(), np.linspace(1.0, 40.0, 7)
+    monkeypatch.setattr(bounds, "CHUNK", 20)
+    alone = [plan_model(override_scene(scene, [(path, value)])).substeps for value in values]
+    assert plan_model(scene, 7, {path: values}).substeps == max(alone)
 
 
 def test_without_ground_and_water_they_are_far_below():
