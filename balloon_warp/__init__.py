@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from balloon_warp.frame import Frame
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
+    from balloon_warp.kernels.laws import Law, Parameter
+    from balloon_warp.laws import face_law, particle_law, spring_law
     from balloon_warp.mesh import PolygonMesh
     from balloon_warp.mesh.load import load_mesh
     from balloon_warp.mesh.remesh import remesh
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.batch import run_batch
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.repeat import repeat_batch
+    from balloon_warp.viewer.view import view
 
 __all__ = [
     "Atmosphere",
@@ -55,8 +58,10 @@ __all__ = [
     "Ground",
     "Inflation",
     "InputError",
+    "Law",
     "MassProperties",
     "MissingExtraError",
+    "Parameter",
     "PolygonMesh",
     "Scene",
     "Simulator",
@@ -72,13 +77,17 @@ __all__ = [
     "build_springs",
     "bundled_scenes",
     "compare",
+    "face_law",
     "inspect_mesh",
     "load_mesh",
     "load_scene",
+    "particle_law",
     "remesh",
     "render_stage",
     "repeat_batch",
     "run_batch",
+    "spring_law",
+    "view",
 ]
 
 _HOMES = {
@@ -88,6 +97,8 @@ _HOMES = {
     "frame": ("Frame",),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),
+    "kernels.laws": ("Law", "Parameter"),
+    "laws": ("face_law", "particle_law", "spring_law"),
     "mesh": ("PolygonMesh",),
     "mesh.load": ("load_mesh",),
     "mesh.remesh": ("remesh",),
@@ -114,6 +125,7 @@ _HOMES = {
     "sweep.batch": ("run_batch",),
     "sweep.cluster": ("Cluster",),
     "sweep.repeat": ("repeat_batch",),
+    "viewer.view": ("view",),
 }
 
 # In a source tree kernels/ and scenes/ stand beside this folder; an installed package has them inside.

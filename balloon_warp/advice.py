@@ -1,8 +1,10 @@
 """How long a step the springs of a scene allow, and which particle it is that allows no more."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
+from balloon_warp.kernels.laws import Law
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.stability import Network
 from balloon_warp.scene import Scene
@@ -30,13 +32,16 @@ class StepAdvice:
     """where that is at the start [m]"""
 
 
-def advise_step(scene: Scene) -> StepAdvice:
+def advise_step(scene: Scene, laws: Sequence[Law] = ()) -> StepAdvice:
     """The stable step of a scene, even if the scene itself asks for too few substeps.
+
+    Args:
+        laws: that act beside the built-in ones, and count where they have bounds.
 
     Raises:
         InputError: the scene's meshes or particles are wrong, or no step would do.
     """
-    plan = plan_model(override_scene(scene, [("substeps", "auto")]))
+    plan = plan_model(override_scene(scene, [("substeps", "auto")]), laws=laws)
     network = Network(plan.shapes, plan.held, plan.laws)
     step = network.stable_step(plan.scene, plan.parameters)
     balloon, particle = network.limiting_particle(plan.scene, plan.parameters)

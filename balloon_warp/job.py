@@ -1,7 +1,7 @@
 """The main job: simulate a scene and write its stage, and a picture of it where one is asked for."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_ste
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.files import check_writable
 from balloon_warp.interrupts import Interrupts
+from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
 from balloon_warp.scene import Scene
@@ -58,6 +59,7 @@ def animate(
     device: str | None = None,
     schedule: str = "auto",
     on_blowup: str = "stop",
+    laws: Sequence[Law] = (),
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
     on_frame: Callable[[int], None] = lambda number: None,
@@ -78,6 +80,7 @@ def animate(
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
             step, at most `MOST_HALVINGS` times.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`.
         checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
         on_frame: told the number of each frame when it is written.
@@ -93,7 +96,7 @@ def animate(
     began = time.perf_counter()
     check_policy(on_blowup)
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
-    simulator = Simulator(scene, device, schedule=schedule)
+    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     for shape in simulator.model.shapes:
         for warning in shape.warnings:
             on_warning(warning)
@@ -102,7 +105,7 @@ def animate(
         restarts = halvings_until(partial_path(Path(output)), simulator.model.substeps)
     for _ in range(restarts):
         scene = with_half_the_step(scene, simulator.model.substeps)
-        simulator = Simulator(scene, device, schedule=schedule)
+        simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     while True:
         substeps = simulator.model.substeps  # at the start: the scene may change them
         try:
@@ -116,7 +119,7 @@ def animate(
             restarts, resume = restarts + 1, False
             scene = with_half_the_step(scene, substeps)
             on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
-            simulator = Simulator(scene, device, schedule=schedule)
+            simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     if blow_up:
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
     seconds = time.perf_counter() - began

@@ -14,12 +14,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws import LAWS, Law, Parameter
-from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.laws import LAWS, PARAMETERS, Law, Parameter
 from balloon_warp.kernels.laws.law import GIVEN, GIVEN_TO_BOUNDS, RESULT, Kind
 
-BUILT_IN = {row.name: row for row in (*columns_of(LAWS).balloon, *columns_of(LAWS).world)}
-"""the parameters that scenes have anyhow, by name"""
 TYPES: Mapping[str, tuple[type, ...]] = {
     "vec3": (wp.vec3,),
     "vec4": (wp.vec4,),
@@ -73,7 +70,7 @@ def require_laws(laws: Sequence[Law]) -> None:
     for law in laws:
         require_law(law)
     names: set[str] = {law.name for law in LAWS}
-    owners = {name: (row, "a built-in law") for name, row in BUILT_IN.items()}
+    owners = {name: (row, "a built-in law") for name, row in PARAMETERS.items()}
     for law in laws:
         if law.name in names:
             raise InputError(f"law {law.name}: there is another law of that name; expected a name of its own")
@@ -99,7 +96,7 @@ def require_law(law: Law) -> None:
     for row in law.parameters:
         _require_row(whose, row)
     rows = {row.name: row for row in law.parameters}
-    numbers = {name: "float" if row.size == 1 else "vec3" for name, row in (BUILT_IN | rows).items()}
+    numbers = {name: "float" if row.size == 1 else "vec3" for name, row in (PARAMETERS | rows).items()}
     types = numbers | {each.name: each.type for each in GIVEN[law.kind]}
     known = ", ".join([*(each.name for each in GIVEN[law.kind]), *rows])
     _require_function(whose, law.force, types, RESULT[law.kind], known)
@@ -116,6 +113,16 @@ def require_law(law: Law) -> None:
             raise InputError(f"{whose}: neutral says {name}; expected one of its parameters, {', '.join(rows)}")
 
 
+def acting_laws(laws: Sequence[Law], scene: Any, parameters: Mapping[str, Any]) -> tuple[Law, ...]:
+    """Those that act: the scene wants them, and their parameters, arrays of all worlds by name, are not neutral."""
+    return tuple(
+        law
+        for law in laws
+        if (law.wants is None or law.wants(scene))
+        and not (law.neutral and all((parameters[name] == value).all() for name, value in law.neutral.items()))
+    )
+
+
 def _law(kind: Kind, function: Any, parameters: Sequence[Parameter], more: Mapping[str, Any]) -> Law:
     _require_own_function(f"{kind} law", function)
     try:
@@ -127,7 +134,7 @@ def _law(kind: Kind, function: Any, parameters: Sequence[Parameter], more: Mappi
 
 
 def _require_row(whose: str, row: Parameter) -> None:
-    if BUILT_IN.get(row.name) == row:
+    if PARAMETERS.get(row.name) == row:
         return
     if row.of not in ("world", "balloon"):
         raise InputError(f'{whose}: its parameter {row.name} is of="{row.of}"; expected "balloon" or "world"')

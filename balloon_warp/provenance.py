@@ -1,6 +1,7 @@
 """What an output is made of, for whoever is to make it again: scenes, meshes by their hashes, versions."""
 
 import hashlib
+import inspect
 import platform
 from collections.abc import Iterable
 from importlib import metadata
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
 
@@ -28,6 +30,15 @@ def hash_meshes(meshes: Iterable[str | Path | PolygonMesh]) -> dict[str, str]:
     return {mesh_label(mesh): hash_of_mesh(mesh) for mesh in meshes}
 
 
+def describe_laws(laws: Iterable[Law]) -> dict[str, dict[str, str]]:
+    """The SHA-256 of each one's functions, as their source has them, by its name."""
+    described = {}
+    for law in laws:
+        functions = {"force": law.force} | ({"energy": law.energy} if law.energy else {})
+        described[law.name] = {what: _hash_of_source(function.func) for what, function in functions.items()}
+    return described
+
+
 def installed_versions() -> dict[str, str]:
     """Of Python, and of the libraries that a result depends on."""
     installed = {"python": platform.python_version()}
@@ -43,6 +54,10 @@ def hash_of_file(path: Path) -> str:
     """SHA-256 of its bytes, in hexadecimal digits, as `sha256sum` prints it."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _hash_of_source(function: Any) -> str:
+    return hashlib.sha256(inspect.getsource(function).encode()).hexdigest()
 
 
 def hash_of_mesh(mesh: str | Path | PolygonMesh) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.blow_ups import BlowUp, Origin, diagnose
 from balloon_warp.device import pick_device
@@ -19,7 +19,6 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.schedules.timeline import hold_spheres
 from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state, overwrite, world_bytes
 from balloon_warp.model.memory import require_memory
-from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
@@ -148,7 +147,7 @@ class Simulator:
         """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
         return mass_properties(self.model, self.state.points)
 
-    def set_parameters(self, parameters: Parameters) -> None:
+    def set_parameters(self, parameters: Mapping[str, ArrayLike]) -> None:
         """Write parameters where the kernels read them; they hold from the next frame on.
 
         Args:

@@ -31,7 +31,8 @@ def bound(model: Model, schedule: str) -> float | None:
     Raises:
         RuntimeError: what Warp raises if the GPU is lost.
     """
-    if not model.device.is_cuda or model.in_air:
+    kinds = {balloon.inflation.kind for balloon in model.scene.balloon}
+    if not model.device.is_cuda or kinds != {"normal_force"} or model.parameters["drag_coefficient"].numpy().any():
         return None
     if schedule == "block":
         multiprocessors = min(model.device.sm_count, model.world_count)  # a world runs on one

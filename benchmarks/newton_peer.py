@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import MissingExtraError
+from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.motion import set_body_forces
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
@@ -46,8 +47,9 @@ class NewtonPeer:
                 set_body_forces,
                 (model.world_count, model.particle_count),
                 inputs=[
-                    *(model.particle_balloon, model.particle_mass_share, model.mass, model.helium, model.damping),
-                    *(model.gravity, model.inflation_kind, model.up, substep * model.step_seconds),
+                    *(model.particle_balloon, model.particle_mass_share),
+                    *(model.parameters[name] for name in ("mass", "helium", "damping", "gravity")),
+                    *(model.inflation_kind, model.up, substep * model.step_seconds),
                     *(self._rows(now.particle_qd), state.inflation_aims, state.inflation_ramp),
                     self._rows(now.particle_f),
                 ],
@@ -74,8 +76,9 @@ def _newton_model(newton: Any, model: Model) -> Any:
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64)
     kind = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
     points = model.initial_points.numpy().tolist()
-    masses = (model.particle_mass_share.numpy() * np.asarray(model.mass.numpy())[0, balloon]).tolist()
-    by_kind = np.asarray(model.stiffness.numpy())[0, balloon[pairs[:, 0]], kind]
+    masses = (model.particle_mass_share.numpy() * np.asarray(model.parameters["mass"].numpy())[0, balloon]).tolist()
+    constants = np.stack([model.parameters[row.name].numpy()[0] for row in KINDS], axis=1)
+    by_kind = constants[balloon[pairs[:, 0]], kind]
     one = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     one.add_particles(points, [(0.0, 0.0, 0.0)] * len(points), masses)
     for (p, q), stiffness in zip(pairs.tolist(), by_kind * model.spring_stiffness_scale.numpy(), strict=True):

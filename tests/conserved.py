@@ -59,4 +59,4 @@ def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:
     """Of the spheres, with what they get when they next move [kg m/s], shape (sphere_count, 3)."""
     model, state = simulator.model, simulator.state
     velocities, forces = (a.numpy()[0].astype(np.float64) for a in (state.sphere_velocities, state.sphere_forces))
-    return model.sphere_mass.numpy()[0, :, None] * velocities + model.step_seconds * forces
+    return model.parameters["sphere_mass"].numpy()[0, :, None] * velocities + model.step_seconds * forces

@@ -63,7 +63,7 @@ def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_a
     simulator = Simulator(on_a_spring(), device)
     for _ in range(3):
         simulator.step()
-    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    simulator.set_parameters({"structural": [[6e4]]})
     report = blow_up(simulator)
     step = 0.1 / 7
     count, before = end_of_the_spring(6e4, 0.3, step)
@@ -87,7 +87,7 @@ def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
     rubber = Stiffness(structural=1.0, shear=0.0, flexion=0.0, gradient=(1.0, 0.0), gradient_axis="X")
     balloon = on_a_spring().balloon[0].model_copy(update={"mesh": net, "fixed": [0, 2], "stiffness": rubber})
     simulator = Simulator(on_a_spring().model_copy(update={"balloon": [balloon]}), device)
-    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    simulator.set_parameters({"structural": [[6e4]]})
     report = blow_up(simulator)
     assert report.body == "particle 1"
     assert report.spring is not None
@@ -109,11 +109,11 @@ def test_the_stable_step_counts_drag_at_the_speed_of_the_moment(device):
 
 def test_the_substeps_that_it_asks_for_are_enough(device):
     simulator = Simulator(on_a_spring(), device)
-    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    simulator.set_parameters({"structural": [[6e4]]})
     sentence = str(blow_up(simulator))
     enough = int(sentence.rpartition(" substeps a frame")[0].rpartition(" ")[2])
     simulator = Simulator(on_a_spring(), device)
-    simulator.set_parameters({"stiffness": [[[6e4, 0.0, 0.0]]]})
+    simulator.set_parameters({"structural": [[6e4]]})
     simulator.go_on_in(replace(simulator.model, substeps=enough))
     for _ in range(50):
         simulator.step()
@@ -253,7 +253,7 @@ def test_nothing_that_is_not_finite_leaves_a_run(device):
     velocities, and these overflow in the frame's only step."""
     scene = on_a_spring(frames=3, solver="forward_euler").model_copy(update={"substeps": 1})
     simulator = Simulator(scene, device)
-    simulator.set_parameters({"mass": [[1e-3]], "stiffness": [[[3e38, 0.0, 0.0]]]})
+    simulator.set_parameters({"mass": [[1e-3]], "structural": [[3e38]]})
     points = simulator.state.points.numpy()
     points[0, 1, 1] = -1.5
     simulator.state.points.assign(points)

@@ -37,7 +37,9 @@ def struck(device: str, mass: float, schedule: str = "auto", balloon: dict | Non
 
 def sphere_energy(simulator: Simulator) -> float:
     """Of the first sphere's motion [J], with what it gets when it next moves."""
-    return float((sphere_momenta(simulator)[0] ** 2).sum() / (2.0 * simulator.model.sphere_mass.numpy()[0, 0]))
+    return float(
+        (sphere_momenta(simulator)[0] ** 2).sum() / (2.0 * simulator.model.parameters["sphere_mass"].numpy()[0, 0])
+    )
 
 
 def whole_momentum(simulator: Simulator) -> NDArray[np.float64]:
@@ -117,7 +119,10 @@ def test_moving_particles_out_turns_and_shifts_at_first_order_of_the_step(device
 
 def _center_of_mass(simulator: Simulator) -> NDArray[np.float64]:
     points, _ = motion(simulator)
-    sphere_mass, centers = simulator.model.sphere_mass.numpy()[0], simulator.state.sphere_positions.numpy()[0]
+    sphere_mass, centers = (
+        simulator.model.parameters["sphere_mass"].numpy()[0],
+        simulator.state.sphere_positions.numpy()[0],
+    )
     return (masses(simulator) @ points + sphere_mass @ centers) / (masses(simulator).sum() + sphere_mass.sum())
 
 

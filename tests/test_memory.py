@@ -8,7 +8,7 @@ import warp as wp
 from meshes import cube, quad_sphere
 
 from balloon_warp.errors import InputError
-from balloon_warp.model import Model, build_model, memory
+from balloon_warp.model import Model, build_model, memory, world_bytes
 from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String, Water
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.choose import schedule_named
@@ -58,7 +58,7 @@ def test_the_estimate_is_what_is_allocated(schedule: str, water: Water | None, d
     wet = scene().model_copy(update={"water": water})
     few, many = (Simulator(wet, device, worlds, schedule=schedule) for worlds in (FEW, MANY))
     taken = (bytes_taken(many) - bytes_taken(few)) / (MANY - FEW)
-    estimate = memory.world_bytes(many.model) + schedule_named(schedule, many.model).world_bytes(many.model)
+    estimate = world_bytes(many.model) + schedule_named(schedule, many.model).world_bytes(many.model)
     assert estimate == pytest.approx(taken, rel=0.005)
 
 
@@ -71,7 +71,7 @@ def test_lanes_counts_the_worlds_that_fill_up_the_last_eight():
 
 def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch: pytest.MonkeyPatch):
     model = build_model(scene(), "cpu")
-    world = memory.world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
+    world = world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
     monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
     assert len(Simulator(scene(), "cpu", 10, schedule="scatter").state.points) == 10
     with pytest.raises(
@@ -84,7 +84,7 @@ def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch: pytest.Monk
     model = build_model(scene(), "cpu", 64)
     kept = {name: schedule_named(name, model).world_bytes(model) for name in SCHEDULES}
     assert kept["block"] < kept["scatter"] < kept["lanes"]
-    needed = 64 * (memory.world_bytes(model) + np.mean([kept["block"], kept["scatter"]]))
+    needed = 64 * (world_bytes(model) + np.mean([kept["block"], kept["scatter"]]))
     monkeypatch.setattr(memory, "free_memory", lambda device: int(needed / memory.USABLE))
     Simulator.of_model(model, "block")
     with pytest.raises(InputError, match=r"^64 worlds do not fit"):

@@ -52,4 +52,6 @@ def test_a_string_holds_a_particle_of_a_face(particle: Literal["highest", "lowes
     assert held >= 2
     assert mesh.points[held, 1] == height
     # the length was missing: the distance to that particle
-    assert model.string_length.numpy()[0, 0] == pytest.approx(np.linalg.norm(mesh.points[held] - [0, -2, 0]), rel=1e-6)
+    assert model.parameters["string_length"].numpy()[0, 0] == pytest.approx(
+        np.linalg.norm(mesh.points[held] - [0, -2, 0]), rel=1e-6
+    )

@@ -122,7 +122,7 @@ def test_touching_ends_what_was_planned(device, touched):
     assert playground.live.gravity == gravity
     assert len(playground.live.sphere) == 1
     steps(playground, 10 - touched)
-    assert float(playground.simulator.model.gravity.numpy()[0]) == pytest.approx(gravity)
+    assert float(playground.simulator.model.parameters["gravity"].numpy()[0]) == pytest.approx(gravity)
     np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
 
 
@@ -133,7 +133,7 @@ def test_an_untouched_scene_is_played_as_planned(device):
     playground = Playground(scene, device)
     steps(playground, 6)
     np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
-    assert playground.simulator.model.gravity.numpy() == 50.0
+    assert playground.simulator.model.parameters["gravity"].numpy() == 50.0
 
 
 def test_a_thrown_sphere_dents_the_balloon(device):

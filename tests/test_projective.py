@@ -95,8 +95,10 @@ class ImplicitStep:
 
     def strings(self):
         model = self.model
-        places = zip(model.string_particle.numpy(), model.string_anchor.numpy()[0], strict=True)
-        numbers = zip(model.string_length.numpy()[0], model.string_stiffness.numpy()[0], strict=True)
+        places = zip(model.string_particle.numpy(), model.parameters["string_anchor"].numpy()[0], strict=True)
+        numbers = zip(
+            model.parameters["string_length"].numpy()[0], model.parameters["string_stiffness"].numpy()[0], strict=True
+        )
         return [(*place, *number) for place, number in zip(places, numbers, strict=True)]
 
     @staticmethod

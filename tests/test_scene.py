@@ -206,7 +206,7 @@ def test_strings_find_the_highest_and_lowest_particle():
     model = build_model(Scene(balloon=[Balloon(mesh=mesh)], string=strings), "cpu")
     heights = mesh.points[model.string_particle.numpy(), 1]
     np.testing.assert_array_equal(heights, [mesh.points[:, 1].max(), mesh.points[:, 1].min()])
-    np.testing.assert_allclose(model.string_length.numpy(), [[1.0, 1.0]], rtol=1e-6)
+    np.testing.assert_allclose(model.parameters["string_length"].numpy(), [[1.0, 1.0]], rtol=1e-6)
 
 
 @pytest.mark.parametrize("field", ["string", "fixed"])

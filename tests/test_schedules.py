@@ -9,7 +9,7 @@ import warp as wp
 from meshes import cube, mesh_of, prism, quad_sphere
 
 from balloon_warp.errors import InputError
-from balloon_warp.model import build_model, initial_state
+from balloon_warp.model import build_model, initial_state, lay_out, plan_model
 from balloon_warp.scene import (
     Atmosphere,
     Balloon,
@@ -314,7 +314,7 @@ def test_a_world_alone_is_the_same_world_in_a_batch(name, schedule, device):
     assert (arrays(batch)["points"][4] != alone["points"][0]).any()
 
 
-PER_WORLD = ["stiffness", "mass", "helium", "damping", "keyframe_values", "gravity"]
+PER_WORLD = ["structural", "shear", "flexion", "mass", "helium", "damping", "keyframe_values", "gravity"]
 PER_WORLD += ["sphere_mass", "sphere_radius", "sphere_penalty", "string_length", "string_stiffness"]
 PER_WORLD += ["string_anchor", "ground_height", "ground_friction", "ground_restitution"]
 
@@ -329,15 +329,10 @@ def states_of_worlds(name: str, factors: list[float], schedule: str, device: str
     names = PER_WORLD
     if name != "everything":
         names = PER_WORLD + PER_WORLD_BEYOND_OCTETS + PER_WORLD_IN_AIR
-    model = build_model(scene, wp.get_device(device), len(factors))
-    varied = {}
-    for name in names:
-        shared = getattr(model, name)
-        rows = np.concatenate([factor * shared.numpy() for factor in factors])
-        varied[name] = wp.array(rows, dtype=shared.dtype, device=device)
-    heights = 0.2 * (np.array(factors) - 1.0)  # of the ground, which is at 0
-    varied["ground_height"] = wp.array(heights, dtype=float, device=device)
-    model = replace(model, **varied)
+    plan = plan_model(scene, len(factors))
+    varied = {name: np.concatenate([factor * plan.parameters[name] for factor in factors]) for name in names}
+    varied["ground_height"] = 0.2 * (np.array(factors) - 1.0)  # of the ground, which is at 0
+    model = lay_out(replace(plan, parameters=plan.parameters | varied), device)
     state = initial_state(model)
     advance = make_schedule(model, schedule)
     for _ in range(3):

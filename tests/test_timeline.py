@@ -205,7 +205,7 @@ def test_a_model_is_left_as_it_was():
         for _ in range(3):
             simulator.step()
     np.testing.assert_array_equal(*(simulator.state.points.numpy() for simulator in runs))
-    assert model.gravity.numpy() == pytest.approx(9.81)
+    assert model.parameters["gravity"].numpy() == pytest.approx(9.81)
 
 
 def test_going_on_with_more_spheres_keeps_the_others(device, schedule):

@@ -2,10 +2,8 @@
 
 import ipaddress
 import socket
-import threading
-import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -14,8 +12,10 @@ from rich.markup import escape
 from balloon_warp.cli.options import Device, SceneName, Weld, scene_changes
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import warn
-from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.scene.load import load_scene, scene_name
+
+if TYPE_CHECKING:
+    from balloon_warp.viewer.page import Page
 
 
 def view(
@@ -35,32 +35,25 @@ def view(
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it."""
     loaded = load_scene(scene, scene_changes(overrides, weld))
-    if not folder.is_dir():
-        raise InputError(f"{folder}: the folder does not exist")
     quiet_warp()
-    try:
-        from balloon_warp.viewer.page import Page
-    except ModuleNotFoundError as missing:
-        if missing.name != "viser":
-            raise
-        raise MissingExtraError("view needs viser: pip install 'balloon-warp[view]'") from None
-    from balloon_warp.viewer.session import Session
+    from balloon_warp.viewer.view import view as play
 
-    session = Session(scene_name(scene), loaded, device, folder.resolve())
-    for shape in session.playground.simulator.model.shapes:
-        for warning in shape.warnings:
-            warn(warning)
-    page = Page(session, host, port)
-    try:
-        page.start()
+    def say(page: "Page") -> None:
         _say_where(page.address, scene_name(scene))
         if not _is_loopback(host):
             _say_who_may_come(page.server.get_port(), folder.resolve())
-        if open_page:
-            webbrowser.open(page.address)
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        page.stop()
+
+    play(
+        loaded,
+        name=scene_name(scene),
+        device=device,
+        folder=folder,
+        host=host,
+        port=port,
+        open_page=open_page,
+        on_start=say,
+        on_warning=warn,
+    )
 
 
 def _say_where(address: str, name: str) -> None:

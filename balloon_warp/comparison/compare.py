@@ -14,6 +14,7 @@ from balloon_warp.comparison.run import Run, simulate
 from balloon_warp.comparison.sheet import Tile, compose_sheet
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.files import check_writable, whole_file
+from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.render.alike import render_alike
 from balloon_warp.outputs.render.files import write_png
 from balloon_warp.outputs.render.render import MOST_PIXELS, MOST_SAMPLES
@@ -60,6 +61,7 @@ def compare(
     samples: int = 4,
     device: str | None = None,
     schedule: str = "auto",
+    laws: Sequence[Law] = (),
     on_frame: Callable[[int, int, int, int], None] = lambda run, run_count, frame, frame_count: None,
 ) -> Comparison:
     """Simulate a scene once for each combination of values, and show the runs side by side: all through one camera, in
@@ -78,6 +80,7 @@ def compare(
         samples: rays a pixel.
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`.
         on_frame: told which run is at which frame, and of how many each, after each frame.
 
     Raises:
@@ -96,7 +99,7 @@ def compare(
             def report(done: int, count: int, number: int = number) -> None:
                 on_frame(number, len(combinations), done, count)
 
-            runs.append(simulate(scene, values, stage, frame, device, schedule, report))
+            runs.append(simulate(scene, values, stage, frame, device, schedule, laws, report))
         _require_one(runs)
         moments = [(stage, int(run.figures["frame"])) for run, stage in zip(runs, stages, strict=True) if run.figures]
         pictures = render_alike(moments, size, samples, device)

@@ -1,7 +1,7 @@
 """One run of a comparison: a scene as far as the frame that is shown."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -11,6 +11,7 @@ import numpy as np
 
 from balloon_warp.comparison.choices import shown
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
+from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
@@ -49,6 +50,7 @@ def simulate(
     frame: int | None = None,
     device: str | None = None,
     schedule: str = "auto",
+    laws: Sequence[Law] = (),
     on_frame: Callable[[int, int], None] = lambda done, count: None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Run:
@@ -58,13 +60,14 @@ def simulate(
         stage: the stage to write that frame into, if any.
         frame: the frame that is shown, unless `picture_frame` is varied; when missing, the one that the scene names as
             its picture, else the last.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`.
         on_frame: told how many frames are done, and of how many, after each.
         clock: what frames are timed with.
     """
     try:
         scene = override_scene(scene, values.items())
         frame = scene.picture_frame if "picture_frame" in values else frame  # what a label says is shown, or refused
-        figures, seconds = _measured(scene, stage, frame, device, schedule, on_frame, clock)
+        figures, seconds = _measured(scene, stage, frame, device, schedule, laws, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
@@ -78,12 +81,13 @@ def _measured(
     frame: int | None,
     device: str | None,
     schedule: str,
+    laws: Sequence[Law],
     on_frame: Callable[[int, int], None],
     clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
     """The figures at the frame that is shown, and what each frame until then took [s]."""
     last = shown_frame(scene, frame)
-    simulator = Simulator(scene, device, schedule=schedule)
+    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
     seconds = []
     for number in range(1, last + 1):

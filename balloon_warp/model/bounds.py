@@ -16,7 +16,7 @@ from balloon_warp.model.surroundings import Surroundings
 from balloon_warp.scene import Scene
 
 Bound = Literal["stiffness", "drag"]
-CHUNK = 10_000_000
+CHUNK = 1_000_000
 """numbers looked at together, to bound the memory"""
 
 
@@ -45,19 +45,18 @@ class Bounds:
         return any(np.any(bound(**self._told)) for bound in self._of_kind("hinge", "stiffness"))
 
     def largest(self, bound: Bound, around: Surroundings) -> NDArray[np.float64]:
-        """Of the particles' sums over their parts of the mass the largest, shape (world_count,) or (1,). Twice that
-        over the balloon's mass is what Gershgorin's theorem says of the whole network.
+        """Of the particles' sums over their parts of the mass the largest, shape (world_count,), or (1,) if nothing
+        differs between worlds. Twice that over the balloon's mass is what Gershgorin's theorem says of the network.
 
         A pair whose other end is fixed counts half, and so does a force on a single particle.
         """
         at_once = max(CHUNK // max(around.particle_count, 1), 1)
-        worlds = range(0, self._world_count, at_once)
-        return np.concatenate(
-            [
-                np.max(self.sums(bound, around, slice(begin, begin + at_once)) / around.mass_share, axis=1, initial=0.0)
-                for begin in worlds
-            ]
-        )
+        largest = np.zeros(self._world_count)
+        for begin in range(0, self._world_count, at_once):
+            worlds = slice(begin, begin + at_once)
+            sums = self.sums(bound, around, worlds) / around.mass_share
+            largest[worlds] = np.max(sums, axis=1, initial=0.0)
+        return largest
 
     def sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
         """The sum of the laws' bounds at each particle, shape (worlds, P) or (1, P)."""
@@ -71,7 +70,8 @@ class Bounds:
         for of_spring in self._of_kind("spring", bound):
             for kind, row in enumerate(KINDS):  # what is not proportional to the constant is left where that is 0
                 least, most = (of_spring(**told | {"stiffness": scale * told[row.name]}) for scale in (0.0, 1.0))
-                total = total + least * around.spring_counts[:, kind]
+                if np.any(least):
+                    total = total + least * around.spring_counts[:, kind]
                 total = total + (most - least) * around.spring_scales[:, kind]
         for of_string in self._of_kind("string", bound):
             for place in range(strings.shape[1]):

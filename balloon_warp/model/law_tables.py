@@ -1,6 +1,6 @@
 """The tables `law.NAME` of a scene and of its balloons: what they say of the parameters of laws of one's own."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,32 +9,51 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.scene import Scene
 
+Tables = dict[str, dict[str, Any]]
+Rows = Mapping[str, Mapping[str, Parameter]]
+"""of parameters, by their laws' names and their own"""
 
-def require_law_tables(scene: Scene, rows: Sequence[Parameter]) -> None:
-    """Make sure that these tables have nothing but parameters of laws, within their bounds.
+
+def with_law_tables(scene: Scene, rows: Sequence[Parameter]) -> Scene:
+    """The scene with these tables made sure of, and filled with the defaults of what they leave out.
 
     Raises:
         InputError: names the path and what was expected.
     """
-    _require_fit("law", scene.law, [row for row in rows if row.of == "world"])
-    for number, balloon in enumerate(scene.balloon):
-        _require_fit(f"balloon.{number}.law", balloon.law, [row for row in rows if row.of == "balloon"])
+    of_world = _by_law(row for row in rows if row.of == "world")
+    of_balloon = _by_law(row for row in rows if row.of == "balloon")
+    law = _filled("law", scene.law, of_world)
+    balloons = [
+        balloon.model_copy(update={"law": _filled(f"balloon.{number}.law", balloon.law, of_balloon)})
+        for number, balloon in enumerate(scene.balloon)
+    ]
+    return scene.model_copy(update={"law": law, "balloon": balloons}) if of_world or of_balloon else scene
 
 
-def _require_fit(path: str, tables: dict[str, dict[str, Any]], rows: Sequence[Parameter]) -> None:
+def _by_law(rows: Iterable[Parameter]) -> Rows:
     fields: dict[str, dict[str, Parameter]] = {}
     for row in rows:
         if row.path.startswith("law."):
             _, law, field = row.path.split(".")
             fields.setdefault(law, {})[field] = row
+    return fields
+
+
+def _filled(path: str, tables: Tables, rows: Rows) -> Tables:
     for law, values in tables.items():
-        if law not in fields:
-            known = f"known here are {', '.join(fields)}" if fields else "no law was given that has any here"
+        if law not in rows:
+            known = f"known here are {', '.join(rows)}" if rows else "no law was given that has any here"
             raise InputError(f"{path}.{law}: there are no parameters of such a law; {known}")
         for field, value in values.items():
-            if field not in fields[law]:
-                raise InputError(f"{path}.{law}.{field}: unknown field; known here are {', '.join(fields[law])}")
-            _require_value(f"{path}.{law}.{field}", value, fields[law][field])
+            if field not in rows[law]:
+                raise InputError(f"{path}.{law}.{field}: unknown field; known here are {', '.join(rows[law])}")
+            _require_value(f"{path}.{law}.{field}", value, rows[law][field])
+    defaults = {law: {field: _default(row) for field, row in fields.items()} for law, fields in rows.items()}
+    return {law: {**fields, **tables.get(law, {})} for law, fields in defaults.items()}
+
+
+def _default(row: Parameter) -> Any:
+    return row.default if row.size == 1 else (row.default,) * row.size
 
 
 def _require_value(path: str, value: Any, row: Parameter) -> None:

@@ -4,11 +4,11 @@ Fixed during a simulation, but for what a scene's timeline writes into the param
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import warp as wp
 
-from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.packing import views_of
 from balloon_warp.model.shape import BalloonShape
@@ -106,7 +106,7 @@ class Model:
     def of_world(self, world: int) -> Self:
         """A batch of a single world, with the parameters that one has."""
 
-        def row(array: wp.array) -> wp.array:
+        def row(array: Any) -> wp.array:
             return wp.clone(array[world : world + 1]) if array.size and array.shape[0] > 1 else array
 
         return replace(self._with_parameters(row), world_count=1)
@@ -119,6 +119,11 @@ class Model:
         return replace(
             self, balloon_numbers=balloon_numbers, world_numbers=world_numbers, parameters={**views, **others}
         )
+
+    @property
+    def own_laws(self) -> tuple[Law, ...]:
+        """those of the user"""
+        return self.laws[len(LAWS) :]
 
     @property
     def step_seconds(self) -> float:

@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.mesh.size import require_reach
 from balloon_warp.model.gas import require_sealed, settle_gas
-from balloon_warp.model.law_tables import require_law_tables
+from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import Parameters, parameters_at
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
@@ -105,7 +105,7 @@ def plan_model(
         raise InputError(f"world_count: must be at least 1 (got {world_count})")
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))
-    require_law_tables(scene, rows)
+    scene = with_law_tables(scene, rows)
     shapes = shapes or [shape_balloon(balloon, scene) for balloon in scene.balloon]
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})

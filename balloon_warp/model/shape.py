@@ -57,7 +57,7 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
         InputError: the mesh cannot be read or has no face, its size or place is too much for float32, or a fixed
             particle is not in it.
     """
-    mesh, source = _skin(balloon)
+    mesh, source = _repaired_mesh(balloon)
     placed = place_mesh(mesh, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
@@ -82,7 +82,7 @@ def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) 
     return (1.0 + stiffness.variation * draws) * (low + (high - low) * place)
 
 
-def _skin(balloon: Balloon) -> tuple[PolygonMesh, object]:
+def _repaired_mesh(balloon: Balloon) -> tuple[PolygonMesh, object]:
     """The balloon's mesh, repaired and with a warning of what is odd about it, and where it is from."""
     if isinstance(balloon.mesh, Path):
         mesh, source = load_mesh(balloon.mesh, balloon.weld), balloon.mesh

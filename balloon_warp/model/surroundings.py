@@ -38,7 +38,7 @@ class Surroundings:
 
     def different(self) -> "Surroundings":
         """Those that are different from each other."""
-        parts = [part.reshape(self.particle_count, -1) for part in vars(self).values()]
+        parts = [part[:, None] if part.ndim == 1 else part for part in vars(self).values()]
         rows = np.unique(np.concatenate(parts, axis=1), axis=0)
         columns = np.split(rows, np.cumsum([part.shape[1] for part in parts])[:-1], axis=1)
         shapes = [(len(rows), *part.shape[1:]) for part in vars(self).values()]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
-from balloon_warp.model.law_tables import require_law_tables
+from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import parameters_at
 from balloon_warp.model.rows import KEYFRAME_VALUES
 from balloon_warp.model.vary import require_changeable
@@ -45,7 +45,7 @@ def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[Turn]:
             raise InputError(f"change.{number}.set: {mistake}") from None
     before = parameters_at(scene, rows, 0)
     for frame, now in scenes_over_time(scene):
-        require_law_tables(now, rows)
+        with_law_tables(now, rows)
         after = parameters_at(now, rows, frame)
         keyframes = before[KEYFRAME_VALUES.name].shape[2] - after[KEYFRAME_VALUES.name].shape[2]
         padding = [(0, 0), (0, 0), (0, keyframes)]

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
-from balloon_warp.model.law_tables import require_law_tables
+from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import Parameters, Place, is_numbered, places_of
 from balloon_warp.model.rows import START
 from balloon_warp.scene import Scene
@@ -95,7 +95,7 @@ def _checked(
 
 def _require_fit(scene: Scene, rows: Sequence[Parameter], path: str, value: object) -> None:
     """Make sure that the scene may have a value at a path."""
-    require_law_tables(override_scene(scene, [(path, value)]), rows)
+    with_law_tables(override_scene(scene, [(path, value)]), rows)
 
 
 def _summary(places: Mapping[str, list[Place]]) -> list[str]:

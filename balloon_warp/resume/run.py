@@ -12,7 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.usd.playlist import write_playlist
-from balloon_warp.provenance import describe_scene, hash_meshes, installed_versions
+from balloon_warp.provenance import describe_laws, describe_scene, hash_meshes, installed_versions
 from balloon_warp.resume.folder import PartialFolder
 from balloon_warp.resume.same_job import as_json, differences
 from balloon_warp.simulator import Simulator
@@ -45,6 +45,7 @@ def describe_run(simulator: Simulator) -> dict[str, Any]:
     return as_json(
         {
             "scene": describe_scene(scene),
+            "laws": describe_laws(model.own_laws),
             "meshes": hash_meshes(balloon.mesh for balloon in scene.balloon),
             "substeps": model.substeps,
             "schedule": simulator.schedule.name,

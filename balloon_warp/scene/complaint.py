@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from balloon_warp.kernels.laws.law import TINY
+
 
 def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
     """The first wrong field, and what was expected of it. A value that fits no member of a union fails each of them:
@@ -25,7 +27,7 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
         case "value_error":
             message = first["msg"].removeprefix("Value error, ")
             return f"{field}.{message}" if field else message
-    expected = " or ".join(dict.fromkeys(_expected(details["msg"]) for details in failures))
+    expected = " or ".join(dict.fromkeys(_expected(details) for details in failures))
     return f"{field}: must be {expected} (got {_shown(first['input'])})"
 
 
@@ -37,14 +39,16 @@ def _field(details: ErrorDetails, schema: type[BaseModel]) -> str:
 def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], type[BaseModel]]:
     """The steps of the path, and the last table on it that the schema knows."""
     steps: list[str] = []
-    table = schema
+    table, keys = schema, 0
     for place, step in enumerate(details["loc"]):
         unknown = details["type"] == "extra_forbidden" and place == len(details["loc"]) - 1
-        if isinstance(step, int) or unknown:
+        if isinstance(step, int) or unknown or keys:
             steps.append(_shortened(str(step)))
+            keys = max(keys - 1, 0)
         elif step in table.model_fields:
             steps.append(step)
-            table = _table_in(table.model_fields[step].annotation) or table
+            annotation = table.model_fields[step].annotation
+            table, keys = _table_in(annotation) or table, _key_count(annotation)
     return steps, table
 
 
@@ -74,8 +78,17 @@ def _table_in(annotation: object) -> type[BaseModel] | None:
     return next((found for part in typing.get_args(annotation) if (found := _table_in(part))), None)
 
 
-def _expected(message: str) -> str:
+def _key_count(annotation: object) -> int:
+    """How many names lead into what a field holds, one in the other, which the schema does not know."""
+    arguments = typing.get_args(annotation)
+    return 1 + _key_count(arguments[1]) if typing.get_origin(annotation) is dict else 0
+
+
+def _expected(details: ErrorDetails) -> str:
     """Pydantic's sentence as what a value must be."""
+    message = details["msg"]
+    if details.get("ctx", {}).get("ge") == TINY:
+        return "greater than 0" if float(details["input"]) <= 0.0 else f"at least {TINY:g}"
     for opening, replacement in (
         ("Input should be a valid dictionary", "a table"),
         ("Input should be a valid tuple", "numbers in brackets"),

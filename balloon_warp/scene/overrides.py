@@ -63,9 +63,8 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
             place[int(name)] = value
     elif isinstance(place, dict):
         if rest:
-            _put(
-                place.setdefault(name, [] if name in ("balloon", "sphere", "string", "tube") else {}), rest, value, path
-            )
+            listed = len(names) == path.count(".") + 1 and name in ("balloon", "sphere", "string", "tube")
+            _put(place.setdefault(name, [] if listed else {}), rest, value, path)
         else:
             place[name] = value
     else:

@@ -9,6 +9,7 @@ import numpy as np
 
 from balloon_warp.blow_ups import check_policy
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import Law
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.cluster import Cluster
@@ -77,6 +78,7 @@ def run_batch(
     schedule: str = "auto",
     on_blowup: str = "freeze",
     cluster: Cluster | None = None,
+    laws: Sequence[Law] = (),
     provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
@@ -104,6 +106,8 @@ def run_batch(
         on_blowup: what becomes of a world that blows up: "freeze" keeps its rows at its last good frame; "restart"
             simulates it anew after the others with half the step, `MOST_HALVINGS` times at most; "stop" ends all.
         cluster: the workers that simulate it; this process does, when missing. The files are the same.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`. On a cluster each has a global name in the
+            module of its function, which workers can import.
         provenance: what the manifest is to say of where all this comes from, such as a command and a seed.
         checkpoint_seconds: between two checkpoints; 0 for one only when the batch is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same files as a batch that was never stopped;
@@ -113,9 +117,9 @@ def run_batch(
         on_warning: told what is odd about each mesh, and what became of it.
 
     Raises:
-        InputError: the scene cannot be simulated, a varied value is wrong, the worlds do not fit into the memory, or
-            the folder cannot be written, the cluster is not there, or a checkpoint is another batch's; what was there
-            stays.
+        InputError: the scene cannot be simulated, a varied value or a law is wrong, the worlds do not fit into the
+            memory, or the folder cannot be written, the cluster is not there, or a checkpoint is another batch's; what
+            was there stays.
         BlowUpError: a world blew up, which is to stop all; what was there stays.
         MissingExtraError: a cluster is given and dask.distributed is not installed.
         WorkersLostError: the cluster's workers end, or its scheduler does; what was there stays.
@@ -126,7 +130,8 @@ def run_batch(
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
     worker_device = cluster.device(device) if cluster else device
-    task = BatchTask(scene, plan_groups(scene, world_count, vary), vary, chosen, Path(folder), schedule, on_blowup)
+    groups = plan_groups(scene, world_count, vary, laws)
+    task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup)
     for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
         on_warning(warning)
     description = describe_batch(task)

@@ -1,5 +1,6 @@
 """The shares of a batch on many workers: they go out, and their results come back in any order."""
 
+import pickle
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.interrupts import Interrupts
+from balloon_warp.kernels.laws import Law
 from balloon_warp.model.memory import require_memory
 from balloon_warp.sweep.cluster import Cluster, connect
 from balloon_warp.sweep.groups import Group
@@ -55,8 +57,9 @@ def distribute_batch(
         InputError, BlowUpError, MissingExtraError, WorkersLostError, KeyboardInterrupt: as `run_batch`.
     """
     _require_table_memory(task)
+    _require_laws_that_travel(task, cluster)
     with connect(cluster) as client:
-        devices = _worker_devices(client, cluster, device)
+        devices = _worker_devices(client, cluster, device, task.laws)
         began = time.perf_counter()
         # Where workers differ, the shares are small enough for the least of them.
         kind = "cuda" if all(name.startswith("cuda") for name in devices) else "cpu"
@@ -99,17 +102,28 @@ def _require_table_memory(task: BatchTask) -> None:
     require_memory(wp.get_device("cpu"), counts, [table_bytes(task.scene)] * len(counts))
 
 
-def _worker_devices(client: "Client", cluster: Cluster, device: str | None) -> list[str]:
+def _require_laws_that_travel(task: BatchTask, cluster: Cluster) -> None:
+    for law in task.laws:
+        try:
+            pickle.dumps(law)
+        except pickle.PicklingError as error:
+            raise InputError(f"{cluster.option}: {error}") from None
+
+
+def _worker_devices(client: "Client", cluster: Cluster, device: str | None, laws: Sequence[Law]) -> list[str]:
     """The device of each worker, such as "cpu" or "cuda:0".
 
     Raises:
-        InputError: a worker has no such device; or it, or the scheduler, has no Balloon Warp.
+        InputError: a worker has no such device; or it, or the scheduler, has no Balloon Warp, or not the module of a
+            law.
     """
-    try:
-        for run in (client.run_on_scheduler, client.run):  # Dask's scheduler opens what passes through it
-            run(exec, f"import {__name__}")
-    except ImportError as error:
-        raise InputError(f"{cluster.option}: its scheduler or a worker cannot load Balloon Warp: {error}") from None
+    for module in (__name__, *(law.force.func.__module__ for law in laws)):
+        try:
+            for run in (client.run_on_scheduler, client.run):  # Dask's scheduler opens what passes through it
+                run(exec, f"import {module}")
+        except ImportError as error:
+            what = "Balloon Warp" if module == __name__ else f"{module}, which has a law"
+            raise InputError(f"{cluster.option}: its scheduler or a worker cannot load {what}: {error}") from None
     names: Any = client.run(_device_name, device, cluster.prepare)
     return list(names.values())
 

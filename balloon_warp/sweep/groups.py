@@ -13,6 +13,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import ModelPlan, plan_model
+from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.vary import check_vary
 from balloon_warp.scene import Scene
@@ -57,6 +58,7 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
     meshes = {path: _mesh_column(path, values, world_count) for path, values in vary.items() if _is_mesh(path)}
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))
+    scene = with_law_tables(scene, rows)
     scalars = check_vary(scene, rows, world_count, {path: vary[path] for path in vary if path not in meshes})
     members: dict[tuple[Any, ...], list[int]] = {}
     for world in range(world_count):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.files import whole_file
-from balloon_warp.provenance import describe_scene, hash_meshes, hash_of_file, installed_versions
+from balloon_warp.provenance import describe_laws, describe_scene, hash_meshes, hash_of_file, installed_versions
 from balloon_warp.sweep.groups import vary_columns
 from balloon_warp.sweep.task import BatchTask, Outcome
 
@@ -26,6 +26,7 @@ def describe_batch(task: BatchTask) -> dict[str, Any]:
         "worlds": task.world_count,
         "vary": columns,
         "export": task.chosen.tolist(),
+        "laws": describe_laws(task.laws),
         "meshes": hash_meshes([*(balloon.mesh for balloon in task.scene.balloon), *varied]),
     }
 

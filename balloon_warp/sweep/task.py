@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.groups import BatchVary, Group
@@ -26,6 +27,11 @@ class BatchTask:
     """as asked for"""
     on_blowup: str = "freeze"
     """as in `run_batch`"""
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """that act beside the built-in ones"""
+        return self.groups[0].plan.own_laws
 
     @property
     def world_count(self) -> int:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, get_args
 
 import viser
@@ -14,6 +13,7 @@ from balloon_warp.viewer.layers import LAYERS, Layers
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.sliders import VALUES, Value, values_of
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04
@@ -21,27 +21,6 @@ NUDGE = 0.04
 INFLATIONS = {"k_normal": "inflation (k_normal)", "pressure": "pressure [Pa]", "pump": "pump [mol/s]"}
 
 
-@dataclass
-class Value:
-    """A slider for a value of the scene."""
-
-    path: str
-    label: str
-    read: Callable[[Scene], float]
-    least_reach: float
-    hint: str = ""
-    """of its range, where the scene's own value is 0 or small"""
-    signed: bool = False
-
-
-VALUES = [
-    Value("gravity", "gravity [m/s²]", lambda scene: scene.gravity, 20.0, signed=True),
-    Value("balloon.helium", "helium [N/kg]", lambda scene: scene.balloon[0].helium, 30.0, "lift of each kilogram"),
-    Value("balloon.damping", "damping [N s/m]", lambda scene: scene.balloon[0].damping, 1.0),
-    Value("balloon.stiffness.structural", "structural springs", lambda scene: scene.balloon[0].stiffness.structural, 1),
-    Value("balloon.stiffness.shear", "shear springs", lambda scene: scene.balloon[0].stiffness.shear, 1.0),
-    Value("balloon.stiffness.flexion", "flexion springs", lambda scene: scene.balloon[0].stiffness.flexion, 1.0),
-]
 CHOICES = {
     field: {name.replace("_", " "): name for name in get_args(Scene.model_fields[field].annotation)}
     for field in ("solver", "normals", "correction", "contact")
@@ -149,8 +128,8 @@ class Controls:
 
     def _add_balloon(self) -> None:
         gui = self.server.gui
-        for value in VALUES:
-            slider = gui.add_slider(value.label, 0.0, 1.0, 0.001, 0.0, hint=value.hint or None)
+        for value in (*VALUES, *values_of(self.session.laws)):
+            slider = gui.add_slider(value.label, 0.0, 1.0, 0.001, 0.0, hint=value.row.meaning or None)
             _on_change(slider, lambda number, path=value.path: self.session.set(path, number))
             self._values.append((value, slider))
         self.wind = gui.add_vector3(

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import Law
+from balloon_warp.laws import acting_laws
 from balloon_warp.model import build_model, lay_out, plan_model
 from balloon_warp.model.plan import ModelPlan
 from balloon_warp.model.vary import METHODS
@@ -25,8 +27,6 @@ MOST_SUBSTEPS = 1000
 MOST_THROWN = 8
 """spheres that are about at one time; the next one takes the place of the oldest"""
 SPHERE_DRAG = 0.47
-REBUILT = ("viscosity", "yield_stretch", "drag_coefficient")
-"""fields that decide which kernels run"""
 
 
 class Playground:
@@ -35,14 +35,15 @@ class Playground:
     Args:
         scene: where it starts.
         device: a Warp device; the GPU where there is one, when missing.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene cannot be simulated.
     """
 
-    def __init__(self, scene: Scene, device: str | None = None):
+    def __init__(self, scene: Scene, device: str | None = None, laws: Sequence[Law] = ()):
         self.start, self._least_substeps = scene, 1 if scene.substeps == "auto" else scene.substeps
-        self._first_model = build_model(scene, pick_device(device))
+        self._first_model = build_model(scene, pick_device(device), laws=laws)
         self.keep_stable = True
         """whether every change takes as many substeps as it needs"""
         self.size = float(max(np.ptp(shape.mesh.points, axis=0).max() for shape in self._first_model.shapes))
@@ -93,10 +94,11 @@ class Playground:
         scene = override_scene(self.live, [(path, value)])
         self._take_over()
         scene = override_scene(self.live, [(path, value)])
-        if path in METHODS or path.endswith(REBUILT):
+        plan, model = self._plan(scene), self.simulator.model
+        acting = acting_laws(model.laws, model.scene, {name: rows.numpy() for name, rows in model.parameters.items()})
+        if path in METHODS or acting_laws(plan.laws, scene, plan.parameters) != acting:  # then other kernels run
             self._rebuild(scene, list(range(len(scene.sphere))))
         else:
-            plan = self._plan(scene)
             self.live = scene
             self.simulator.set_parameters(self._what_differs(plan))
             self._go_at(plan.substeps)
@@ -250,7 +252,8 @@ class Playground:
         """
         unstable = scene.solver == "forward_euler" and not self.keep_stable
         substeps = self.simulator.model.substeps if unstable else "auto"
-        plan = plan_model(scene.model_copy(update={"substeps": substeps}), shapes=self._first_model.shapes)
+        scene = scene.model_copy(update={"substeps": substeps})
+        plan = plan_model(scene, shapes=self._first_model.shapes, laws=self._first_model.own_laws)
         if self.keep_stable and plan.substeps > MOST_SUBSTEPS:
             raise InputError(
                 f"this takes {plan.substeps:,} substeps a frame to be stable, too many to play with; with the substeps "

@@ -1,5 +1,6 @@
 """What is recorded while it is played: a stage, and the scene that replays it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.frame import Frame
+from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, build_model
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene.write import scene_toml
@@ -53,7 +55,7 @@ class Recording:
         return Recorded(self.frames, journal.copy(), self.bodies)
 
 
-def write_recording(recorded: Recorded, folder: Path, name: str) -> list[Path]:
+def write_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> list[Path]:
     """Write NAME.usdc, and NAME.toml, which replays it from its start; returns the files.
 
     Raises:
@@ -65,7 +67,7 @@ def write_recording(recorded: Recorded, folder: Path, name: str) -> list[Path]:
     for path in (stage, script):
         check_writable(path, (path.suffix,))
     scene = recorded.journal.scene(recorded.frames[-1].number)
-    model = build_model(scene, "cpu")
+    model = build_model(scene, "cpu", laws=laws)
     with StageWriter(stage, model) as writer:
         writer.stage.SetStartTimeCode(recorded.frames[0].number)
         for frame, bodies in zip(recorded.frames, recorded.bodies, strict=True):

@@ -4,13 +4,14 @@ is to be seen it leaves where whoever shows it can take it."""
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
 from balloon_warp.viewer.moment import Moment
 from balloon_warp.viewer.pace import Pace
@@ -35,6 +36,7 @@ class Session:
         scene: where it starts.
         device: a Warp device; the GPU where there is one, when missing.
         folder: where recordings go.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene cannot be simulated.
@@ -44,6 +46,7 @@ class Session:
     scene: Scene
     device: str | None = None
     folder: Path = Path()
+    laws: Sequence[Law] = ()
     notices: deque[str] = field(default_factory=lambda: deque(maxlen=20))
     """sentences for whoever watches, oldest first"""
     watched: bool = False
@@ -52,7 +55,7 @@ class Session:
     """whether net forces are to be seen"""
 
     def __post_init__(self) -> None:
-        self.playground = Playground(self.scene, self.device)
+        self.playground = Playground(self.scene, self.device, self.laws)
         self.pace = Pace()
         self.running, self.trouble = True, ""
         self.recording: Recording | None = None
@@ -138,7 +141,7 @@ class Session:
         """Ask for another scene. If it cannot be simulated, this one goes on."""
 
         def load(_: Playground) -> None:
-            playground = Playground(find(), self.device)
+            playground = Playground(find(), self.device, self.laws)
             self._end_recording()
             self.name, self.playground = name, playground
             self._load += 1
@@ -225,7 +228,7 @@ class Session:
 
         def write() -> None:
             try:
-                files = write_recording(recorded, self.folder, name)
+                files = write_recording(recorded, self.folder, name, self.laws)
                 self.notices.append(f"wrote {' and '.join(str(file) for file in files)}")
             except InputError as mistake:
                 self.notices.append(str(mistake))

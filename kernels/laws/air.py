@@ -1,8 +1,6 @@
 """The air around balloons: its density, and its drag."""
 
 from typing import Any
-
-import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
@@ -100,7 +98,13 @@ AIR_DRAG = Law(
     air_drag,
     (
         *AIR,
-        Parameter("drag_coefficient", "1", least=0.0, path="drag_coefficient", meaning="C_d, as for a sphere"),
+        Parameter(
+            "drag_coefficient",
+            "1",
+            least=0.0,
+            path="drag_coefficient",
+            meaning="C_d of 1/2 density C_d A u^2, as for a sphere, u the speed relative to the wind",
+        ),
         Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="velocity of the air"),
     ),
     neutral={"drag_coefficient": 0.0},

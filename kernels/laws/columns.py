@@ -22,10 +22,15 @@ class Columns:
     def places(self) -> dict[str, int]:
         """The column of each parameter in that row, of a vector the first of three."""
         places, column = {}, 0
-        for parameter in (*self.balloon, *self.world):
+        for parameter in self.rows:
             places[parameter.name] = column
             column += parameter.size
         return places
+
+    @property
+    def rows(self) -> tuple[Parameter, ...]:
+        """Of balloons, and then of the world."""
+        return (*self.balloon, *self.world)
 
     @property
     def balloon_width(self) -> int:

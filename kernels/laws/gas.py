@@ -15,7 +15,13 @@ HELIUM_MOLAR_MASS = 0.0040026
 """[kg/mol]"""
 PARAMETERS = (
     Parameter(
-        "gamma", "1", 1.0, least=1.0, most=10.0, path="inflation.gamma", meaning="p V^gamma of a gas stays as it is"
+        "gamma",
+        "1",
+        1.0,
+        least=1.0,
+        most=10.0,
+        path="inflation.gamma",
+        meaning="p V^gamma of a gas stays as it is: 1 keeps it as warm, 1.4 keeps air's heat in, 1.667 helium's",
     ),
     Parameter("molar_mass", "kg/mol", HELIUM_MOLAR_MASS, least=0.0, path="inflation.molar_mass", meaning="of a gas"),
     *AIR,

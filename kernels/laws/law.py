@@ -4,8 +4,11 @@ A law is a function of Warp that gives a force. It names what it needs: each of 
 its kind of law is told (below), or one of its own parameters. What no law of a scene names is not computed.
 """
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pickle import PicklingError
 from typing import Any, Literal, NamedTuple
 
 Kind = Literal["particle", "spring", "string", "hinge", "face"]
@@ -144,3 +147,18 @@ class Law:
             object.__setattr__(self, "name", self.force.key.rpartition(".")[2])
         placed = (row if row.path else replace(row, path=f"law.{self.name}.{row.name}") for row in self.parameters)
         object.__setattr__(self, "parameters", tuple(placed))
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str, str]]:
+        """To another process a law goes as its name in the module of its function."""
+        module = self.force.func.__module__
+        names = [name for name, value in vars(sys.modules[module]).items() if value is self]
+        if not names or module == "__main__":
+            raise PicklingError(
+                f"law {self.name}: other processes cannot find it; expected a global name for it in the module of its "
+                f"function, {module}, other than a script or a notebook"
+            )
+        return _law_named, (module, names[0])
+
+
+def _law_named(module: str, name: str) -> Law:
+    return getattr(import_module(module), name)

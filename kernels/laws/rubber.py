@@ -50,7 +50,7 @@ VISCOSITY = Parameter(
     "s",
     least=0.0,
     path="stiffness.viscosity",
-    meaning="damping constant of each spring along it, over its spring constant",
+    meaning="damping constant of each spring along it, over its spring constant (Tarantino 1996)",
 )
 YIELD_STRETCH = Parameter(
     "yield_stretch",
@@ -58,7 +58,7 @@ YIELD_STRETCH = Parameter(
     NEVER_YIELDS,
     least=1.0,
     path="stiffness.yield_stretch",
-    meaning="length over rest length from which on a spring pulls no more",
+    meaning="length over rest length from which on a spring pulls no more (Tarantino 1996)",
 )
 CORRECTION_LIMIT = Parameter(
     "correction_limit",

@@ -2,9 +2,9 @@
 
 import itertools
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import Field, InstanceOf, model_validator
+from pydantic import InstanceOf, model_validator
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene.schema.fields import (
@@ -19,23 +19,18 @@ from balloon_warp.scene.schema.fields import (
     Table,
     UnitInterval,
     Vector,
+    field_of,
+    optional_field_of,
 )
-
-HELIUM_MOLAR_MASS = 0.0040026
-"""[kg/mol]"""
 
 
 class Stiffness(Table):
     """Spring constants k [N/m] of the three kinds of springs (paper, figure 3)."""
 
-    structural: NonNegative = 20.0
-    """along the edges of faces"""
-    shear: NonNegative = 10.0
-    """across faces"""
-    flexion: NonNegative = 2.0
-    """past one particle, against bending"""
-    torsion: NonNegative = 0.0
-    """of each edge between two faces, against a change of the angle between them [N m/rad]"""
+    structural: float = field_of("structural")
+    shear: float = field_of("shear")
+    flexion: float = field_of("flexion")
+    torsion: float = field_of("torsion")
     variation: UnitInterval = 0.0
     """each spring's constant is drawn uniformly from k (1 - variation) to k (1 + variation)"""
     seed: Index = 0
@@ -44,10 +39,8 @@ class Stiffness(Table):
     """factors on the constants of springs at the balloon's lowest and highest coordinate, and linear between them"""
     gradient_axis: Literal["X", "Y", "Z"] = "Y"
     """of the scene, along which they change; where the middles of springs are at the start counts"""
-    viscosity: NonNegative = 0.0
-    """damping constant of each spring along it, over its spring constant [s] (Tarantino 1996)"""
-    yield_stretch: Annotated[float, Field(gt=1, lt=1e12)] | None = None
-    """length over rest length from which on a spring is overextended and pulls no more (Tarantino 1996)"""
+    viscosity: float = field_of("viscosity")
+    yield_stretch: float | None = optional_field_of("yield_stretch")
 
 
 class Inflation(Table):
@@ -65,15 +58,12 @@ class Inflation(Table):
     """of "pressure": above the air's [Pa]; a number or keyframes"""
     amount: NonNegative | None = None
     """of "gas", at the start [mol]; what `start_pressure` asks for when missing"""
-    start_pressure: Annotated[float, Field(gt=-1e12, lt=1e12)] = 0.0
+    start_pressure: Real = 0.0
     """of "gas": above the air's, at the start [Pa]; 0 is in balance with springs at their rest lengths"""
     pump: Keyframed = 0.0
     """of "gas": what is pumped in, and if negative let out [mol/s]; a number or keyframes"""
-    gamma: Annotated[float, Field(ge=1, le=10)] = 1.0
-    """of "gas": p V^gamma stays as it is. 1 keeps the temperature; without exchange of heat, 1.4 for air, 1.667 for
-    helium"""
-    molar_mass: NonNegative = HELIUM_MOLAR_MASS
-    """of "gas" [kg/mol]"""
+    gamma: float = field_of("gamma")
+    molar_mass: float = field_of("molar_mass")
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
@@ -139,14 +129,10 @@ class Balloon(Table):
     """about x, then y, then z [degrees], before `position`"""
     scale: Positive = 1.0
     """factor on the mesh's size, before `rotation`"""
-    mass: Positive = 0.1
-    """of the whole balloon, shared alike by its particles [kg]"""
-    helium: Real = 0.0
-    """lift for each kilogram of balloon, against gravity's 9.81 [N/kg]"""
-    damping: NonNegative = 0.1
-    """drag of the whole balloon for each m/s, shared like the mass [N s/m]"""
-    drag_coefficient: NonNegative = 0.0
-    """C_d of the air's drag, as for a sphere: 1/2 density C_d A u^2, u the speed relative to the wind"""
+    mass: float = field_of("mass")
+    helium: float = field_of("helium")
+    damping: float = field_of("damping")
+    drag_coefficient: float = field_of("drag_coefficient")
     stiffness: Stiffness = Stiffness()
     inflation: Inflation = Inflation()
     fixed: list[Index] = []

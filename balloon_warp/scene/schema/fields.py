@@ -1,21 +1,15 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field
 
+from balloon_warp.kernels.laws import PARAMETERS, Parameter
+from balloon_warp.kernels.laws.law import FAR, TINY
 
-def _not_tiny(value: float) -> float:
-    """What is divided by must not vanish in float32, nor its square."""
-    if value < 1e-12:
-        raise PydanticCustomError("tiny", "Input should be at least 1e-12")
-    return value
-
-
-Real = Annotated[float, Field(gt=-1e12, lt=1e12)]
-Positive = Annotated[float, Field(gt=0, lt=1e12), AfterValidator(_not_tiny)]
-NonNegative = Annotated[float, Field(ge=0, lt=1e12)]
+Real = Annotated[float, Field(gt=-FAR, lt=FAR)]
+Positive = Annotated[float, Field(ge=TINY, lt=FAR)]
+NonNegative = Annotated[float, Field(ge=0, lt=FAR)]
 Vector = tuple[Real, Real, Real]
 Keyframe = tuple[NonNegative, Real]
 """a time [s] and the value at that time"""
@@ -29,6 +23,31 @@ Index = Annotated[int, Field(ge=0)]
 """from 0, as in lists of the scene and vertices of a file"""
 Color = tuple[UnitInterval, UnitInterval, UnitInterval]
 """linear RGB"""
+LawTables = dict[str, dict[str, Real | Vector]]
+"""parameters of laws of one's own, by the law's name and the parameter's"""
+
+
+def field_of(name: str) -> Any:
+    """The field of a law's parameter: default, bounds, unit and meaning are those of its row."""
+    row = PARAMETERS[name]
+    return Field((row.default,) * 3 if row.size == 3 else row.default, **_bounds(row), description=_description(row))
+
+
+def optional_field_of(name: str) -> Any:
+    """The same, of one that may be left out: None stands for the default of its row."""
+    row = PARAMETERS[name]
+    return Field(None, **_bounds(row), description=_description(row))
+
+
+def _bounds(row: Parameter) -> dict[str, Any]:
+    """As Pydantic has them; a vector's are those of its parts."""
+    if row.size == 3:
+        return {}
+    return {"gt" if row.least == -FAR else "ge": row.least, "lt" if row.most == FAR else "le": row.most}
+
+
+def _description(row: Parameter) -> str:
+    return f"{row.meaning} [{row.unit}]".strip()
 
 
 class Table(BaseModel):

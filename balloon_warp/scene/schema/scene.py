@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from balloon_warp.scene.schema.balloon import Balloon
 from balloon_warp.scene.schema.bodies import Sphere, String
-from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Real, Table, Vector
+from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Table, Vector, field_of
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
 
@@ -38,8 +38,7 @@ class Scene(Table):
     description: str = ""
     """one line, shown by `balloon-warp scenes`"""
     up_axis: Literal["Y", "Z"] = "Y"
-    gravity: Real = 9.81
-    """[m/s^2], down the up axis"""
+    gravity: float = field_of("gravity")
     frames: Annotated[int, Field(ge=1)] = 120
     """how many frames follow the start"""
     frames_per_second: Positive = 60.0
@@ -53,8 +52,7 @@ class Scene(Table):
     correction: Literal["none", "provot", "tarantino"] = "none"
     """after a step, "provot" shortens springs that are longer than (1 + correction_limit) times their rest length to
     that (Provot 1995); with "tarantino" they do not pull there either, as in the paper"""
-    correction_limit: Annotated[float, Field(ge=0.001, lt=1e12)] = 0.1
-    """strain that is left to springs"""
+    correction_limit: float = field_of("correction_limit")
     correction_sweeps: Annotated[int, Field(ge=1, le=1000)] = 4
     """how often a correction goes through all springs"""
     normals: Literal["cached", "fresh"] = "cached"

@@ -1,0 +1,70 @@
+"""A session in a page, from a script or the command line."""
+
+import threading
+import webbrowser
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from balloon_warp.errors import InputError, MissingExtraError
+from balloon_warp.kernels.laws import Law
+from balloon_warp.scene import Scene
+
+if TYPE_CHECKING:
+    from balloon_warp.viewer.page import Page
+
+
+def view(
+    scene: Scene,
+    *,
+    name: str = "scene",
+    device: str | None = None,
+    folder: str | Path = ".",
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    open_page: bool = True,
+    laws: Sequence[Law] = (),
+    on_start: Callable[["Page"], None] = lambda page: None,
+    on_warning: Callable[[str], None] = lambda sentence: None,
+) -> None:
+    """Play with a scene in the browser, until Ctrl-C.
+
+    Args:
+        scene: where it starts.
+        name: what the page and recordings call it.
+        device: a Warp device; the GPU where there is one, when missing.
+        folder: where recordings go.
+        host: address to listen on; this machine alone, when missing.
+        port: 8080 or the next free one, when missing.
+        open_page: whether the browser opens it.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
+        on_start: told the page once it is there.
+        on_warning: told what is odd about a mesh, and what became of it, in a sentence.
+
+    Raises:
+        InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
+        MissingExtraError: viser is not installed.
+    """
+    if not Path(folder).is_dir():
+        raise InputError(f"{folder}: the folder does not exist")
+    try:
+        from balloon_warp.viewer.page import Page
+    except ModuleNotFoundError as missing:
+        if missing.name != "viser":
+            raise
+        raise MissingExtraError("view needs viser: pip install 'balloon-warp[view]'") from None
+    from balloon_warp.viewer.session import Session
+
+    session = Session(name, scene, device, Path(folder).resolve(), laws)
+    for shape in session.playground.simulator.model.shapes:
+        for warning in shape.warnings:
+            on_warning(warning)
+    page = Page(session, host, port)
+    try:
+        page.start()
+        on_start(page)
+        if open_page:
+            webbrowser.open(page.address)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        page.stop()

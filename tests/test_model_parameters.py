@@ -1,0 +1,121 @@
+"""The rows of all parameters, and where they stand in memory."""
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube
+
+from balloon_warp.kernels.laws import LAWS, PARAMETERS
+from balloon_warp.kernels.laws.contact import NO_GROUND
+from balloon_warp.kernels.laws.water import NO_WATER
+from balloon_warp.model import bounds, build_model, initial_state, plan_model, world_bytes
+from balloon_warp.model.memory import Allocating, Counting
+from balloon_warp.model.parameters import places_of, value_of
+from balloon_warp.model.rows import ROWS, rows_of
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String, Tube, Water
+from balloon_warp.scene.overrides import override_scene
+
+GAS = Inflation(kind="gas")
+
+
+def everything() -> Scene:
+    return Scene(
+        balloon=[Balloon(mesh=cube(), inflation=GAS), Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=GAS)],
+        sphere=[Sphere(position=(0.0, 5.0, 0.0))],
+        string=[String(anchor=(0.0, -3.0, 0.0))],
+        tube=[Tube(balloons=(0, 1), conductance=0.1)],
+        ground=Ground(height=-5.0),
+        water=Water(level=-4.0),
+    )
+
+
+def test_every_row_stands_in_a_scene():
+    """And what a schema says of a law's field is what its row says."""
+    scene, rows = everything(), rows_of(LAWS)
+    names = {name for places in places_of(scene, rows).values() for name, _ in places}
+    assert names == {*(row.name for row in rows), "keyframe_values"}
+    changed = {"ground_height": -5.0, "water_level": -4.0}
+    for row in PARAMETERS.values():
+        found = value_of(scene if row.of == "world" else scene.balloon[0], row)
+        np.testing.assert_array_equal(found, changed.get(row.name, np.broadcast_to(row.default, np.shape(found))))
+
+
+@pytest.mark.parametrize("row", [*PARAMETERS.values(), *ROWS], ids=lambda row: row.name)
+def test_every_row_may_differ_between_worlds(row):
+    scene = everything()
+    if row.name in ("gamma", "molar_mass"):  # which are alike at both ends of a tube
+        scene = scene.model_copy(update={"tube": []})
+    if row.name == "helium":  # gas lifts by itself
+        scene = Scene(balloon=[Balloon(mesh=cube())])
+    path = row.path if row.of == "world" else f"{row.of}.{row.path}"
+    values = max(row.least, 0.0) + np.array([0.2, 0.4, 0.6])
+    plan = plan_model(scene, 3, {path if row.size == 1 else f"{path}.1": values})
+    name = {"initial_balloon_positions": "initial_shifts"}.get(row.name, row.name)
+    found = plan.parameters[name].reshape(3, -1, row.size)[:, 0, row.size // 2]
+    if name == "initial_pressures":  # of so much gas as gives it
+        assert plan.parameters["initial_gas_amounts"][0, 0] < plan.parameters["initial_gas_amounts"][1, 0]
+    np.testing.assert_allclose(found, values, atol=1e-9)
+
+
+def test_parameters_of_laws_are_views_into_two_arrays():
+    model = build_model(everything(), "cpu", 2, {"balloon.1.mass": [0.3, 0.4]})
+    columns, places = model.columns, model.columns.places
+    assert model.balloon_numbers.shape == (2, 2, columns.balloon_width)
+    assert model.world_numbers.shape == (1, columns.world_width)
+    np.testing.assert_allclose(model.balloon_numbers.numpy()[:, :, places["mass"]], [[0.1, 0.3], [0.1, 0.4]])
+    model.parameters["wind"].assign(np.array([[1.0, 2.0, 3.0]], dtype=np.float32))
+    wind = places["wind"] - columns.balloon_width
+    np.testing.assert_array_equal(model.world_numbers.numpy()[0, wind : wind + 3], [1.0, 2.0, 3.0])
+    for row in columns.rows:
+        assert model.parameters[row.name].dtype == wp.float32
+        assert model.parameters[row.name].ndim == (2 if row.of == "balloon" else 1) + (row.size > 1)
+
+
+def test_a_model_with_its_own_parameters_leaves_the_other_s():
+    shared = build_model(everything(), "cpu")
+    own = shared.with_own_parameters()
+    for name, array in own.parameters.items():
+        if array.size and array.dtype == wp.float32:
+            before = shared.parameters[name].numpy().copy()
+            array.assign(np.full(before.shape, 7.0, dtype=np.float32))
+            np.testing.assert_array_equal(shared.parameters[name].numpy(), before)
+    assert (own.balloon_numbers.numpy() == 7.0).all()
+    assert (own.world_numbers.numpy() == 7.0).all()
+
+
+def test_one_world_has_the_numbers_that_it_has_among_others():
+    vary = {"balloon.1.mass": [0.3, 0.4], "gravity": [1.0, 2.0], "sphere.mass": [3.0, 4.0]}
+    one = build_model(everything(), "cpu", 2, vary).of_world(1)
+    assert one.world_count == 1
+    np.testing.assert_allclose(one.parameters["mass"].numpy(), [[0.1, 0.4]])
+    np.testing.assert_allclose(one.parameters["gravity"].numpy(), [2.0])
+    np.testing.assert_allclose(one.parameters["sphere_mass"].numpy(), [[4.0]])
+
+
+@pytest.mark.parametrize(
+    "path", ["balloon.stiffness.structural", "balloon.mass", "balloon.drag_coefficient", "gravity"]
+)
+def test_the_step_of_many_worlds_is_that_of_the_stiffest(path, monkeypatch):
+    """However many are looked at together."""
+    scene, values = everything(), np.linspace(1.0, 40.0, 7)
+    monkeypatch.setattr(bounds, "CHUNK", 20)
+    alone = [plan_model(override_scene(scene, [(path, value)])).substeps for value in values]
+    assert plan_model(scene, 7, {path: values}).substeps == max(alone)
+
+
+def test_without_ground_and_water_they_are_far_below():
+    model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
+    assert model.parameters["ground_height"].numpy() == np.float32(NO_GROUND)
+    assert model.parameters["water_level"].numpy() == np.float32(NO_WATER)
+
+
+def test_what_is_counted_is_what_is_allocated():
+    room = Counting()
+    for shape, dtype in (((3, 4), wp.vec3), (5, wp.float64), ((2, 0), wp.int32), ((1, 2, 3), wp.vec2)):
+        before, array = room.bytes, Allocating(wp.get_device("cpu")).array(shape, dtype)
+        assert room.array(shape, dtype) is None
+        assert room.bytes - before == array.size * wp.types.type_size_in_bytes(dtype)
+    model = build_model(everything(), "cpu", 2)
+    state = initial_state(model)
+    taken = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in vars(state).values())
+    assert 2 * world_bytes(model) == taken + 4  # the number of the frame, which both have

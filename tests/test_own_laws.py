@@ -1,0 +1,233 @@
+"""Laws of one's own on the host: what is said of bad ones, and where their parameters go."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube
+from own_laws import HARDENING, MAGNET, magnet
+
+import balloon_warp as bw
+from balloon_warp.kernels.laws import LAWS
+from balloon_warp.laws import acting_laws, require_laws
+from balloon_warp.model import build_model, plan_model
+from balloon_warp.provenance import describe_laws
+from balloon_warp.scene import Balloon, Change, Scene, Stiffness
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.write import scene_toml
+from balloon_warp.viewer.sliders import VALUES, values_of
+
+STRENGTH = bw.Parameter("strength", "1", 1.0)
+
+
+@wp.func
+def lost(position: wp.vec3, distance: float):
+    return distance * position
+
+
+@wp.func
+def of_whole_numbers(position: wp.vec3, strength: int):
+    return float(strength) * position
+
+
+@wp.func
+def a_number(position: wp.vec3, strength: float):
+    return strength * wp.length(position)
+
+
+def plain(position: wp.vec3):
+    return position
+
+
+def scene(**fields) -> Scene:
+    return Scene(**{"balloon": [Balloon(mesh=cube()), Balloon(mesh=cube(), position=(3.0, 0.0, 0.0))], **fields})
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (
+            lambda: bw.particle_law(plain),
+            r"^particle law: expected a function with @wp\.func before it \(got <function",
+        ),
+        (lambda: bw.face_law(wp.length), r"^face law: expected a function with @wp\.func"),
+        (
+            lambda: bw.particle_law(lost),
+            r"^law lost: there is nothing that is called distance; expected some of position, velocity, mass, .*time$",
+        ),
+        (lambda: bw.spring_law(lost), r"^law lost: there is nothing that is called position; .* squared_length,"),
+        (
+            lambda: bw.particle_law(of_whole_numbers, [STRENGTH]),
+            r"^law of_whole_numbers: its argument strength is of another type; expected float$",
+        ),
+        (lambda: bw.particle_law(a_number, [STRENGTH]), r"^law a_number: returns a float; expected a vec3f$"),
+        (lambda: bw.particle_law(magnet, energy=plain), r"^law magnet: there is nothing that is called strength"),
+        (
+            lambda: bw.particle_law(magnet, MAGNET.parameters, stiffness=lambda height: height),
+            r"^law magnet: its stiffness asks for height; expected mass, mass_share, area, velocity, strength, pole$",
+        ),
+        (
+            lambda: bw.particle_law(magnet, MAGNET.parameters, neutral={"weakness": 0.0}),
+            r"^law magnet: neutral says weakness; expected one of its parameters, strength, pole$",
+        ),
+        (lambda: bw.particle_law(magnet, MAGNET.parameters, color="red"), r"^law magnet: .* argument 'color'$"),
+        (
+            lambda: bw.particle_law(a_number, [bw.Parameter("strength", "1", of="sphere")]),
+            r'^law a_number: its parameter strength is of="sphere"; expected "balloon" or "world"$',
+        ),
+        (
+            lambda: bw.particle_law(a_number, [bw.Parameter("strength", "1", path="mass")]),
+            r"^law a_number: its parameter strength is at mass; expected law\.NAME\.PARAMETER, or no path$",
+        ),
+        (
+            lambda: bw.particle_law(magnet, MAGNET.parameters, energy=magnet),
+            r"^law magnet: its energy: returns a vec3f; expected a float$",
+        ),
+    ],
+)
+def test_a_bad_law_gets_one_sentence(make, sentence):
+    with pytest.raises(bw.InputError, match=sentence):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("laws", "sentence"),
+    [
+        ([MAGNET, MAGNET], r"^law magnet: there is another law of that name"),
+        ([bw.particle_law(magnet, MAGNET.parameters, name="hooke")], r"^law hooke: there is another law of that name"),
+        (
+            [MAGNET, bw.particle_law(magnet, MAGNET.parameters[1:] + (STRENGTH,), name="other")],
+            r"^law other: its parameter strength is also one of law magnet, with another meaning",
+        ),
+        (
+            [bw.particle_law(magnet, [*MAGNET.parameters, bw.Parameter("helium", "1")])],
+            r"^law magnet: its parameter helium is also one of a built-in law, with another meaning",
+        ),
+        ([magnet], r"^laws: expected a Law \(got"),
+    ],
+)
+def test_laws_that_do_not_go_together_are_refused(laws, sentence):
+    with pytest.raises(bw.InputError, match=sentence):
+        require_laws(laws)
+
+
+def test_laws_may_share_a_row():
+    require_laws([MAGNET, bw.particle_law(magnet, MAGNET.parameters, name="second")])
+
+
+def test_parameters_stand_in_the_law_s_table():
+    said = override_scene(scene(), [("balloon.1.law.magnet.strength", 5.0), ("law.magnet.pole", [0.0, 1.0, 2.0])])
+    model = build_model(said, "cpu", laws=[MAGNET])
+    assert model.own_laws == (MAGNET,)
+    np.testing.assert_array_equal(model.parameters["strength"].numpy(), [[2.0, 5.0]])
+    np.testing.assert_array_equal(model.parameters["pole"].numpy(), [[0.0, 1.0, 2.0]])
+    assert "law = { magnet = { strength = 5.0 } }" in scene_toml(said, Path())
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "sentence"),
+    [
+        ("balloon.law.magnet.strength", -1.0, r"^balloon\.0\.law\.magnet\.strength: must be at least 0 \(got -1\.0\)$"),
+        ("balloon.1.law.hardening.hardness", 11, r"^balloon\.1\.law\.hardening\.hardness: must be at most 10 \(got 11"),
+        ("law.magnet.pole", 1.0, r"^law\.magnet\.pole: must be 3 numbers \(got 1\.0\)$"),
+        ("balloon.law.magnet.force", 1.0, r"^balloon\.0\.law\.magnet\.force: unknown field; known here are strength$"),
+        (
+            "law.hardening.hardness",
+            1.0,
+            r"^law\.hardening: there are no parameters of such a law; known here are magnet",
+        ),
+        ("balloon.law.gravity.g", 1.0, r"^balloon\.0\.law\.gravity: there are no parameters .* magnet, hardening$"),
+        ("balloon.law.magnet.strength", "much", r"^balloon\.0\.law\.magnet\.strength: must be a valid number .*'much'"),
+    ],
+)
+def test_values_that_do_not_fit_are_refused(path, value, sentence):
+    with pytest.raises(bw.InputError, match=sentence):
+        plan_model(override_scene(scene(), [(path, value)]), laws=[MAGNET, HARDENING])
+
+
+def test_a_table_of_a_law_that_was_not_given_is_refused():
+    said = override_scene(scene(), [("balloon.law.magnet.strength", 1.0)])
+    with pytest.raises(bw.InputError, match=r"^balloon\.0\.law\.magnet: there are no parameters .*; no law was given"):
+        plan_model(said)
+
+
+def test_parameters_differ_between_worlds():
+    vary = {"balloon.law.magnet.strength": [1.0, 2.0, 3.0], "law.magnet.pole.1": [0.5, 0.0, -0.5]}
+    model = build_model(scene(), "cpu", 3, vary, [MAGNET])
+    np.testing.assert_array_equal(model.parameters["strength"].numpy(), [[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
+    np.testing.assert_array_equal(model.parameters["pole"].numpy()[:, 1], [0.5, 0.0, -0.5])
+    with pytest.raises(bw.InputError, match=r"^balloon\.0\.law\.magnet\.strength: must be at least 0 .* in world 1$"):
+        plan_model(scene(), 2, {"balloon.law.magnet.strength": [1.0, -2.0]}, laws=[MAGNET])
+
+
+def test_parameters_change_on_the_way():
+    changing = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": 7.0})])
+    (turn,) = plan_model(changing, laws=[MAGNET]).turns
+    rows = np.array([[2.0, 2.0]])
+    turn.apply("strength", rows)
+    assert rows.tolist() == [[7.0, 2.0]]
+    wrong = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": -7.0})])
+    with pytest.raises(bw.InputError, match=r"must be at least 0 \(got -7"):
+        plan_model(wrong, laws=[MAGNET])
+
+
+def test_bounds_count_in_the_step():
+    """Slack balloons on magnets, each particle an oscillator of its own: omega^2 is the strength."""
+    slack = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
+    loose = scene(balloon=[Balloon(mesh=cube(), stiffness=slack, damping=0.0)])
+    pulled = override_scene(loose, [("balloon.law.magnet.strength", 1.0e6)])
+    assert bw.advise_step(pulled, [MAGNET]).stable_step == pytest.approx(2.0e-3)
+    soft, hard = bw.advise_step(scene()), bw.advise_step(scene(), [HARDENING])
+    assert hard.stable_step < 0.55 * soft.stable_step  # four times the constant
+    unbound = bw.particle_law(magnet, MAGNET.parameters, name="unbound")
+    assert bw.advise_step(scene(), [unbound]) == soft
+
+
+def test_a_change_of_what_bounds_name_counts_too():
+    change = Change(time=0.5, set={"balloon.law.magnet.strength": 1.0e8})
+    assert plan_model(scene(change=[change]), laws=[MAGNET]).substeps > 10 * plan_model(scene(), laws=[MAGNET]).substeps
+
+
+def test_what_is_neutral_or_not_wanted_does_not_act():
+    def acting(**overrides: float) -> list[str]:
+        said = override_scene(scene(), [(f"balloon.{path.replace('__', '.')}", v) for path, v in overrides.items()])
+        plan = plan_model(said, laws=[MAGNET, HARDENING])
+        return [law.name for law in acting_laws(plan.laws, plan.scene, plan.parameters)]
+
+    assert acting(damping=0.0) == ["weight", "hooke", "string", "magnet"]
+    assert acting(law__magnet__strength=0.0, stiffness__viscosity=0.1) == [
+        "weight",
+        "damping",
+        "hooke",
+        "rubber",
+        "string",
+    ]
+    assert "hardening" in acting(law__hardening__hardness=1.0)
+
+
+def test_a_law_travels_as_its_global_name():
+    assert pickle.loads(pickle.dumps(MAGNET)) is MAGNET
+    assert all(pickle.loads(pickle.dumps(law)) is law for law in LAWS)
+    plan = pickle.loads(pickle.dumps(plan_model(scene(), laws=[MAGNET])))
+    assert plan.laws == (*LAWS, MAGNET)
+    nameless = bw.particle_law(magnet, MAGNET.parameters)
+    with pytest.raises(
+        pickle.PicklingError, match=r"^law magnet: other processes cannot find it; expected a global name"
+    ):
+        pickle.dumps(nameless)
+
+
+def test_the_source_is_hashed():
+    with_energy, without = describe_laws([MAGNET]), describe_laws([bw.particle_law(magnet, MAGNET.parameters)])
+    assert with_energy["magnet"].keys() == {"force", "energy"}
+    assert with_energy["magnet"]["force"] == without["magnet"]["force"] != with_energy["magnet"]["energy"]
+
+
+def test_numbers_have_sliders_and_vectors_do_not():
+    (slider,) = values_of([MAGNET, *LAWS])
+    said = override_scene(scene(), [("balloon.0.law.magnet.strength", 5.0)])
+    assert (slider.path, slider.read(scene()), slider.read(said)) == ("balloon.law.magnet.strength", 2.0, 5.0)
+    assert (slider.label, slider.least_reach, slider.signed) == ("strength [1/s^2]", 10.0, False)
+    assert [value.path for value in VALUES][:2] == ["gravity", "balloon.helium"]
