@@ -57,7 +57,7 @@ class FrameReader:
     def read(self, state: State, number: int, world: int, net_forces: bool) -> Frame:
         """One world of a state at the frame of that number, with the net forces if they are wanted."""
         anchors = self.model.parameters["string_anchor"]
-        self._forces.refresh_inflation(state)
+        self._forces.refresh(state)
         inflation_forces = self._of_balloons(self._forces.inflation_forces(state), world)
         return Frame(
             number=number,

@@ -13,6 +13,8 @@ Lanes = wp.types.vector(length=8, dtype=wp.float32)
 """a number in each of eight lanes"""
 Lanes3 = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
 """a vector in each of eight lanes, one a column"""
+Lanes4 = wp.types.matrix(shape=(4, 8), dtype=wp.float32)
+"""four numbers in each of eight lanes, those of one a column"""
 LaneNumbers = wp.types.vector(length=8, dtype=wp.int32)
 """the number of a particle, or of something else, in each of eight lanes"""
 
@@ -63,6 +65,18 @@ def of_lane(vectors: Lanes3, lane: wp.int32):  # noqa: F811 - an overload
 
 
 @wp.func
+def of_lane(vectors: wp.vec4, lane: wp.int32):  # noqa: F811 - an overload
+    """What is the same in all lanes."""
+    return vectors
+
+
+@wp.func
+def of_lane(vectors: Lanes4, lane: wp.int32):  # noqa: F811 - an overload
+    """The four numbers of one lane."""
+    return wp.vec4(vectors[0, lane], vectors[1, lane], vectors[2, lane], vectors[3, lane])
+
+
+@wp.func
 def of_lane(numbers: LaneNumbers, lane: wp.int32):  # noqa: F811 - an overload
     """The number of one lane."""
     return numbers[lane]
@@ -78,6 +92,24 @@ def set_lane(vectors: Lanes3, lane: wp.int32, vector: wp.vec3):
 
 
 # ---- products
+
+
+@wp.func
+def times(a: float, b: float):
+    """a b"""
+    return a * b
+
+
+@wp.func
+def times(a: Lanes, b: Lanes):  # noqa: F811 - an overload
+    """a b in each lane."""
+    return wp.cw_mul(a, b)
+
+
+@wp.func
+def times(a: float, b: Lanes):  # noqa: F811 - an overload
+    """a b in each lane."""
+    return a * b
 
 
 @wp.func

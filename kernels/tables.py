@@ -1,33 +1,26 @@
-"""The model as the schedules without atomics read it: what a particle needs, found from the particle.
+"""The model as kernels read it: what a particle needs, found from the particle.
 
-The schedules fill these; see `balloon_warp.model.Model` for the shapes of what is named alike there.
+Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is named alike there.
 """
 
 import warp as wp
 
-from balloon_warp.kernels.springs import stretch_without_pull
+from balloon_warp.kernels.measure.health import HealthTable
 
 SLICE = wp.constant(32)
-"""particles of a slice of the spring table: the threads of a warp"""
+"""particles of a slice of the tables of springs and of quads: the threads of a warp"""
 CHUNK = wp.constant(4)
 """springs that a particle loads together"""
 
 
 @wp.struct
-class HingeTable:
-    """The edges between two faces, and what each particle is to them; empty without torsion springs."""
+class ParticleTable:
+    """Particles, and which balloon each belongs to."""
 
-    ends: wp.array[wp.vec2i]
-    wing_offsets: wp.array[wp.int32]
-    """where the corners of hinge n's wings begin: entries 2 n and 2 n + 1"""
-    wing_particles: wp.array[wp.int32]
-    rest_angles: wp.array[float]
-    """[rad]"""
-    particle_offsets: wp.array[wp.int32]
-    """where each particle's roles begin, and after the last, where they end"""
-    particle_roles: wp.array[wp.int32]
-    """four times the hinge, plus the particle's role in it"""
-    stiffness: wp.array2d[float]
+    balloon: wp.array[wp.int32]
+    mass_share: wp.array[float]
+    offsets: wp.array[wp.int32]
+    """where each balloon's particles begin, and after the last, where they end"""
 
 
 @wp.struct
@@ -47,29 +40,34 @@ class SpringTable:
     scales: wp.array[float]
     """a spring's constant over that of its kind; empty if all are 1"""
     rest_lengths: wp.array[float]
-    """times the scale [m]"""
-    stiffness: wp.array3d[float]
-    viscosity: wp.array2d[float]
-    yield_stretch: wp.array2d[float]
-    hinges: HingeTable
-    limits: wp.array[float]
-    """strains at which springs are corrected"""
-    yields_at_limit: bool
-    """whether they do not pull there either (Tarantino)"""
+    """[m]"""
 
 
 @wp.struct
-class CorrectionTable:
-    """The springs as the position correction takes them: color by color, no two of one color at one particle."""
+class PairTable:
+    """The springs, each once."""
 
-    color_offsets: wp.array[wp.int32]
-    """where the springs of each color begin, and after the last, where they end"""
     particles: wp.array[wp.vec2i]
+    kinds: wp.array[wp.int32]
+    scales: wp.array[float]
     rest_lengths: wp.array[float]
     """[m]"""
-    limits: wp.array[float]
-    """strains beyond which springs are too long, one a world or one for all"""
-    sweeps: wp.int32
+
+
+@wp.struct
+class HingeTable:
+    """The edges between two faces, and what each particle is to them; empty without torsion springs."""
+
+    ends: wp.array[wp.vec2i]
+    wing_offsets: wp.array[wp.int32]
+    """where the corners of hinge n's wings begin: entries 2 n and 2 n + 1"""
+    wing_particles: wp.array[wp.int32]
+    rest_angles: wp.array[float]
+    """[rad]"""
+    particle_offsets: wp.array[wp.int32]
+    """where each particle's roles begin, and after the last, where they end"""
+    particle_roles: wp.array[wp.int32]
+    """four times the hinge, plus the particle's role in it"""
 
 
 @wp.struct
@@ -88,40 +86,6 @@ class StringTable:
 
 
 @wp.struct
-class BodyTable:
-    """What pulls at a particle by itself."""
-
-    balloon: wp.array[wp.int32]
-    mass_share: wp.array[float]
-    mass: wp.array2d[float]
-    helium: wp.array2d[float]
-    damping: wp.array2d[float]
-    gravity: wp.array[float]
-    up: wp.vec3
-
-
-@wp.struct
-class ObstacleTable:
-    """What particles bump into."""
-
-    sphere_mass: wp.array2d[float]
-    sphere_radius: wp.array2d[float]
-    sphere_penalty: wp.array2d[float]
-    ground_height: wp.array[float]
-    ground_friction: wp.array[float]
-    ground_restitution: wp.array[float]
-
-
-@wp.struct
-class WaterTable:
-    """A liquid below a level surface."""
-
-    level: wp.array[float]
-    density: wp.array[float]
-    drag: wp.array[float]
-
-
-@wp.struct
 class FaceTable:
     """Faces, and the faces around each particle."""
 
@@ -135,32 +99,86 @@ class FaceTable:
 
 
 @wp.struct
-class AirTable:
-    """What fills balloons, and the air around them."""
+class FanTable:
+    """The corners of the faces at each particle, each seen from there.
 
-    kind: wp.array[wp.int32]
-    """of each balloon's inflation"""
-    gamma: wp.array2d[float]
-    molar_mass: wp.array2d[float]
-    drag_coefficient: wp.array2d[float]
-    pressure: wp.array[float]
-    temperature: wp.array[float]
-    density: wp.array[float]
-    wind: wp.array[wp.vec3]
-    tube_balloons: wp.array[wp.vec2i]
-    tube_conductance: wp.array2d[float]
-    balloon_particles: wp.array[wp.int32]
-    """where each balloon's particles begin, and after the last, where they end"""
+    Where all faces are quads, in slices as springs are: the corner before, the one opposite, the one after. What fills
+    up is a quad of the particle alone, without area. Other faces: all other corners of each, in order.
+    """
+
+    slice_offsets: wp.array[wp.int32]
+    counts: wp.array[wp.int32]
+    """corners at each particle"""
+    quads: wp.array[wp.vec3i]
+    offsets: wp.array[wp.int32]
+    """where each particle's corners begin in `begins`; empty where all are quads, as are the next two"""
+    begins: wp.array[wp.int32]
+    """where the others of each corner begin, and after the last, where they end"""
+    particles: wp.array[wp.int32]
+
+
+@wp.struct
+class SphereTable:
+    """What particles bump into."""
+
+    mass: wp.array2d[float]
+    radius: wp.array2d[float]
+    penalty: wp.array2d[float]
+
+
+@wp.struct
+class TubeTable:
+    """Tubes between balloons."""
+
+    balloons: wp.array[wp.vec2i]
+    conductance: wp.array2d[float]
+
+
+@wp.struct
+class CorrectionTable:
+    """The springs as the position correction takes them: color by color, no two of one color at one particle."""
+
+    color_offsets: wp.array[wp.int32]
+    """where the springs of each color begin, and after the last, where they end"""
+    particles: wp.array[wp.vec2i]
+    rest_lengths: wp.array[float]
+    """[m]"""
+    sweeps: wp.int32
+
+
+@wp.struct
+class Tables:
+    """All that does not change in a frame."""
+
+    particles: ParticleTable
+    springs: SpringTable
+    pairs: PairTable
+    hinges: HingeTable
+    strings: StringTable
+    faces: FaceTable
+    fans: FanTable
+    spheres: SphereTable
+    tubes: TubeTable
+    correction: CorrectionTable
+    health: HealthTable
+    balloon_numbers: wp.array3d[float]
+    """parameters of balloons, shape (W, balloon_count, width), see `laws.columns`"""
+    world_numbers: wp.array2d[float]
+    """parameters of worlds, shape (W, width)"""
+    inflation_kind: wp.array[wp.int32]
+    up: wp.vec3
+    substeps: wp.int32
+    step_seconds: float
+    frame_seconds: float
 
 
 @wp.struct
 class WorldState:
-    """The arrays of `balloon_warp.model.State` that a schedule reads a frame from and writes it to."""
+    """The arrays of `balloon_warp.model.State`, which a schedule reads a frame from and writes it to."""
 
     frame: wp.array[wp.int32]
     points: wp.array2d[wp.vec3]
     velocities: wp.array2d[wp.vec3]
-    inflation_aims: wp.array2d[wp.vec3]
     inflation_ramp: wp.array2d[wp.vec2]
     inflation_loads: wp.array2d[wp.vec2]
     pressures: wp.array2d[float]
@@ -178,77 +196,24 @@ def row_of_world(world: wp.int32, rows: wp.int32):
 
 
 @wp.func
-def ground_height(obstacles: ObstacleTable, world: wp.int32):
-    """[m], minus infinity where there is no ground."""
-    return obstacles.ground_height[row_of_world(world, obstacles.ground_height.shape[0])]
+def first_entry(slice_offsets: wp.array[wp.int32], particle: wp.int32):
+    """Where a particle's first spring or quad stands; the next is `SLICE` further."""
+    return slice_offsets[particle >> 5] + (particle & 31)
 
 
 @wp.func
-def ground_friction(obstacles: ObstacleTable, world: wp.int32):
-    """Coulomb's coefficient."""
-    return obstacles.ground_friction[row_of_world(world, obstacles.ground_friction.shape[0])]
+def sphere_mass(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
+    """[kg]"""
+    return spheres.mass[row_of_world(world, spheres.mass.shape[0]), sphere]
 
 
 @wp.func
-def ground_restitution(obstacles: ObstacleTable, world: wp.int32):
-    """Rebound speed over impact speed of spheres."""
-    return obstacles.ground_restitution[row_of_world(world, obstacles.ground_restitution.shape[0])]
+def sphere_radius(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
+    """[m]"""
+    return spheres.radius[row_of_world(world, spheres.radius.shape[0]), sphere]
 
 
 @wp.func
-def particle_mass(bodies: BodyTable, world: wp.int32, particle: wp.int32):
-    """[kg], 0 for a fixed particle."""
-    mass = bodies.mass[row_of_world(world, bodies.mass.shape[0]), bodies.balloon[particle]]
-    return bodies.mass_share[particle] * mass
-
-
-@wp.func
-def sphere_part(bodies: BodyTable, obstacles: ObstacleTable, world: wp.int32, particle: wp.int32, sphere: wp.int32):
-    """What a particle bumps into of a sphere's mass [kg], see `contact.collide`."""
-    mass = obstacles.sphere_mass[row_of_world(world, obstacles.sphere_mass.shape[0]), sphere]
-    return bodies.mass_share[particle] * mass / float(bodies.mass.shape[1])
-
-
-@wp.func
-def particle_damping(bodies: BodyTable, world: wp.int32, particle: wp.int32):
-    """[N s/m]"""
-    damping = bodies.damping[row_of_world(world, bodies.damping.shape[0]), bodies.balloon[particle]]
-    return bodies.mass_share[particle] * damping
-
-
-@wp.func
-def spring_constant(springs: SpringTable, world: wp.int32, balloon: wp.int32, kind: wp.int32):
-    """Of a kind of springs [N/m]."""
-    return springs.stiffness[row_of_world(world, springs.stiffness.shape[0]), balloon, kind]
-
-
-@wp.func
-def spring_constants(springs: SpringTable, world: wp.int32, balloon: wp.int32):
-    """Of each kind of springs [N/m]."""
-    return wp.vec3(
-        spring_constant(springs, world, balloon, 0),
-        spring_constant(springs, world, balloon, 1),
-        spring_constant(springs, world, balloon, 2),
-    )
-
-
-@wp.func
-def spring_viscosity(springs: SpringTable, world: wp.int32, balloon: wp.int32):
-    """Damping constant of springs over their spring constant [s]."""
-    return springs.viscosity[row_of_world(world, springs.viscosity.shape[0]), balloon]
-
-
-@wp.func
-def spring_yield(springs: SpringTable, world: wp.int32, balloon: wp.int32):
-    """Length over rest length from which on springs do not pull."""
-    return stretch_without_pull(
-        springs.yield_stretch[row_of_world(world, springs.yield_stretch.shape[0]), balloon],
-        springs.limits[row_of_world(world, springs.limits.shape[0])],
-        springs.yields_at_limit,
-    )
-
-
-@wp.func
-def first_entry(springs: SpringTable, particle: wp.int32):
-    """Where a particle's first spring stands; the next is `SLICE` further."""
-    return springs.slice_offsets[particle >> 5] + (particle & 31)
+def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
+    """Force on it, over the inflation of a particle that touches."""
+    return spheres.penalty[row_of_world(world, spheres.penalty.shape[0]), sphere]

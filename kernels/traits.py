@@ -1,29 +1,82 @@
-"""What a scene uses of the physics: kernels are made for it, so that what it does not use costs nothing."""
+"""What a scene has: kernels are made for it, so that what it does not have costs nothing."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from balloon_warp.kernels.compose import any_names, sum_of_laws, sum_of_laws_in_lane
+from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws.law import RESULT, Kind, Law
 
 
 class Traits(NamedTuple):
-    """Of a model, for all its worlds."""
+    """Of a model, for all its worlds and all its time."""
 
+    laws: tuple[Law, ...]
+    """those that act"""
+    columns: Columns
+    balloons: int = 1
+    spheres: int = 0
     springs_vary: bool = False
     """springs of one kind differ"""
-    rubber: bool = False
-    """springs are viscous, or pull no more once they are overextended"""
-    torsion: bool = False
-    """angles between faces are kept"""
+    quads: bool = False
+    """all faces are quads"""
+    guarded: bool = False
+    """a law may be infinite between a particle and itself"""
+    aims: bool = True
+    """a balloon is inflated by normal forces"""
+    pressures: bool = False
+    """a balloon is inflated by a pressure, given or of a gas"""
+    gas: bool = False
+    """of a gas: a substep then sums the other forces before it finds the pressures"""
+    fresh_normals: bool = False
     corrected: bool = False
     """springs that are too long after a step are shortened"""
-    in_water: bool = False
-    in_air: bool = False
-    """there is pressure, gas or drag in air"""
     forward_euler: bool = False
     """points move by the old velocities"""
-
     impulses: bool = False
     """touching particles and spheres exchange momentum"""
+    ground: bool = False
+
+    def of_kind(self, kind: Kind) -> tuple[Law, ...]:
+        """The laws of a kind."""
+        return tuple(law for law in self.laws if law.kind == kind)
+
+    def has(self, kind: Kind) -> bool:
+        """Whether there is a law of a kind."""
+        return any(law.kind == kind for law in self.laws)
+
+    def needs(self, kind: Kind, given: str) -> bool:
+        """Whether a law of a kind names this."""
+        return any_names(self.of_kind(kind), given)
+
+    def laws_on(self, kind: Kind) -> Any:
+        """The function that adds up the laws of a kind."""
+        return sum_of_laws(kind, RESULT[kind], self.of_kind(kind), self.columns)
+
+    def laws_in_lane_on(self, kind: Kind) -> Any:
+        """The same for one of eight lanes."""
+        return sum_of_laws_in_lane(kind, RESULT[kind], self.of_kind(kind), self.columns)
+
+    @property
+    def looks_at_velocities(self) -> bool:
+        """Whether forces on a particle depend on its neighbors' velocities."""
+        return self.needs("spring", "opening") or self.needs("face", "velocity")
 
     @property
     def keeps_velocities(self) -> bool:
         """Whether velocities before a substep are needed when some after it are known."""
-        return self.rubber or self.in_air
+        return self.looks_at_velocities or (self.gas and self.forward_euler)
+
+    @property
+    def measures_areas(self) -> bool:
+        """Whether area vectors are needed."""
+        return self.pressures or self.needs("particle", "area_vector")
+
+    @property
+    def in_water(self) -> bool:
+        """Whether the wetted parts of faces are needed."""
+        return self.needs("particle", "water_load")
+
+    @property
+    def obstacles(self) -> bool:
+        """Whether there is something to leave."""
+        return self.ground or self.spheres > 0

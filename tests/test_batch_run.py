@@ -1,57 +1,28 @@
 """What a batch writes: the table in both forms, and the stage of the chosen worlds."""
 
 import csv
-import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from meshes import cube, quad_sphere
+from meshes import quad_sphere
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdValidation
+from small_batch import FRAMES, WORLDS, scene, write_meshes
 
-from balloon_warp import InputError, Scene, Simulator, run_batch
-from balloon_warp.mesh.obj import write_obj
-from balloon_warp.model import lay_out, memory, world_bytes
-from balloon_warp.outputs.background import WAITING, Background
+from balloon_warp import Simulator, run_batch
 from balloon_warp.outputs.usd import grid
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
-from balloon_warp.scene import Balloon, Ground, Sphere, String, Water
+from balloon_warp.scene import Water
 from balloon_warp.scene.overrides import override_scene
-from balloon_warp.schedules.lanes import LanesSchedule
-from balloon_warp.sweep.groups import Group, plan_groups
 
-FRAMES, WORLDS = 5, 5
 RADII = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
-
-
-def scene(**fields) -> Scene:
-    """A small scene with one of each."""
-    balloons = [
-        Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0),
-        Balloon(mesh=cube(), name="Sphere_0", position=(3, 0.5, 0), color=(0.1, 0.2, 0.3)),
-    ]
-    fields = {
-        "description": "one of each",
-        "balloon": balloons,
-        "sphere": [Sphere(position=(0, 4, 0), radius=0.3)],
-        "string": [String(anchor=(0, 0, 0), length=1.5), String(anchor=(4, 0, 0), balloon=1, particle=6)],
-        "ground": Ground(),
-        "frames": FRAMES,
-        "frames_per_second": 30,
-        "substeps": 40,
-    } | fields
-    return Scene(**fields)
 
 
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp("meshes")
-    paths = [folder / "coarse.obj", folder / "fine, round.obj"]
-    for path, mesh in zip(paths, (quad_sphere(3), quad_sphere(4)), strict=True):
-        write_obj(path, mesh)
-    return paths
+    return write_meshes(tmp_path_factory.mktemp("meshes"))
 
 
 @pytest.fixture(scope="module")
@@ -298,115 +269,3 @@ def attribute_height(stage: Usd.Stage, time_code: int) -> float:
     return float(
         np.mean(np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/World/World_0/ball")).GetPointsAttr().Get(time_code)))
     )
-
-
-def test_a_failed_batch_leaves_the_good_files(tmp_path: Path):
-    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
-    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
-
-    def interrupt(frame: int) -> None:
-        if frame == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=interrupt)
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        ({"world_count": 0}, r"^--worlds 0: expected at least 1$"),
-        ({"export": [7]}, r"^export: expected worlds 0 to 4 \(got 7 to 7\)$"),
-        ({"vary": {"balloon.mesh": ["a.obj"] * 3}}, r"^balloon\.mesh: expected a mesh for each of 5 worlds \(got 3\)$"),
-        ({"vary": {"balloon.0.mesh": ["none.obj"] * 5}}, r"^none\.obj: no such file"),
-        ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: there is no balloon 7"),
-        ({"folder": "missing/out"}, r"out: the folder .*missing does not exist$"),
-        ({"folder": "file"}, r"file: is a file; expected a folder$"),
-    ],
-)
-def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complaint: str):
-    (tmp_path / "file").touch()
-    arguments = {"folder": "out", "world_count": 5, "vary": {}} | change
-    arguments["folder"] = tmp_path / arguments["folder"]
-    with pytest.raises(InputError, match=complaint):
-        run_batch(scene(), **arguments, device="cpu", on_frame=never)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def never(frame: int) -> None:
-    raise AssertionError(f"frame {frame} was simulated")
-
-
-def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path: Path):
-    vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
-    with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
-        run_batch(scene(), tmp_path, 5, vary, device="cpu")
-
-
-def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
-    """Whatever is in its group, a world is stepped alike."""
-    automatic = scene(substeps="auto")
-    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [0.1, 0.1, 0.02]}
-    alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
-    groups = plan_groups(automatic, 3, vary)
-    assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]
-    assert [group.plan.substeps for group in groups] == [max(one[0].plan.substeps for one in alone)] * 2
-    assert len({one[0].plan.substeps for one in alone}) == 3
-
-
-def simulated_bytes(groups: list[Group]) -> int:
-    models = [lay_out(group.plan, "cpu") for group in groups]
-    return sum(model.world_count * (world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
-
-
-def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
-    tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
-):
-    """All groups count, what is exported, and the table: in each case the rest alone would fit."""
-    varied = {"balloon.0.mesh": meshes * 20}
-    one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
-    two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))
-    sums = 40 * (2 * 32 * 40 + 4 * 7)  # 32 lanes of each balloon, seven measures
-    row = 40 * 4 * 8  # of the table: seven measures and the health
-    table = (FRAMES + 1) * row
-    exported = 40 * 5 * (2 * 12 * (56 + 8) + 12)  # on the device, and four frames under way
-
-    def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
-        assert usable < needed
-        monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
-        with pytest.raises(InputError, match=r"^40 worlds do not fit: ") as refusal:
-            run_batch(scene, tmp_path / "out", 40, device="cpu", **arguments)
-        fitting = int(str(refusal.value).split()[-2])
-        assert fitting == pytest.approx(40 * usable / needed, abs=1)  # rounded down
-        assert list(tmp_path.iterdir()) == []
-
-    refused(0.6 * (two_meshes + sums + table), two_meshes + sums + table, scene(), vary=varied)
-    refused(one_mesh + sums + table, one_mesh + sums + table + exported, scene(), export=range(40))
-    long = scene(frames=FRAMES + 1000)
-    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, long)
-
-
-def test_jobs_run_in_order_off_the_main_thread_and_only_so_many_wait():
-    done, gate = [], threading.Event()
-
-    def job(number: int) -> None:
-        gate.wait(10.0)
-        done.append((number, threading.current_thread() is threading.main_thread()))
-
-    with Background() as background:
-        for number in range(WAITING + 1):
-            background.submit(job, number)
-        threading.Timer(0.2, gate.set).start()
-        background.submit(job, WAITING + 1)
-        assert gate.is_set()  # it had to wait for a place
-    assert done == [(number, False) for number in range(WAITING + 2)]
-
-
-def test_an_error_of_a_job_is_raised_where_the_batch_runs():
-    with pytest.raises(OSError, match="disk full"), Background() as background:
-        background.submit(_fail)
-
-
-def _fail() -> None:
-    raise OSError("disk full")

@@ -1,27 +1,14 @@
 """Each bundled scene shows, measured, what the paper's figure shows."""
 
-from dataclasses import replace
-from functools import cache
-
 import numpy as np
 import pytest
+from played import played, shape_at, stretches
 from wetness import displaced
 
-from balloon_warp import Frame, PolygonMesh, Simulator, load_scene
+from balloon_warp import Frame, PolygonMesh
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
-from balloon_warp.scene.overrides import Override
-
-
-@cache
-def played(name: str, overrides: tuple[Override, ...] = ()) -> tuple[Model, list[Frame]]:
-    simulator = Simulator(load_scene(name, overrides), "cpu")
-    return simulator.model, list(simulator.run())
-
-
-def shape_at(model: Model, frame: Frame, balloon: int = 0) -> PolygonMesh:
-    return replace(model.shapes[balloon].mesh, points=frame.points[balloon].astype(np.float64))
 
 
 def thickness(points: np.ndarray, part: np.ndarray) -> float:
@@ -75,13 +62,6 @@ def test_turtle_inflate_fills_neck_and_belly():
     assert girth[1] > 1.1 * girth[0]
 
 
-def stretches(model: Model, frame: Frame) -> np.ndarray:
-    """Length over rest length of the springs."""
-    springs = model.shapes[0].springs
-    first, second = frame.points[0].astype(np.float64)[springs.pairs].swapaxes(0, 1)
-    return np.linalg.norm(second - first, axis=1) / springs.rest_lengths
-
-
 def test_turtle_provot_keeps_every_spring_within_a_hundredth_of_its_limit():
     """Figure 12, in every frame. Without correction some are longer than that by a half."""
     model, frames = played("turtle_provot")
@@ -110,73 +90,6 @@ def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
         growth[name] = heights[1] / heights[0] - 1.0, girths[1] / girths[0] - 1.0
     assert 0.0 < growth["turtle_provot"][0] < 0.75 * growth["turtle_inflate"][0]
     assert 0.0 < growth["turtle_provot"][1] < 0.5 * growth["turtle_inflate"][1]
-
-
-def test_with_correction_the_shape_is_a_scaled_copy():
-    """What the paper found and did not want: inflated against its limit until it has the volume of the squirrel without
-    correction, all of it is larger by about the limit's factor, where else some parts stretch twice as differently."""
-    strong = (
-        *(("correction", "provot"), ("correction_limit", 0.25), ("frames", 110)),
-        ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, 28.0))),
-    )
-    (model, plain), (_, corrected) = played("squirrel_inflate"), played("squirrel_inflate", strong)
-    rest = signed_volume(shape_at(model, plain[0]))
-    volumes = [signed_volume(shape_at(model, frames[-1])) for frames in (plain, corrected)]
-    assert volumes[1] == pytest.approx(volumes[0], rel=0.1)
-    spread = [np.ptp(np.percentile(stretches(model, frames[-1]), [10, 90])) for frames in (plain, corrected)]
-    assert spread[1] < 0.5 * spread[0]
-    assert volumes[1] == pytest.approx(1.25**3 * rest, rel=0.1)
-    gentle = (("correction", "provot"), ("correction_limit", 0.1), ("frames", 120))  # the same inflation as without
-    _, held = played("squirrel_inflate", gentle)
-    assert signed_volume(shape_at(model, held[-1])) == pytest.approx(1.1**3 * rest, rel=0.05)
-    assert np.ptp(np.percentile(stretches(model, held[-1]), [10, 90])) < 0.5 * spread[0]
-
-
-def apart(first: np.ndarray, second: np.ndarray) -> float:
-    """Root-mean-square distance of two shapes laid on each other (Kabsch 1976) [m]."""
-    first, second = (points.astype(np.float64) - points.mean(axis=0) for points in (first, second))
-    left, _, right = np.linalg.svd(first.T @ second)
-    return float(np.sqrt(((first @ left @ right - second) ** 2).sum(axis=1).mean()))
-
-
-def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
-    """The paper on its squirrel: springs twice as stiff leave less than half the distance to the corrected shape."""
-    stiff = tuple(
-        (f"balloon.stiffness.{kind}", k) for kind, k in (("structural", 200), ("shear", 100), ("flexion", 10))
-    )
-    correction = (("correction", "provot"), ("correction_limit", 0.1))
-    plain, stiffer, corrected = (
-        played("squirrel_inflate", (*overrides, ("frames", 120)))[1][-1].points[0]
-        for overrides in ((), stiff, correction)
-    )
-    assert apart(stiffer, corrected) < 0.5 * apart(plain, corrected)
-
-
-def test_correction_constrains_a_strongly_inflated_balloon_most():
-    """The paper's discussion: a volume that is hardly another under weak inflation is less than half under a strong."""
-    volumes = {}
-    for k_normal in (1.0, 14.0):
-        inflation = (("frames", 110), ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, k_normal))))
-        for correction in ("none", "provot"):
-            model, frames = played("squirrel_inflate", (("correction", correction), *inflation))
-            volumes[k_normal, correction] = signed_volume(shape_at(model, frames[-1]))
-    assert volumes[1.0, "provot"] == pytest.approx(volumes[1.0, "none"], rel=0.01)
-    assert volumes[14.0, "provot"] < 0.5 * volumes[14.0, "none"]
-
-
-def test_tarantinos_correction_is_smoother_than_provots():
-    """Particles move less suddenly, the paper says: of the hundredth that changes its velocity the most from frame to
-    frame, while the balloon is held at its limit, the change is less by a tenth or more. The shape is the same."""
-    jolts, volumes = [], []
-    for correction in ("provot", "tarantino"):
-        held = (("correction", correction), ("correction_limit", 0.1), ("frames", 120))
-        model, frames = played("squirrel_inflate", held)
-        velocities = np.array([frame.velocities[0] for frame in frames[60:]])
-        changes = np.linalg.norm(np.diff(velocities, axis=0), axis=-1)
-        jolts.append(np.percentile(changes, 99, axis=1).mean())
-        volumes.append(signed_volume(shape_at(model, frames[-1])))
-    assert jolts[1] < 0.9 * jolts[0]
-    assert volumes[1] == pytest.approx(volumes[0], rel=0.01)
 
 
 def test_squirrel_squish_dents_the_squirrel():
@@ -347,22 +260,6 @@ def test_two_balloons_the_smaller_empties_into_the_larger():
     size = sizes[1]  # p = c (l - 1) / l^2 of both: alike, but for the shape's evenness
     curve = (size - 1.0) / size**2
     np.testing.assert_allclose(curve[0], curve[1], rtol=0.02)
-
-
-def test_cached_normals_give_the_shape_of_fresh_ones():
-    """The paper: the difference is negligible. In the end volumes agree to a thousandth, and lengths of springs to a
-    hundredth of them on average, while they have grown by more than a tenth."""
-    model, fresh = played("squirrel_inflate")
-    _, cached = played("squirrel_inflate", (("normals", "cached"),))
-    volume = [signed_volume(shape_at(model, frames[-1])) for frames in (fresh, cached)]
-    np.testing.assert_allclose(volume[1], volume[0], rtol=1e-3)
-    springs = model.shapes[0].springs
-    lengths = [
-        np.linalg.norm(np.diff(frames[-1].points[0][springs.pairs], axis=1), axis=-1).ravel()
-        for frames in (fresh, cached)
-    ]
-    assert abs(lengths[1] / lengths[0] - 1.0).mean() < 0.01
-    assert (lengths[0] / springs.rest_lengths).mean() > 1.1
 
 
 @pytest.mark.parametrize(

@@ -6,36 +6,29 @@ import os
 import signal
 import socket
 import struct
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
+from clusters import address_of, batch, write_ball
 from meshes import cube, quad_sphere
 from pxr import Sdf
 
-from balloon_warp import Cluster, InputError, MissingExtraError, Scene, WorkersLostError, run_batch
-from balloon_warp.cli import main
+from balloon_warp import Cluster, InputError, Scene, WorkersLostError, run_batch
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import shares
-from balloon_warp.sweep.groups import plan_groups
-from balloon_warp.sweep.shares import cut_into_shares
 
 dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
 
 WORLDS = 24
-GRAIN = dict(shares.GRAIN)
-"""as it is before a test has it finer"""
 
 
 def scene(**fields) -> Scene:
@@ -78,11 +71,6 @@ def address() -> Iterator[str]:
     """A scheduler of one worker that is there already."""
     with cluster_module.start_workers([{}]) as workers:
         yield address_of(workers)
-
-
-def address_of(workers: Any) -> str:
-    """Of their scheduler; Dask's types take them for something to wait for."""
-    return workers.scheduler_address
 
 
 def assert_same_files(folder: Path, expected: Path) -> None:
@@ -232,83 +220,10 @@ def test_the_command_spreads_over_a_scheduler(
     assert_same_files(tmp_path / "both", tmp_path / "alone")
 
 
-def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """Exit status of the command."""
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "ball.obj", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["--cluster", "localhost"], "--cluster localhost: expected an address such as tcp://192.168.0.1:8786"),
-        (["--cluster", "tcp://127.0.0.1:1"], "--cluster tcp://127.0.0.1:1: no scheduler answers there within 1 s"),
-        (["--workers", "0"], "--workers 0: expected at least 1"),
-        (["--gpus", "99"], "--gpus 99: this machine has "),
-        (["--gpus", "1", "--workers", "2"], "--cluster, --gpus, --workers: expected one of them"),
-        (["--workers", "1", "--device", "cpu"], "--device cpu: goes with --cluster"),
-    ],
-)
-def test_a_mistake_gets_one_sentence_and_status_2(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-    arguments: list[str],
-    sentence: str,
-):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 1.0)
-    write_ball(tmp_path)
-    assert batch(monkeypatch, *arguments) == 2
-    captured = capfd.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith(f"error: {sentence}")
-    assert len(captured.err.splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["ball.obj"]
-
-
 def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
     with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_script_without_a_guard_is_told(tmp_path: Path):
-    """Each worker imports the script that starts it, and would start workers of its own."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import balloon_warp as bw\n"
-        f"ball = bw.load_mesh({str(write_ball(tmp_path))!r})\n"
-        "scene = bw.Scene(balloon=[{'mesh': ball}], frames=1)\n"
-        "bw.run_batch(scene, 'out', 2, cluster=bw.Cluster(workers=1))\n"
-    )
-    ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert ended.returncode == 1
-    assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: --workers 1: the workers do not")
-    assert not (tmp_path / "out").exists()
-
-
-def write_ball(folder: Path) -> Path:
-    write_obj(folder / "ball.obj", quad_sphere(2))
-    return folder / "ball.obj"
-
-
-def test_a_scheduler_without_workers_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(cluster_module, "WORKER_SECONDS", 0.5)
-    with (
-        cluster_module.start_workers([]) as nobody,
-        pytest.raises(InputError, match=r"^--cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
-    ):
-        run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[cluster\]'"):
-        run_batch(scene(), tmp_path, 2, cluster=Cluster(workers=2))
 
 
 def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatch):
@@ -333,33 +248,3 @@ def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatc
 def hears_ctrl_c() -> bool:
     """A terminal sends it to the workers, too."""
     return signal.getsignal(signal.SIGINT) != signal.SIG_IGN
-
-
-@pytest.mark.parametrize(
-    ("worlds", "sizes"),
-    [
-        (1, [1]),
-        (9, [5, 4]),
-        (64, [8] * 8),
-        (65, [13] * 5),  # more than eight times eight: the next power of two, 16, makes five shares
-    ],
-)
-def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
-    """At most eight shares of at least 64 particles, which are eight cubes; each has its own part of what varies."""
-    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 64))
-    mass = np.linspace(1.0, 0.01, worlds)
-    groups = plan_groups(Scene(balloon=[Balloon(mesh=cube())]), worlds, {"balloon.mass": mass})
-    cut = cut_into_shares(groups, "cpu")
-    assert [share.plan.world_count for share in cut] == sizes
-    np.testing.assert_array_equal(np.concatenate([share.worlds for share in cut]), np.arange(worlds))
-    np.testing.assert_array_equal(np.concatenate([share.plan.parameters["mass"][:, 0] for share in cut]), mass)
-    assert {len(share.plan.parameters["gravity"]) for share in cut} == {1}
-    assert {share.plan.substeps for share in cut} == {groups[0].plan.substeps}  # that of the lightest world
-
-
-def test_a_share_fills_the_lanes_of_a_cpu(monkeypatch: pytest.MonkeyPatch):
-    """However many particles a world has: with fewer worlds than lanes the others stand idle."""
-    monkeypatch.setattr(shares, "GRAIN", GRAIN)
-    groups = plan_groups(Scene(balloon=[Balloon(mesh=quad_sphere(20))]), 20, {"balloon.mass": np.full(20, 1.0)})
-    assert groups[0].plan.particle_count > GRAIN["cpu"].particles
-    assert [len(share.worlds) for share in cut_into_shares(groups, "cpu")] == [7, 7, 6]

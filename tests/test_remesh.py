@@ -9,27 +9,17 @@ import pytest
 import trimesh
 import warp as wp
 from numpy.typing import NDArray
+from quads import assert_closed_quads, assert_none_folded, edge_lengths, sphere_distance
 from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, total_area, vertex_normals
+from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.remesh import remesh
-from balloon_warp.mesh.surface_nets import extract, surface_nets
-from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, is_manifold, mesh_edges
 
 CELLS = 24
-
-
-def sphere_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.linalg.norm(points, axis=1) - 1.0
-
-
-def torus_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z = points.T
-    return np.hypot(np.hypot(x, z) - 1.0, y) - 0.4
 
 
 def triangles_mesh(surface: trimesh.Trimesh) -> PolygonMesh:
@@ -61,91 +51,6 @@ def ball(radius: float = 1.0, center: tuple[float, float, float] = (0.0, 0.0, 0.
     surface = trimesh.creation.icosphere(subdivisions=4, radius=radius)
     surface.apply_translation(center)
     return triangles_mesh(surface)
-
-
-def edge_lengths(mesh: PolygonMesh) -> NDArray[np.float64]:
-    ends = mesh.points[mesh_edges(mesh).ends]
-    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-
-
-def assert_closed_quads(mesh: PolygonMesh, holes_through: int = 0, parts: int = 1) -> None:
-    edges = mesh_edges(mesh)
-    assert (mesh.face_vertex_counts == 4).all()
-    assert (edges.face_counts == 2).all()
-    assert is_manifold(mesh, edges)
-    assert len(inconsistent_edges(edges)) == 0
-    assert component_count(mesh, edges) == parts
-    assert genus(mesh, edges) == holes_through
-    assert signed_volume(mesh) > 0.0
-
-
-def assert_none_folded(mesh: PolygonMesh) -> None:
-    """Each face looks the way of the normals at its corners."""
-    areas = face_vector_areas(mesh)
-    normals = vertex_normals(mesh)[mesh.face_vertex_indices.reshape(-1, 4)]
-    assert (np.einsum("fcj,fj->fc", normals, areas) > 0.0).all()
-
-
-def test_sphere_lies_on_its_distance() -> None:
-    mesh = surface_nets(sphere_distance, [-1.1] * 3, [1.1] * 3, cell=0.1)
-    assert_closed_quads(mesh)
-    assert_none_folded(mesh)
-    # float64 Newton steps on an exact distance
-    assert np.abs(sphere_distance(mesh.points)).max() < 1e-12
-    # Chords of a tenth of the radius: the relative loss is about (0.1)^2 / 4 in volume, half of that in area.
-    assert signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=5e-3)
-    assert signed_volume(mesh) < 4.0 / 3.0 * np.pi
-    assert total_area(mesh) == pytest.approx(4.0 * np.pi, rel=3e-3)
-
-
-def test_quads_come_out_even() -> None:
-    mesh = surface_nets(sphere_distance, [-1.1] * 3, [1.1] * 3, cell=0.1)
-    lengths = edge_lengths(mesh)
-    # Before relaxation the ratio is 2.5; with valences from 3 to 6 it comes to 1.6.
-    assert lengths.max() / lengths.min() < 1.75
-    valence = np.bincount(mesh_edges(mesh).ends.ravel())
-    assert valence.min() == 3
-    assert valence.max() <= 6
-
-
-def test_symmetry_of_the_distance_is_kept() -> None:
-    mesh = surface_nets(sphere_distance, [-1.1] * 3, [1.1] * 3, cell=0.1)
-    mirrored = mesh.points * [-1.0, 1.0, 1.0]
-    apart = np.linalg.norm(mesh.points[:, None] - mirrored[None], axis=2).min(axis=1)
-    # Warp places the first vertices in float32.
-    assert apart.max() < 1e-6
-
-
-def test_a_slit_narrower_than_a_cell_is_bridged() -> None:
-    def slit_ball(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Split down to its middle, 0.06 wide."""
-        slit = np.maximum(np.abs(points[:, 0]) - 0.03, -points[:, 1])
-        return np.maximum(sphere_distance(points), -slit)
-
-    mesh = surface_nets(slit_ball, [-1.1] * 3, [1.1] * 3, cell=0.1)
-    assert_closed_quads(mesh)
-    assert_none_folded(mesh)
-    # Nowhere does the surface sink into the slit.
-    assert np.linalg.norm(mesh.points, axis=1).min() > 0.97
-
-
-def test_torus_has_genus_one() -> None:
-    mesh = surface_nets(torus_distance, [-1.5, -0.5, -1.5], [1.5, 0.5, 1.5], cell=0.1)
-    assert_closed_quads(mesh, holes_through=1)
-    assert_none_folded(mesh)
-    # As on the sphere, the chord loss about a circle of 0.4: (0.1 / 0.4)^2 / 12 in area of its section, twice at most.
-    assert signed_volume(mesh) == pytest.approx(2.0 * np.pi**2 * 0.4**2, rel=1.5e-2)
-
-
-def test_every_edge_has_two_faces_whatever_the_samples() -> None:
-    values = np.random.default_rng(5).normal(size=(14, 15, 16))
-    for axis in range(3):
-        np.moveaxis(values, axis, 0)[[0, -1]] = 1.0
-    mesh = extract(values, np.zeros(3), 1.0)
-    edges = mesh_edges(mesh)
-    assert mesh.face_count > 1000
-    assert (edges.face_counts == 2).all()
-    assert is_manifold(mesh, edges)
 
 
 def test_remeshed_ball(device: str) -> None:

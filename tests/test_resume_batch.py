@@ -1,41 +1,22 @@
 """A batch that was stopped or killed goes on to the same files, byte by byte, as one that was not."""
 
-import json
 import resource
 import shutil
-import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from batches import NAMES, OFTEN, contents, plant_spy, press_ctrl_c_once, tamper, watch_names
-from meshes import cube, quad_sphere
+from batches import NAMES, OFTEN, contents, press_ctrl_c_once, watch_names
+from meshes import quad_sphere
 from pxr import Usd, UsdGeom
+from stopped_batch import FRAMES, WORLDS, scene, stop_after, stop_batch
 
-from balloon_warp import InputError, Scene, run_batch
+from balloon_warp import InputError, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import grid
-from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep.resume import checkpoints
 from balloon_warp.sweep.resume.parts import write_rows
-
-FRAMES, WORLDS = 6, 5
-
-
-def scene(**fields) -> Scene:
-    """A small scene with one of each."""
-    fields = {
-        "balloon": [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0)],
-        "sphere": [Sphere(position=(0, 4, 0), radius=0.3, start=0.03)],
-        "string": [String(anchor=(0, 0, 0), length=1.5)],
-        "ground": Ground(),
-        "frames": FRAMES,
-        "substeps": 40,
-    } | fields
-    return Scene(**fields)
 
 
 @pytest.fixture(params=["gather", "lanes", "block", "octets"])
@@ -55,16 +36,6 @@ def vary(tmp_path: Path) -> dict:
         "balloon.mesh": [paths[world % 2] for world in range(WORLDS)],
         "balloon.inflation.k_normal": [0.2, 0.3, 0.4, 0.5, 9e11],
     }
-
-
-def stop_after(last: int) -> Callable[[int], None]:
-    """What kills a batch once that frame is simulated, and none of it is saved yet."""
-
-    def stop(frame: int) -> None:
-        if frame == last:
-            raise RuntimeError("stopped")
-
-    return stop
 
 
 def test_it_goes_on_to_the_same_bytes(
@@ -149,82 +120,7 @@ def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path: Path):
 
 @pytest.fixture
 def stopped(tmp_path: Path) -> Path:
-    """A folder with a batch that was stopped after frame 3, and saved after frame 2."""
-    folder = tmp_path / "stopped"
-    with pytest.raises(RuntimeError):
-        run_batch(
-            scene(), folder, 2, {"gravity": [1, 9]}, device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(3)
-        )
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("change", "difference"),
-    [
-        ({"vary": {"gravity": [1, 8]}}, "vary.gravity.1 is 9.0 there and 8.0 here"),
-        ({"world_count": 3, "vary": {"gravity": [1, 9, 9]}}, "vary.gravity is a list of 2 there and a list of 3 here"),
-        ({"export": [0]}, "export is a list of 0 there and a list of 1 here"),
-        ({"schedule": "gather"}, 'schedules.0 is "lanes" there and "gather" here'),
-        ({"scene": scene(frames=9)}, "scene.frames is 6 there and 9 here"),
-        ({"scene": scene(balloon=[Balloon(mesh=cube())])}, "meshes."),
-    ],
-)
-def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
-    before = {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()}
-    arguments = {"scene": scene(), "folder": stopped, "world_count": 2, "vary": {"gravity": [1, 9]}} | change
-    with pytest.raises(InputError) as refusal:
-        run_batch(**arguments, device="cpu", resume=True, on_frame=stop_after(0))
-    assert str(refusal.value).startswith(f"--resume: {stopped / 'partial'} is of another batch: {difference}")
-    assert len(str(refusal.value).splitlines()) == 1
-    assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("versions.warp-lang", "0.1"),
-        ("device", "another"),
-        ("substeps", 1),
-        ("on_blowup", "restart"),
-        ("simulated", "in 3 shares"),
-    ],
-)
-def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
-    """What simulates may be another with another version."""
-    tamper(stopped / "partial" / "job.json", path, value)
-    with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
-        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
-
-
-@pytest.mark.parametrize("name", ["rows_000001.npz", "state_000002_0000.npz", "job.json"])
-def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
-    path = stopped / "partial" / name
-    path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(InputError, match=rf"{name}: cannot be read: ") as refusal:
-        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
-    assert len(str(refusal.value).splitlines()) == 1
-
-
-@pytest.mark.parametrize(("name", "array"), [("rows_000000.npz", "values"), ("state_000002_0000.npz", "points")])
-def test_nothing_in_a_checkpoint_is_run(
-    stopped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, array: str
-):
-    monkeypatch.chdir(tmp_path)
-    plant_spy(stopped / "partial" / name, array)
-    with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
-        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
-    assert not (tmp_path / "run").exists()
-
-
-def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path: Path):
-    """A kill came between the two."""
-    partial = stopped / "partial"
-    (partial / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
-    notes: list[str] = []
-    run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
-    run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
-    assert notes == [f"goes on after frame 2, from {partial}"]
-    assert contents(stopped) == contents(tmp_path / "whole")
+    return stop_batch(tmp_path / "stopped")
 
 
 def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -328,26 +224,6 @@ def test_nothing_to_resume_begins_at_the_start(tmp_path: Path):
         f"there is no checkpoint in {tmp_path / 'partial'}: nothing to resume, so this begins at the start"
     ]
     assert summary.resumed == 0.0
-
-
-def test_a_failed_job_takes_what_is_behind_it_along():
-    """No part of a batch is saved whose frames could not be written."""
-    done: list[int] = []
-    gate = threading.Event()
-
-    def fail() -> None:
-        gate.wait()
-        raise OSError("disk full")
-
-    def run() -> None:
-        with Background() as background:
-            background.submit(fail)
-            background.submit(done.append, 1)
-            gate.set()
-
-    with pytest.raises(OSError, match="disk full"):
-        run()
-    assert done == []
 
 
 def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):

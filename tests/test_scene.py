@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import cube, grid, quad_sphere
+from meshes import cube, quad_sphere
 
-from balloon_warp import InputError, Simulator, bundled_scenes, load_scene
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp import InputError, bundled_scenes, load_scene
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Scene, Stiffness, String
@@ -172,83 +171,11 @@ def test_bundled_scene_files_name_no_default_that_they_do_not_change():
         assert {key for key in said if said[key] == defaults[key]} == set(), name
 
 
-@pytest.mark.parametrize("kind", ["normal_force", "pressure"])
-@pytest.mark.parametrize("scale", [0.01, 200.0])
-def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float, kind: str):
-    """Its motion is the same at any size, up to rounding."""
-
-    def motion(factor: float) -> np.ndarray:
-        mesh = quad_sphere(3)
-        mesh.points[:] *= factor
-        write_obj(tmp_path / "ball.obj", mesh)
-        scene = load_with(tmp_path / "ball.obj", f"balloon.inflation.kind={kind}")
-        simulator = Simulator(scene, "cpu")
-        for _ in range(40):
-            simulator.step()
-        points = simulator.read_frame().points[0]
-        assert np.ptp(points, axis=0)[0] > 1.02 * np.ptp(mesh.points, axis=0)[0]  # it has begun to grow
-        assert scene.ground is not None
-        assert points[:, 1].min() == pytest.approx(scene.ground.height)  # it has fallen to the floor below it
-        return points / factor
-
-    np.testing.assert_allclose(motion(scale), motion(1.0), atol=1e-3)
-
-
-def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much(tmp_path: Path):
-    write_obj(tmp_path / "ball.obj", quad_sphere(3))
-
-    def amounts(*overrides: str) -> list[float]:
-        scene = load_with(tmp_path / "ball.obj", "balloon.inflation.kind=gas", "frames=95", *overrides)
-        return [float(frame.gas_amounts[0]) for frame in Simulator(scene, "cpu").run()]
-
-    pumped = amounts()
-    assert pumped[95] / pumped[0] == pytest.approx(1.5, rel=1e-3)  # the ramp is pumped in steps
-    assert np.ptp(amounts("balloon.inflation.start_pressure=100")) == 0.0
-    assert np.ptp(amounts("balloon.inflation.amount=160")) == 0.0
-
-
-@pytest.mark.parametrize("kind", ["normal_force", "pressure", "gas"])
-@pytest.mark.parametrize("scale", [1e-6, 1e8])
-def test_a_mesh_of_any_size_gets_a_scene(tmp_path: Path, scale: float, kind: str):
-    mesh = quad_sphere(2)
-    mesh.points[:] *= scale
-    write_obj(tmp_path / "ball.obj", mesh)
-    assert load_with(tmp_path / "ball.obj", f"balloon.inflation.kind={kind}").balloon[0].inflation.kind == kind
-
-
-def test_an_open_mesh_is_held_at_its_border_unless_that_is_all_of_it(tmp_path: Path):
-    write_obj(tmp_path / "sheet.obj", grid(3, 3))
-    write_obj(tmp_path / "strip.obj", grid(3, 1))
-    inner = {5, 6, 9, 10}
-    assert set(load_scene(tmp_path / "sheet.obj").balloon[0].fixed) == set(range(16)) - inner
-    assert len(load_scene(tmp_path / "strip.obj").balloon[0].fixed) == 4  # its first face
-
-
-def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
-    """Scaled by an override, it is the scene of the smaller mesh; turned, its floor is still below it."""
-    write_obj(tmp_path / "box.obj", cube())
-    small = load_with(tmp_path / "box.obj", "balloon.scale=0.01")
-    assert small.gravity == pytest.approx(0.0981)
-    turned = load_with(tmp_path / "box.obj", "balloon.rotation=[45, 0, 0]")
-    assert turned.ground is not None
-    assert turned.ground.height < build_model(turned, "cpu").initial_points.numpy()[:, 1].min()
-
-
 def test_an_override_seeks_a_mesh_in_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     write_obj(tmp_path / "box.obj", cube())
     monkeypatch.chdir(tmp_path)
     scene = load_scene("squirrel_inflate", [("balloon.mesh", "box.obj")])
     assert build_model(scene, "cpu").particle_count == 8
-
-
-def test_a_closed_mesh_wound_inward_is_turned_outward(tmp_path: Path):
-    mesh = cube()
-    inward = replace(mesh, face_vertex_indices=mesh.face_vertex_indices.reshape(-1, 4)[:, ::-1].ravel())
-    (shape,) = build_model(Scene(balloon=[Balloon(mesh=inward)]), "cpu").shapes
-    assert signed_volume(shape.mesh) == pytest.approx(1.0)
-    assert shape.mesh.warnings == (
-        "1 closed component winds inward; it has face 1, counting from 1. Such a component is turned outward.",
-    )
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ class Pulls:
         self._tensions = constants * (lengths - rest)
         self._stretches = lengths / np.maximum(rest, 1.0e-30)
         forces = ForceReader(model)
-        forces.refresh_inflation(state)
+        forces.refresh(state)
         ramp = state.inflation_ramp.numpy().copy()
         ramp[..., 0] += ramp[..., 1] * time_in_frame
         state.inflation_ramp.assign(ramp)

@@ -5,7 +5,6 @@ from typing import Protocol
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.traits import beyond_basics
 
 
 class Schedule(Protocol):
@@ -14,6 +13,8 @@ class Schedule(Protocol):
     name: str
     capturable: bool
     """whether a frame is nothing but launches, so that it can be recorded once and replayed"""
+    depends_on: frozenset[str]
+    """parameters after whose change it must be made anew"""
 
     def __init__(self, model: Model):
         """Allocate what it keeps."""
@@ -29,13 +30,13 @@ class Schedule(Protocol):
 
 
 SCHEDULES = {
-    "scatter": "ScatterSchedule",
-    "gather": "GatherSchedule",
-    "block": "BlockSchedule",
-    "lanes": "LanesSchedule",
-    "octets": "OctetsSchedule",
+    "scatter": ("scatter", "ScatterSchedule"),
+    "gather": ("gather", "GatherSchedule"),
+    "block": ("block", "BlockSchedule"),
+    "lanes": ("lanes", "LanesSchedule"),
+    "octets": ("lanes", "OctetsSchedule"),
 }
-"""each in a module of its name, which loads when first needed: Warp takes a while to read its kernels"""
+"""each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
 
 def make_schedule(model: Model, name: str = "auto") -> Schedule:
@@ -57,7 +58,8 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
-    return getattr(import_module(f"balloon_warp.schedules.{name}"), SCHEDULES[name])
+    module, schedule = SCHEDULES[name]
+    return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
@@ -73,9 +75,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     each multiprocessor one. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     """
     if model.device.is_cpu:
-        if world_count > 1:
-            return "lanes"
-        return "gather" if beyond_basics(model) else "octets"
+        return "lanes" if world_count > 1 else "octets"
     from balloon_warp.schedules.block import fits_in_block
     from balloon_warp.schedules.residence import thread_a_particle
 

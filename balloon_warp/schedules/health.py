@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.frame import end_frame
-from balloon_warp.kernels.health import HealthTable
+from balloon_warp.kernels.measure.health import HealthTable
+from balloon_warp.kernels.schedules.frame import end_frame
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.tables import body_table
 
 MOST_SPAN = 1.0e5
 """from one particle of a balloon to another, over its size at the start: float32 then resolves a hundredth of that, and
@@ -31,14 +30,13 @@ class HealthCheck:
 
     Args:
         model: what is simulated.
-        lanes: threads that share a world; as many as suit the device, when missing.
+        tables: that the schedule has made of it.
     """
 
-    def __init__(self, model: Model, lanes: int | None = None):
-        if lanes is None:
-            lanes = 1 if model.device.is_cpu else model.particle_count
-        self._shape = (model.world_count, lanes)
-        self._inputs = [body_table(model), health_table(model), lanes]
+    def __init__(self, model: Model, tables: Any):
+        threads = 1 if model.device.is_cpu else model.particle_count
+        self._shape = (model.world_count, threads)
+        self._inputs = [tables, threads]
 
     def look(self, state: State) -> None:
         """Lower `state.first_bad` of each world to its first bad particle or sphere."""
@@ -68,7 +66,7 @@ def health_table(model: Model) -> Any:
         used = shape.mesh.points[corners]
         sizes.append(float(np.ptp(used, axis=0).max()))
         farthest.append(float(np.abs(used).max()))
-    spheres = model.initial_sphere_positions.numpy()
+    spheres = model.parameters["initial_sphere_positions"].numpy()
     reach = min(FARTHEST * max(sizes) + max([*farthest, float(np.abs(spheres).max(initial=0.0))]), LARGEST_ROOT)
     spans = MOST_SPAN * np.array(sizes[1:])
 

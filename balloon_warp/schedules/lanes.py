@@ -1,37 +1,33 @@
-"""The `lanes` schedule: eight worlds side by side in a CPU core's vector registers, shared out to threads."""
+"""The schedules `lanes` and `octets`: eight worlds, or eight particles of a world, side by side in a CPU core's vector
+registers; worlds are shared out to threads. Bit-reproducible, whatever the number of threads."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.lanes import advance_groups
-from balloon_warp.kernels.lanes_state import BALLOON_NUMBERS, LaneState, LaneTraits
-from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.schedules.lanes import lanes_kernel
+from balloon_warp.kernels.schedules.lanes_tables import lane_structs
+from balloon_warp.kernels.schedules.layouts import OCTETS, WORLDS, Layout
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.refresh import refresh_ramp
-from balloon_warp.schedules.tables import (
-    air_table,
-    body_table,
-    correction_table,
-    face_table,
-    obstacle_table,
-    spring_ends,
-    spring_table,
-    string_table,
-    water_table,
-    world_state,
-)
+from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
+from balloon_warp.schedules.pieces import note_given_loads, refresh_ramp
+from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
+
+FAR_AWAY = 1e16
+"""a coordinate [m] at which a face is nearest to no particle, and whose square is a finite float"""
 
 
 class LanesSchedule:
-    """Advances a state by whole frames, in place. Bit-reproducible, whatever the number of threads.
+    """Advances a state by whole frames, in place; eight worlds side by side.
 
     A launch on the CPU runs on the thread that calls it and leaves the interpreter free meanwhile, so that each Python
     thread advances its own groups of worlds.
@@ -40,98 +36,108 @@ class LanesSchedule:
         InputError: the device is not the CPU.
     """
 
-    name = "lanes"
-    capturable = False
+    name: ClassVar[str] = "lanes"
+    layout: ClassVar[Layout] = WORLDS
+    depends_on: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, model: Model, thread_count: int | None = None):
         if not model.device.is_cpu:
-            raise InputError(f"--schedule lanes: runs on the CPU (got {model.device}); block is its like for a GPU")
-        self.model = model
-        self._health = HealthCheck(model)
-        group_count = -(-model.world_count // LANE_COUNT)
-        thread_count = min(thread_count or os.cpu_count() or 1, group_count)
-        self._threads = ThreadPoolExecutor(thread_count)
-        self._shares = np.array_split(np.arange(group_count), thread_count)
-        self._tables = [
-            body_table(model),
-            spring_table(model, spring_ends(model)),
-            string_table(model),
-            obstacle_table(model),
-            face_table(model),
-            water_table(model),
-            air_table(model),
-            correction_table(model),
-        ]
-        self._traits = _lane_traits(model)
-        self._lanes = _lane_state(model, group_count)
-        wp.load_module("balloon_warp.kernels.lanes", device=model.device)  # before the threads do
+            raise InputError(
+                f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU"
+            )
+        self.model, self._traits = model, model_traits(model)
+        self._tables = make_tables(model, self._traits)
+        self._lane_tables = make_lane_tables(model, self._traits, self.layout, self._tables)
+        self._lanes = lane_structs(self.layout)[1]()
+        arrays = _working_arrays(model, self._traits, self.layout, Allocating(model.device))
+        for name, array in arrays.items():
+            setattr(self._lanes, name, array)
+        if self.layout == OCTETS and self._traits.aims:
+            far_away = self._lanes.face_centers.numpy()
+            far_away[:, -1] = FAR_AWAY
+            self._lanes.face_centers.assign(far_away)
+        self._health = HealthCheck(model, self._tables)
+        self._kernel = lanes_kernel(self._traits, self.layout)
+        self._share_out(thread_count)
 
-    @staticmethod
-    def world_bytes(model: Model) -> int:
+    def _share_out(self, thread_count: int | None) -> None:
+        groups = _group_count(self.model, self.layout)
+        thread_count = min(thread_count or os.cpu_count() or 1, groups)
+        self.capturable = thread_count == 1
+        self._shares = np.array_split(np.arange(groups), thread_count)
+        if thread_count > 1:
+            self._threads = ThreadPoolExecutor(thread_count)
+            wp.load_module(self._kernel.module, device=self.model.device)  # before the threads do
+
+    @classmethod
+    def world_bytes(cls, model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        traits = model_traits(model)
-        of_particles = 4 + traits.in_water + traits.in_air + traits.keeps_velocities
-        vectors = of_particles * model.particle_count + 2 * model.face_count + model.sphere_count
-        numbers = (BALLOON_NUMBERS + 1) * model.balloon_count + model.sphere_count + 1
-        filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
-        loads = 16 * traits.in_water * model.particle_count // LANE_COUNT
-        return filled_up * (VECTOR_BYTES * vectors + 4 * numbers + loads) // model.world_count
+        room = Counting()
+        _working_arrays(model, model_traits(model), cls.layout, room)
+        return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""
         refresh_ramp(self.model, state)
         worlds = world_state(state)
-        for done in [self._threads.submit(self._advance_groups, worlds, share) for share in self._shares]:
-            done.result()
+        if len(self._shares) == 1:
+            self._advance_groups(worlds, self._shares[0])
+        else:
+            for done in [self._threads.submit(self._advance_groups, worlds, share) for share in self._shares]:
+                done.result()
+        note_given_loads(self.model, self._traits, self._tables, state)
         self._health.end_frame(state)
 
     def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:
-        model = self.model
         wp.launch(
-            advance_groups,
+            self._kernel,
             len(groups),
-            inputs=[
-                *self._tables,
-                self._traits,
-                model.substeps,
-                model.step_seconds,
-                int(groups[0]),
-                worlds,
-                self._lanes,
-            ],
-            device=model.device,
+            inputs=[self._lane_tables, int(groups[0]), worlds, self._lanes],
+            device=self.model.device,
         )
 
 
-def _lane_traits(model: Model) -> Any:
-    used = model_traits(model)
-    traits = LaneTraits()
-    traits.fresh_normals = model.scene.normals == "fresh"
-    traits.rubber = used.rubber
-    traits.in_air = used.in_air
-    traits.forward_euler = used.forward_euler
-    traits.impulses = used.impulses
-    return traits
+class OctetsSchedule(LanesSchedule):
+    """Advances a state by whole frames, in place; eight particles of a world side by side."""
+
+    name: ClassVar[str] = "octets"
+    layout: ClassVar[Layout] = OCTETS
 
 
-def _lane_state(model: Model, group_count: int) -> Any:
-    def rows(count: int, dtype: Any) -> Any:
-        return wp.zeros((group_count, count), dtype=dtype, device=model.device)
+def _group_count(model: Model, layout: Layout) -> int:
+    return -(-model.world_count // LANE_COUNT) if layout.worlds else model.world_count
 
-    lanes = LaneState()
-    lanes.points = rows(model.particle_count, Lanes3)
-    lanes.other_points = rows(model.particle_count, Lanes3)
-    lanes.velocities = rows(model.particle_count, Lanes3)
-    lanes.old_velocities = rows(model.particle_count if model_traits(model).keeps_velocities else 0, Lanes3)
-    lanes.aims = rows(model.particle_count, Lanes3)
-    lanes.area_vectors = rows(model.particle_count if model.in_air else 0, Lanes3)
-    lanes.face_centers = rows(model.face_count, Lanes3)
-    lanes.face_area_vectors = rows(model.face_count, Lanes3)
-    lanes.balloon_areas = rows(model.balloon_count, Lanes)
-    lanes.balloons = wp.zeros((group_count, model.balloon_count, BALLOON_NUMBERS), dtype=Lanes, device=model.device)
-    lanes.sphere_centers = rows(model.sphere_count, Lanes3)
-    lanes.sphere_squared_radii = rows(model.sphere_count, Lanes)
-    lanes.water_forces = rows(model.particle_count if model.has_water else 0, Lanes3)
-    lanes.water_loads = rows(model.particle_count if model.has_water else 0, wp.vec4)
-    lanes.ground_heights = wp.zeros(group_count, dtype=Lanes, device=model.device)
-    return lanes
+
+def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:
+    """The memory of `LaneState`; arrays that a scene does not need are empty."""
+    groups, items = _group_count(model, layout), items_of(model, layout).count
+    a_vector = 1 if layout.worlds else LANE_COUNT
+    faces = model.face_count if layout.worlds else LANE_COUNT * len(face_octets(model)) + 1
+
+    def lanes(count: int, dtype: Any = Lanes3, needed: bool = True) -> Any:
+        return room.array((groups, count if needed else 0), dtype)
+
+    def shown(count: int, needed: bool = True) -> Any:
+        return lanes(count, layout.vector, needed)
+
+    return {
+        "points": shown(a_vector * items),
+        "other_points": shown(a_vector * items),
+        "velocities": lanes(items),
+        "free_velocities": lanes(items, needed=traits.gas),
+        "shown_velocities": shown(a_vector * items, traits.looks_at_velocities),
+        "aims": lanes(items, needed=traits.aims),
+        "area_vectors": lanes(items, needed=traits.gas),
+        "inflations": lanes(items, needed=traits.corrected and traits.obstacles),
+        "face_centers": shown(faces, traits.aims),
+        "face_area_vectors": shown(faces, traits.aims),
+        "balloon_areas": lanes(model.balloon_count, Lanes),
+        "numbers": room.array((groups, model.balloon_count, traits.columns.width), Lanes),
+        "ramp_begins": lanes(model.balloon_count, Lanes),
+        "ramp_slopes": lanes(model.balloon_count, Lanes),
+        "loads": lanes(model.balloon_count, Lanes),
+        "rises": lanes(model.balloon_count, Lanes),
+        "masses": lanes(model.balloon_count, Lanes),
+        "sphere_centers": lanes(model.sphere_count),
+        "sphere_squared_radii": lanes(model.sphere_count, Lanes),
+    }

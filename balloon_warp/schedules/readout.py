@@ -5,18 +5,11 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.frame import add_inflation_forces
+from balloon_warp.kernels.schedules.gather import force_kernel, inflation_kernel
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
-from balloon_warp.schedules.tables import (
-    air_table,
-    body_table,
-    face_table,
-    spring_ends,
-    spring_table,
-    string_table,
-    water_table,
-)
+from balloon_warp.model.memory import Allocating
+from balloon_warp.schedules.pieces import AimRefresher, refresh_ramp
+from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
 
 
@@ -24,55 +17,47 @@ class ForceReader:
     """Finds the forces of a state, which a schedule need not keep."""
 
     def __init__(self, model: Model):
-        self.model = model
-        self._aims = AimRefresher(model)
-        self._bodies, self._air = body_table(model), air_table(model)
-        self._forces = wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
+        self.model, self._traits = model, model_traits(model)
+        self._tables = make_tables(model, self._traits)
+        room = Allocating(model.device)
+        shape = model.world_count, model.particle_count
+        self._forces, self._aims = room.array(shape, wp.vec3), room.array(shape, wp.vec3)
+        self._area_vectors = room.array(shape, wp.vec3)
 
-    def refresh_inflation(self, state: State) -> None:
-        """What a frame begins with: its ramp, such as of k_normal, and each particle's aim."""
+    def refresh(self, state: State) -> None:
+        """What a frame begins with: its ramp, such as of k_normal, each particle's aim, and its area vector."""
         refresh_ramp(self.model, state)
-        self._aims.refresh(state.points, state.inflation_aims)
-        if self.model.in_air:
+        if self._traits.aims:
+            self._refresher.refresh(state.points, self._aims)
+        if self._traits.measures_areas:
             self._sum_forces(state)
 
-    def inflation_forces(self, state: State) -> wp.array:
-        """On each particle at the start of a frame [N], shape (world_count, particle_count), vec3."""
+    def inflation_forces(self, state: State, time_in_frame: float = 0.0) -> wp.array:
+        """On each particle [N], shape (world_count, particle_count), vec3, once it is refreshed."""
         self._forces.zero_()
-        self._add_inflation_forces(state)
+        self._add_inflation(state, time_in_frame)
         return self._forces
 
     def net_forces(self, state: State) -> wp.array:
-        """On each particle at the start of a frame [N], shape (world_count, particle_count), vec3."""
+        """On each particle at the start of a frame [N], shape (world_count, particle_count), vec3, once it is
+        refreshed."""
         self._sum_forces(state)
-        self._add_inflation_forces(state)
+        self._add_inflation(state, 0.0)
         return self._forces
 
-    def _sum_forces(self, state: State) -> None:
-        """All but the inflation's, and the aims that are area vectors."""
-        kernel, tables = self._force_kernel
-        self._launch(
-            kernel,
-            *(*tables, 0.0, state.points, state.velocities),
-            *(state.inflation_aims, self._forces),
-        )
-
     @cached_property
-    def _force_kernel(self) -> tuple[Any, list[Any]]:
-        """The kernel and its tables, of which most scenes have no need."""
-        from balloon_warp.kernels.gather import force_kernel
+    def _refresher(self) -> AimRefresher:
+        return AimRefresher(self.model, self._tables, Allocating(self.model.device))
 
-        model = self.model
-        springs, strings = spring_table(model, spring_ends(model)), string_table(model)
-        tables = [self._bodies, springs, strings, water_table(model), face_table(model), self._air]
-        return force_kernel(model_traits(model)), tables
+    def _sum_forces(self, state: State) -> None:
+        """All but the inflation's, and the area vectors."""
+        moving = state.points, state.velocities, state.frame
+        self._launch(force_kernel(self._traits), self._tables, 0.0, *moving, self._area_vectors, self._forces)
 
-    def _add_inflation_forces(self, state: State) -> None:
+    def _add_inflation(self, state: State, time_in_frame: float) -> None:
         self._launch(
-            add_inflation_forces,
-            *(self._bodies, self._air),
-            *(state.points, state.inflation_aims, state.inflation_ramp, state.inflation_loads),
-            self._forces,
+            inflation_kernel(self._traits),
+            *(self._tables, time_in_frame, world_state(state), self._aims, self._area_vectors, self._forces),
         )
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:

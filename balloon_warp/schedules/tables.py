@@ -1,6 +1,7 @@
-"""From a model to the tables that the schedules without atomics read."""
+"""From a model to the tables that kernels read."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,19 +11,22 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.tables import (
     CHUNK,
     SLICE,
-    AirTable,
-    BodyTable,
     CorrectionTable,
     FaceTable,
+    FanTable,
     HingeTable,
-    ObstacleTable,
+    PairTable,
+    ParticleTable,
+    SphereTable,
     SpringTable,
     StringTable,
-    WaterTable,
+    Tables,
+    TubeTable,
     WorldState,
 )
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.schedules.health import health_table
 from balloon_warp.springs.coloring import color_springs
 
 
@@ -40,15 +44,10 @@ class SpringEnds:
     by_kind: NDArray[np.int64]
     """springs of each kind at each particle, shape (particle_count, 3)"""
 
-    @property
-    def vary(self) -> bool:
-        """Whether springs of one kind differ."""
-        return bool((self.scale != 1.0).any())
-
 
 def spring_ends(model: Model) -> SpringEnds:
     """The model's springs as its particles see them."""
-    ends = model.spring_particles.numpy().astype(np.int64)
+    ends = model.spring_particles.numpy().astype(np.int64).reshape(-1, 2)
     kind = np.tile(model.spring_kind.numpy().astype(np.int64), 2)
     particle, neighbor = np.concatenate([ends, ends[:, ::-1]]).T
     order = np.lexsort([neighbor, kind, particle])
@@ -63,44 +62,99 @@ def spring_ends(model: Model) -> SpringEnds:
     )
 
 
-def spring_table(model: Model, ends: SpringEnds) -> Any:
-    """Each particle's springs in slices of 32 particles."""
-    valence = ends.by_kind.sum(axis=1)
-    slot = np.arange(len(ends.particle)) - np.repeat(np.cumsum(valence) - valence, valence)
-    padded = np.zeros(-(-model.particle_count // SLICE) * SLICE, dtype=np.int64)
-    padded[: model.particle_count] = -(-valence // CHUNK) * CHUNK
-    widths = padded.reshape(-1, SLICE).max(axis=1)
-    slice_offsets = SLICE * np.cumsum(np.append(0, widths))
-    place = slice_offsets[ends.particle // SLICE] + SLICE * slot + ends.particle % SLICE
-    # What fills up a particle's slots are springs of no stiffness from the particle to itself.
-    in_slice = np.arange(slice_offsets[-1]) % SLICE
-    own = np.minimum(np.repeat(np.arange(len(widths)), SLICE * widths) * SLICE + in_slice, model.particle_count - 1)
-    end = 4 * own
-    end[place] = 4 * ends.neighbor + ends.kind
+def make_tables(model: Model, traits: Traits) -> Any:
+    """All that does not change in a frame."""
+    t = Tables()
+    t.particles = _particles(model)
+    t.springs = _springs(model, traits)
+    t.pairs = _pairs(model)
+    t.hinges = _hinges(model, traits)
+    t.strings = _strings(model)
+    t.faces = _faces(model)
+    t.fans = _fans(model, traits)
+    t.spheres = _spheres(model)
+    t.tubes = _tubes(model)
+    t.correction = _correction(model, traits)
+    t.health = health_table(model)
+    t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
+    t.inflation_kind, t.up = model.inflation_kind, model.up
+    t.substeps, t.step_seconds, t.frame_seconds = model.substeps, model.step_seconds, model.frame_seconds
+    return t
 
-    def placed(values: NDArray) -> Any:
-        entries = np.zeros(slice_offsets[-1])
-        entries[place] = values
-        return wp.array(entries, dtype=float, device=model.device)
 
-    table = SpringTable()
-    table.slice_offsets = wp.array(slice_offsets, dtype=wp.int32, device=model.device)
-    table.valences = wp.array(valence, dtype=wp.int32, device=model.device)
-    table.ends = wp.array(end, dtype=wp.int32, device=model.device)
-    table.scales = placed(ends.scale) if ends.vary else wp.zeros(0, dtype=float, device=model.device)
-    table.rest_lengths = placed(ends.scale * ends.rest_length)
-    table.stiffness = model.stiffness
-    table.viscosity = model.viscosity
-    table.yield_stretch = model.yield_stretch
-    table.limits = model.correction_limit
-    table.hinges = hinge_table(model)
-    table.yields_at_limit = model.scene.correction == "tarantino"
+def world_state(state: State) -> Any:
+    """The arrays of a state."""
+    worlds = WorldState()
+    for name in WorldState.vars:
+        setattr(worlds, name, getattr(state, name))
+    return worlds
+
+
+def _array(model: Model, values: Any, dtype: Any) -> wp.array:
+    return wp.array(np.asarray(values), dtype=dtype, device=model.device)
+
+
+def _particles(model: Model) -> Any:
+    table = ParticleTable()
+    table.balloon, table.mass_share = model.particle_balloon, model.particle_mass_share
+    table.offsets = _array(model, model.particle_offsets, wp.int32)
     return table
 
 
-def hinge_table(model: Model) -> Any:
-    """The hinges of balloons, where there are torsion springs, and the roles of each particle in them."""
-    hinges = [shape.hinges for shape in model.shapes] if model_traits(model).torsion else []
+@dataclass(frozen=True)
+class Slices:
+    """Where the entries of particles stand, in slices of 32 particles."""
+
+    offsets: NDArray[np.int64]
+    places: NDArray[np.int64]
+    """of each entry, sorted by particle"""
+    owners: NDArray[np.int64]
+    """the particle of each place, filled up ones too"""
+
+
+def _slices(particles: NDArray[np.int64], counts: NDArray[np.int64], step: int) -> Slices:
+    """Each particle's entries filled up to a multiple of the step, and to the most in its slice."""
+    slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
+    padded = np.zeros(-(-len(counts) // SLICE) * SLICE, dtype=np.int64)
+    padded[: len(counts)] = -(-counts // step) * step
+    widths = padded.reshape(-1, SLICE).max(axis=1)
+    offsets = SLICE * np.cumsum(np.append(0, widths))
+    in_slice = np.arange(offsets[-1]) % SLICE
+    owners = np.minimum(np.repeat(np.arange(len(widths)), SLICE * widths) * SLICE + in_slice, len(counts) - 1)
+    return Slices(offsets, offsets[particles // SLICE] + SLICE * slot + particles % SLICE, owners)
+
+
+def _springs(model: Model, traits: Traits) -> Any:
+    ends = spring_ends(model)
+    valences = ends.by_kind.sum(axis=1)
+    slices = _slices(ends.particle, valences, CHUNK)
+    packed = 4 * slices.owners  # what fills up is a spring from the particle to itself
+    packed[slices.places] = 4 * ends.neighbor + ends.kind
+
+    def placed(values: NDArray) -> wp.array:
+        entries = np.zeros(len(packed))
+        entries[slices.places] = values
+        return _array(model, entries, float)
+
+    table = SpringTable()
+    table.slice_offsets = _array(model, slices.offsets, wp.int32)
+    table.valences = _array(model, valences, wp.int32)
+    table.ends = _array(model, packed, wp.int32)
+    table.scales = placed(ends.scale) if traits.springs_vary else _array(model, [], float)
+    table.rest_lengths = placed(ends.rest_length)
+    return table
+
+
+def _pairs(model: Model) -> Any:
+    table = PairTable()
+    table.particles, table.kinds = model.spring_particles, model.spring_kind
+    table.scales, table.rest_lengths = model.spring_stiffness_scale, model.spring_rest_length
+    return table
+
+
+def _hinges(model: Model, traits: Traits) -> Any:
+    """The hinges of balloons, where a law acts on them, and the roles of each particle in them."""
+    hinges = [shape.hinges for shape in model.shapes] if traits.has("hinge") else []
     offsets = model.particle_offsets[:-1]
     empty = np.zeros(0, dtype=np.int64)
     ends = np.concatenate([empty.reshape(0, 2), *(h.ends + first for h, first in zip(hinges, offsets, strict=False))])
@@ -111,119 +165,104 @@ def hinge_table(model: Model) -> Any:
     of_wings = np.stack([4 * numbers + 2, 4 * numbers + 3], axis=1).ravel()
     roles = np.concatenate([4 * numbers, 4 * numbers + 1, np.repeat(of_wings, sizes)])
     order = np.lexsort([roles, particles])
-
-    def array(values: NDArray, dtype: Any) -> Any:
-        return wp.array(values, dtype=dtype, device=model.device)
-
-    table = HingeTable()
-    table.ends = array(ends, wp.vec2i)
-    table.wing_offsets = array(np.cumsum(np.append(0, sizes)), wp.int32)
-    table.wing_particles = array(wings, wp.int32)
     angles = [h.angles(shape.mesh.points) for h, shape in zip(hinges, model.shapes, strict=False)]
-    table.rest_angles = array(np.concatenate([np.zeros(0), *angles]), float)
-    table.particle_offsets = array(np.searchsorted(particles[order], np.arange(model.particle_count + 1)), wp.int32)
-    table.particle_roles = array(roles[order], wp.int32)
-    table.stiffness = model.torsion
+    table = HingeTable()
+    table.ends = _array(model, ends, wp.vec2i)
+    table.wing_offsets = _array(model, np.cumsum(np.append(0, sizes)), wp.int32)
+    table.wing_particles = _array(model, wings, wp.int32)
+    table.rest_angles = _array(model, np.concatenate([np.zeros(0), *angles]), float)
+    starts = np.searchsorted(particles[order], np.arange(model.particle_count + 1))
+    table.particle_offsets = _array(model, starts, wp.int32)
+    table.particle_roles = _array(model, roles[order], wp.int32)
     return table
 
 
-def correction_table(model: Model) -> Any:
-    """Springs color by color; none where lengths are not corrected."""
-    corrected = model.scene.correction != "none"
-    pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)[: None if corrected else 0]
-    colors = color_springs(pairs)
-    order = np.lexsort([pairs[:, 1], pairs[:, 0], colors])
-    table = CorrectionTable()
-    table.color_offsets = wp.array(np.append(0, np.cumsum(np.bincount(colors))), dtype=wp.int32, device=model.device)
-    table.particles = wp.array(pairs[order], dtype=wp.vec2i, device=model.device)
-    table.rest_lengths = wp.array(model.spring_rest_length.numpy()[order], dtype=float, device=model.device)
-    table.limits = model.correction_limit
-    table.sweeps = model.scene.correction_sweeps
-    return table
-
-
-def string_table(model: Model) -> Any:
-    """Strings by the particle that they hold."""
+def _strings(model: Model) -> Any:
     held = model.string_particle.numpy()
     order = np.argsort(held, kind="stable")
     offsets = np.searchsorted(held[order], np.arange(model.particle_count + 1)) if len(held) else []
     table = StringTable()
-    table.offsets = wp.array(np.array(offsets), dtype=wp.int32, device=model.device)
-    table.particles = wp.array(held[order], dtype=wp.int32, device=model.device)
-    table.order = wp.array(order, dtype=wp.int32, device=model.device)
-    table.anchors = model.string_anchor
-    table.lengths = model.string_length
-    table.stiffness = model.string_stiffness
+    table.offsets = _array(model, offsets, wp.int32)
+    table.particles = _array(model, held[order], wp.int32)
+    table.order = _array(model, order, wp.int32)
+    table.anchors = model.parameters["string_anchor"]
+    table.lengths = model.parameters["string_length"]
+    table.stiffness = model.parameters["string_stiffness"]
     return table
 
 
-def body_table(model: Model, mass: wp.array | None = None) -> Any:
-    """What pulls at each particle by itself; with other masses of balloons, those that it moves with."""
-    table = BodyTable()
-    table.balloon = model.particle_balloon
-    table.mass_share = model.particle_mass_share
-    table.mass = model.mass if mass is None else mass
-    table.helium = model.helium
-    table.damping = model.damping
-    table.gravity = model.gravity
-    table.up = model.up
-    return table
-
-
-def obstacle_table(model: Model) -> Any:
-    """Spheres and ground."""
-    table = ObstacleTable()
-    table.sphere_mass = model.sphere_mass
-    table.sphere_radius = model.sphere_radius
-    table.sphere_penalty = model.sphere_penalty
-    table.ground_height = model.ground_height
-    table.ground_friction = model.ground_friction
-    table.ground_restitution = model.ground_restitution
-    return table
-
-
-def water_table(model: Model) -> Any:
-    """The liquid."""
-    table = WaterTable()
-    table.level = model.water_level
-    table.density = model.water_density
-    table.drag = model.water_drag
-    return table
-
-
-def face_table(model: Model) -> Any:
-    """Faces, and the faces around each particle."""
+def _faces(model: Model) -> Any:
     table = FaceTable()
-    table.offsets = model.face_offsets
-    table.particles = model.face_particles
-    table.balloon = model.face_balloon
-    face_counts = [shape.mesh.face_count for shape in model.shapes]
-    table.balloon_offsets = wp.array(np.cumsum([0, *face_counts]), dtype=wp.int32, device=model.device)
-    table.particle_offsets = model.particle_face_offsets
-    table.around_particles = model.particle_faces
+    table.offsets, table.particles, table.balloon = model.face_offsets, model.face_particles, model.face_balloon
+    counts = [shape.mesh.face_count for shape in model.shapes]
+    table.balloon_offsets = _array(model, np.cumsum([0, *counts]), wp.int32)
+    table.particle_offsets, table.around_particles = model.particle_face_offsets, model.particle_faces
     return table
 
 
-def air_table(model: Model) -> Any:
-    """What fills balloons, and the air around them."""
-    table = AirTable()
-    table.kind = model.inflation_kind
-    table.gamma = model.gamma
-    table.molar_mass = model.molar_mass
-    table.drag_coefficient = model.drag_coefficient
-    table.pressure = model.air_pressure
-    table.temperature = model.air_temperature
-    table.density = model.air_density
-    table.wind = model.wind
-    table.tube_balloons = model.tube_balloons
-    table.tube_conductance = model.tube_conductance
-    table.balloon_particles = wp.array(model.particle_offsets, dtype=wp.int32, device=model.device)
+def other_corners(model: Model) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
+    """Of every corner of a face, sorted by particle: the particle, and the face's other corners in order from it."""
+    particles = np.asarray(model.face_particles.numpy(), dtype=np.int64)
+    others = []
+    for begin, end in pairwise(model.face_offsets.numpy().tolist()):
+        corners = particles[begin:end]
+        others += [np.roll(corners, -corner)[1:] for corner in range(end - begin)]
+    order = np.argsort(particles, kind="stable")
+    return particles[order], [others[corner] for corner in order]
+
+
+def quads_at_particles(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of every corner of a quad, sorted by particle: the particle, and the corners before, opposite and after, shape
+    (corner_count, 3)."""
+    corners = np.asarray(model.face_particles.numpy(), dtype=np.int64).reshape(-1, 4)
+    each = np.stack([np.roll(corners, -turn, axis=1) for turn in range(4)], axis=1).reshape(-1, 4)
+    each = each[np.argsort(each[:, 0], kind="stable")]
+    return each[:, 0], each[:, [3, 2, 1]]
+
+
+def _fans(model: Model, traits: Traits) -> Any:
+    """The corners of faces at each particle, where area vectors are needed."""
+    table = FanTable()
+    count = model.particle_count
+    if traits.measures_areas and traits.quads:
+        particles, others = quads_at_particles(model)
+        counts = np.bincount(particles, minlength=count)
+        slices = _slices(particles, counts, 1)
+        quads = np.repeat(slices.owners[:, None], 3, axis=1)
+        quads[slices.places] = others
+        table.slice_offsets = _array(model, slices.offsets, wp.int32)
+        table.counts = _array(model, counts, wp.int32)
+        table.quads = _array(model, quads, wp.vec3i)
+    elif traits.measures_areas:
+        particles, fans = other_corners(model)
+        table.offsets = _array(model, np.searchsorted(particles, np.arange(count + 1)), wp.int32)
+        table.begins = _array(model, np.cumsum([0, *(len(fan) for fan in fans)]), wp.int32)
+        table.particles = _array(model, np.concatenate([np.zeros(0, dtype=np.int64), *fans]), wp.int32)
     return table
 
 
-def world_state(state: State) -> Any:
-    """The arrays of a state."""
-    worlds = WorldState()
-    for name in WorldState.vars:
-        setattr(worlds, name, getattr(state, name))
-    return worlds
+def _spheres(model: Model) -> Any:
+    table = SphereTable()
+    table.mass, table.radius = model.parameters["sphere_mass"], model.parameters["sphere_radius"]
+    table.penalty = model.parameters["sphere_penalty"]
+    return table
+
+
+def _tubes(model: Model) -> Any:
+    table = TubeTable()
+    table.balloons, table.conductance = model.tube_balloons, model.parameters["tube_conductance"]
+    return table
+
+
+def _correction(model: Model, traits: Traits) -> Any:
+    """Springs color by color; none where lengths are not corrected."""
+    pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
+    pairs = pairs[: None if traits.corrected else 0]
+    colors = color_springs(pairs)
+    order = np.lexsort([pairs[:, 1], pairs[:, 0], colors])
+    table = CorrectionTable()
+    table.color_offsets = _array(model, np.append(0, np.cumsum(np.bincount(colors))), wp.int32)
+    table.particles = _array(model, pairs[order], wp.vec2i)
+    table.rest_lengths = _array(model, model.spring_rest_length.numpy()[order], float)
+    table.sweeps = model.scene.correction_sweeps
+    return table

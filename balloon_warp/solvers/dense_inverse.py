@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.linear_systems import (
+from balloon_warp.kernels.solvers.linear_systems import (
     PARTS,
     ROW_LANES,
     InverseTable,

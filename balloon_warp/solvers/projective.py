@@ -6,29 +6,30 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.projective import (
+from balloon_warp.kernels.laws.hooke import HOOKE
+from balloon_warp.kernels.solvers.projective import (
     apply_increments,
     ending_kernel,
-    foresee_displacements,
+    foreseeing_kernel,
     local_step_kernel,
 )
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
-from balloon_warp.schedules.spheres import SphereMover
-from balloon_warp.schedules.tables import body_table, obstacle_table, spring_ends, spring_table, string_table
-from balloon_warp.schedules.traits import beyond_basics, model_traits
+from balloon_warp.schedules.pieces import Pieces
+from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.traits import model_traits
 from balloon_warp.solvers.dense_inverse import DenseInverse
 from balloon_warp.solvers.sparse_factor import SparseFactor
-from balloon_warp.solvers.step_matrices import StepMatrices
+from balloon_warp.solvers.step_matrices import FACTORIZED, StepMatrices
 
 
 class ProjectiveSolver:
     """Advances a state by whole frames, in place. Bit-reproducible.
 
-    Springs, strings and damping are implicit; gravity, helium and inflation are those at a substep's start, and
-    contacts follow at its end, as in the schedules.
+    Springs, strings and damping are implicit; gravity, helium, other laws on particles and inflation are those at a
+    substep's start, and contacts follow at its end, as in the schedules.
 
     Raises:
         InputError: the model has physics that it lacks, or a balloon is too large for a GPU, see `DenseInverse`.
@@ -36,35 +37,26 @@ class ProjectiveSolver:
 
     name = "projective"
     capturable = True
+    depends_on = FACTORIZED
 
     def __init__(self, model: Model, global_step: type[SparseFactor] | type[DenseInverse] | None = None):
-        if beyond := beyond_basics(model):
+        self.model, self._traits = model, model_traits(model)
+        if beyond := _beyond(self._traits):
             raise InputError(f'solver: "projective" does not simulate {beyond}; expected another solver')
-        self.model = model
-        self._health = HealthCheck(model)
         self._global_step = (global_step or _global_step(model))(model, StepMatrices(model))
-        self._bodies = body_table(model)
-        ends = spring_ends(model)
-        self._local_step = local_step_kernel(model_traits(model))
-        self._end_substep = ending_kernel(model_traits(model).impulses)
-        self._springs = spring_table(model, ends)
-        self._strings = string_table(model)
-        self._obstacles = obstacle_table(model)
-        self._aims = AimRefresher(model)
-        self._spheres = SphereMover(model, self._bodies, self._obstacles)
-
-        def vectors() -> wp.array:
-            return wp.zeros((model.world_count, model.particle_count), dtype=wp.vec3, device=model.device)
-
-        self._free_displacements, self._displacements, self._trial_points = vectors(), vectors(), vectors()
-        self._residuals, self._increments = vectors(), vectors()
+        self._tables = make_tables(model, self._traits)
+        room = Allocating(model.device)
+        self._pieces = Pieces(model, self._traits, self._tables, room)
+        self._free, self._displacements, self._trials, self._residuals, self._increments = _vectors(model, room)
+        self._health = HealthCheck(model, self._tables)
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        vectors = 5 * VECTOR_BYTES * model.particle_count
-        beside = SphereMover.world_bytes(model) + AimRefresher.world_bytes(model)
-        return vectors + beside + _global_step(model).world_bytes(model, StepMatrices(model))
+        room = Counting()
+        Pieces.allot(model, model_traits(model), room)
+        _vectors(model, room)
+        return room.bytes // model.world_count + _global_step(model).world_bytes(model, StepMatrices(model))
 
     def advance_frame(self, state: State) -> None:
         """One frame: the inflation refreshed, then every substep."""
@@ -73,45 +65,47 @@ class ProjectiveSolver:
 
     def substeps(self, state: State) -> Iterator[int]:
         """One frame that pauses after each substep, with its number from 0."""
-        model = self.model
-        refresh_ramp(model, state)
-        self._spheres.begin_frame(state)
-        for substep in range(model.substeps):
-            if substep == 0 or model.scene.normals == "fresh":
-                self._aims.refresh(state.points, state.inflation_aims)
-            self._spheres.move(state)
-            self._advance_substep(state, substep * model.step_seconds)
+        pieces = self._pieces
+        pieces.begin_frame(state)
+        for substep in range(self.model.substeps):
+            if substep == 0 or self._traits.fresh_normals:
+                pieces.refresh(state.points)
+            pieces.roll(state)
+            self._advance_substep(state, substep * self.model.step_seconds)
             yield substep
-        self._spheres.end_frame(state)
+        pieces.end_frame(state)
         self._health.end_frame(state)
 
     def _advance_substep(self, state: State, time_in_frame: float) -> None:
-        h, u, trial = self.model.step_seconds, self._displacements, self._trial_points
-        self._launch(
-            foresee_displacements,
-            *(self._bodies, h, time_in_frame),
-            *(state.inflation_aims, state.inflation_ramp, state.points, state.velocities),
-            *(self._free_displacements, u, trial),
-        )
+        t, u, trials = self._tables, self._displacements, self._trials
+        worlds, working, launch = world_state(state), self._pieces.working, self._pieces.over_particles
+        launch(foreseeing_kernel(self._traits), t, time_in_frame, worlds, working, self._free, u, trials)
         for _ in range(self.model.scene.solver_iterations):
-            self._launch(
-                self._local_step,
-                *(self._bodies, self._springs, self._strings, h),
-                *(self._free_displacements, u, trial),
-                self._residuals,
-            )
+            launch(local_step_kernel(self._traits), t, self._free, u, trials, self._residuals)
             self._global_step.solve(self._residuals, self._increments)
-            self._launch(apply_increments, state.points, self._increments, u, trial)
-        self._launch(
-            self._end_substep,
-            *(self._bodies, self._obstacles, h, time_in_frame),
-            *(state.inflation_aims, state.inflation_ramp, state.sphere_positions, state.sphere_velocities),
-            *(u, state.points, state.velocities, self._spheres.forces),
-        )
+            launch(apply_increments, state.points, self._increments, u, trials)
+        launch(ending_kernel(self._traits), t, time_in_frame, u, worlds, working)
 
-    def _launch(self, kernel: Any, *arguments: Any) -> None:
-        shape = (self.model.world_count, self.model.particle_count)
-        wp.launch(kernel, shape, inputs=list(arguments), device=self.model.device)
+
+def _beyond(traits: Traits) -> str | None:
+    """What it does not simulate, in words, or None."""
+    if traits.pressures:
+        return "pressure or gas"
+    if traits.corrected:
+        return "position correction"
+    for law in traits.laws:
+        implicit = law is HOOKE or law.kind == "string"
+        if not implicit and law.kind != "particle":
+            return law.name.replace("_", " ")
+    for given, words in (("water_load", "water"), ("area_vector", "drag in air")):
+        if traits.needs("particle", given):
+            return words
+    return None
+
+
+def _vectors(model: Model, room: Room) -> tuple[Any, ...]:
+    """Five vectors of each particle."""
+    return tuple(room.array((model.world_count, model.particle_count), wp.vec3) for _ in range(5))
 
 
 def _global_step(model: Model) -> type[SparseFactor] | type[DenseInverse]:

@@ -7,8 +7,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3
-from balloon_warp.kernels.linear_systems import FactorTable, factored_solver
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.solvers.linear_systems import FactorTable, factored_solver
 from balloon_warp.model import Model
 from balloon_warp.model.memory import VECTOR_BYTES
 from balloon_warp.solvers.step_matrices import StepMatrices

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model import Model
 
-FACTORIZED = frozenset({"mass", "damping", "stiffness", "string_stiffness"})
+FACTORIZED = frozenset({"mass", "damping", "structural", "shear", "flexion", "string_stiffness"})
 """the parameters that the matrices are made of"""
 
 
@@ -21,10 +22,14 @@ class StepMatrices:
     def __init__(self, model: Model):
         worlds, h = model.world_count, model.step_seconds
         balloons = model.balloon_count
-        inertia = model.mass.numpy().astype(np.float64) + h * model.damping.numpy().astype(np.float64)
-        parts = [inertia, model.stiffness.numpy().reshape(-1, 3 * balloons)]
+
+        def rows_of(name: str) -> NDArray[np.float64]:
+            return model.parameters[name].numpy().astype(np.float64)
+
+        kinds = np.stack(np.broadcast_arrays(*(rows_of(kind.name) for kind in KINDS)), axis=-1)
+        parts = [rows_of("mass") + h * rows_of("damping"), kinds.reshape(-1, 3 * balloons)]
         if model.string_count:
-            parts.append(model.string_stiffness.numpy())
+            parts.append(rows_of("string_stiffness"))
         rows = np.concatenate([np.broadcast_to(part, (worlds, part.shape[1])) for part in parts], axis=1)
         self._rows, of_world = np.unique(rows, axis=0, return_inverse=True)
         self.of_world: NDArray[np.integer] = of_world.reshape(-1)

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
@@ -85,14 +84,14 @@ def drag_bound(
 ) -> Any:
     """Density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
     density = density_of_given_air(air_pressure, air_temperature, air_density)
-    speed = np.linalg.norm(velocity - wind, axis=-1)
+    speed = ((velocity - wind) ** 2).sum(axis=-1) ** 0.5
     return density * drag_coefficient * area * speed
 
 
 def density_of_given_air(air_pressure: Any, air_temperature: Any, air_density: Any) -> Any:
     """The same as `density_of_air`, of many worlds on the host [kg/m^3]."""
     dry = DRY_AIR_MOLAR_MASS / (GAS_CONSTANT * air_temperature / air_pressure)
-    return np.where(air_density < 0.0, dry, air_density)
+    return (air_density < 0.0) * dry + (air_density >= 0.0) * air_density
 
 
 AIR_DRAG = Law(

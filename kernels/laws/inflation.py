@@ -6,6 +6,8 @@
 - A pressure, given or of a gas: F = p dV/dx, p times the particle's area vector.
 """
 
+from typing import Any
+
 import warp as wp
 
 NORMAL_FORCE = wp.constant(0)
@@ -16,19 +18,9 @@ FAR = wp.constant(1.0e30)
 
 
 @wp.func
-def normal_push(k_normal: float):
+def normal_push(k_normal: Any):
     """Force over the aim [N]."""
     return 100.0 * k_normal
-
-
-@wp.func
-def push(kind: wp.int32, k_normal: float, load: wp.vec2, height: float):
-    """Force over a particle's aim [N], or over its area vector [Pa], by the kind of inflation.
-
-    Args:
-        load: the pressure at height 0 [Pa], and its rise with height [Pa/m].
-    """
-    return wp.where(kind == NORMAL_FORCE, normal_push(k_normal), load[0] + load[1] * height)
 
 
 @wp.func

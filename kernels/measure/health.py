@@ -4,8 +4,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.tables import BodyTable
-
 HEALTHY = 2**31 - 1
 """no particle or sphere of a world is bad"""
 
@@ -35,27 +33,26 @@ def is_past(vector: wp.vec3, squared_limit: float):
 
 @wp.func
 def look_at_particle(
-    bodies: BodyTable,
     health: HealthTable,
     first_bad: wp.array[wp.int32],
     world: wp.int32,
     particle: wp.int32,
-    point: wp.vec3,
+    balloon: wp.int32,
+    mass_share: float,
     points: Any,
-    first: wp.int32,
 ):
     """Lower the world's entry to the particle if that is bad: too far from its balloon's origin, or itself that origin
     and too far from the world's or from its partner. Most are near, which takes no memory to see. A particle without
     mass stays where it is."""
+    point = points[particle]
     if is_past(point, health.near):
-        if bodies.mass_share[particle] > 0.0:
-            balloon = bodies.balloon[particle]
+        if mass_share > 0.0:
             other = health.origins[balloon]
             bad = bool(False)
             if particle == other:
                 other = health.partners[balloon]
                 bad = is_past(point, health.reach)
-            if bad or is_past(point - points[first + other], health.spans[balloon]):
+            if bad or is_past(point - points[other], health.spans[balloon]):
                 wp.atomic_min(first_bad, world, particle)
 
 

@@ -12,7 +12,7 @@ Rows are dealt out to bands, so that CPU threads can share a picture: a band's t
 import warp as wp
 
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
-from balloon_warp.kernels.pictures.shapes import GROUND, LINE, NOTHING, SURFACE, Shapes, first_hit, water_before
+from balloon_warp.kernels.pictures.shapes import GROUND, LINE, NOTHING, SURFACE, Hit, Shapes, first_hit, water_before
 from balloon_warp.kernels.pictures.studio import Studio, backdrop, luminance
 from balloon_warp.kernels.pictures.surface import (
     EPSILON,
@@ -53,6 +53,21 @@ def with_one(share: wp.vec3):
 def mean_share(summed: wp.vec4):
     """The share from a weighted sum of shares and weights."""
     return wp.vec3(summed[0], summed[1], summed[2]) / wp.max(summed[3], 1.0e-9)
+
+
+@wp.func
+def answer_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
+    """What a thing of any kind does with the light."""
+    answer = Answer()
+    if hit.kind == SURFACE:
+        answer = surface_answer(hit, studio, direction, ground_color)
+    elif hit.kind == LINE:
+        answer = line_answer(hit, studio, direction, ground_color)
+    elif hit.kind == GROUND:
+        answer = ground_answer(hit, studio)
+    else:
+        answer = water_answer(hit, studio, direction, ground_color)
+    return answer
 
 
 @wp.kernel
@@ -102,16 +117,8 @@ def cast_pixels(
             if hit.kind == NOTHING:
                 sum_plain += wp.cw_mul(weight, behind)
                 break
-            answer = Answer()
-            if hit.kind == SURFACE:
-                answer = surface_answer(hit, studio, direction, shapes.ground_color)
-            elif hit.kind == LINE:
-                answer = line_answer(hit, studio, direction, shapes.ground_color)
-            else:
-                if hit.kind == GROUND:
-                    answer = ground_answer(hit, studio)
-                else:
-                    answer = water_answer(hit, studio, direction, shapes.ground_color)
+            answer = answer_of(hit, studio, direction, shapes.ground_color)
+            if hit.kind != SURFACE and hit.kind != LINE:
                 fade = ground_fade(hit.point)
                 sum_plain += fade * wp.cw_mul(weight, behind)
                 weight *= 1.0 - fade

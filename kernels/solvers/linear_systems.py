@@ -8,8 +8,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.lanes_types import LANE_COUNT, Lanes, Lanes3, column, lanes_scaled
-from balloon_warp.kernels.warps import block_barrier, put
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, scaled
+from balloon_warp.kernels.memory import put_in_tile
+from balloon_warp.kernels.schedules.warps import block_barrier
 
 
 @wp.struct
@@ -22,18 +23,6 @@ class FactorTable:
     """where each column begins in `rows`, shape (particle_count + 1,)"""
     rows: wp.array[wp.int32]
     """ascending within a column, shape (entry_count,)"""
-
-
-@wp.func
-def times(factor: float, lanes: Lanes3):
-    """The factor that all worlds share times each world's vector."""
-    return factor * lanes
-
-
-@wp.func
-def times(factor: Lanes, lanes: Lanes3):  # noqa: F811 - an overload
-    """Each world's factor times its vector."""
-    return lanes_scaled(lanes, factor)
 
 
 @cache
@@ -69,18 +58,18 @@ def factored_solver(factor_type: Any) -> Any:
             solved = work[group, row]
             for entry in range(factor.offsets[row], factor.offsets[row + 1]):
                 below = factor.rows[entry]
-                work[group, below] = work[group, below] - times(entries[matrix, entry], solved)
+                work[group, below] = work[group, below] - scaled(solved, entries[matrix, entry])
         for step in range(count):
             row = count - 1 - step
-            solved = times(inverse_pivots[matrix, row], work[group, row])
+            solved = scaled(work[group, row], inverse_pivots[matrix, row])
             for entry in range(factor.offsets[row], factor.offsets[row + 1]):
-                solved -= times(entries[matrix, entry], work[group, factor.rows[entry]])
+                solved -= scaled(work[group, factor.rows[entry]], entries[matrix, entry])
             work[group, row] = solved
         for lane in range(LANE_COUNT):
             world = group * LANE_COUNT + lane
             if world < solutions.shape[0]:
                 for particle in range(count):
-                    solutions[world, particle] = column(work[group, factor.place[particle]], lane)
+                    solutions[world, particle] = of_lane(work[group, factor.place[particle]], lane)
 
     return solve_factored
 
@@ -137,7 +126,7 @@ def multiply_own_inverse(
         total = wp.vec3()
         for other in range(part_begin(count, part), part_begin(count, part + 1)):
             total += inverse.entries[matrix, first_entry + other * count + row] * right_sides[world, begin + other]
-        put(parts, item, total)
+        put_in_tile(parts, item, total)
     block_barrier()
     for row in range(thread, rows, wp.block_dim()):
         total = wp.vec3()

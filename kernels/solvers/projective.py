@@ -20,116 +20,127 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contiguous import vector_at
-from balloon_warp.kernels.gather import leaving_obstacles
-from balloon_warp.kernels.inflation import inflation_force
-from balloon_warp.kernels.motion import lift
-from balloon_warp.kernels.pull import pull_of_strings, spring_puller
-from balloon_warp.kernels.tables import (
-    BodyTable,
-    ObstacleTable,
-    SpringTable,
-    StringTable,
-    particle_damping,
-    particle_mass,
-    row_of_world,
-)
+from balloon_warp.kernels.compose import sum_of_laws
+from balloon_warp.kernels.laws.body import DAMPING
+from balloon_warp.kernels.laws.law import RESULT
+from balloon_warp.kernels.loops.springs import spring_loop
+from balloon_warp.kernels.loops.strings import string_loop
+from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.schedules.launched import Working, leaving_function
+from balloon_warp.kernels.substep import inflation_of, ramp_at, time_of
+from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 
-@wp.func
-def inertia(bodies: BodyTable, world: wp.int32, particle: wp.int32, step_seconds: float):
-    """m + h c [kg]: what holds a particle back in a step of h, damping included; 0 for a fixed particle."""
-    return particle_mass(bodies, world, particle) + step_seconds * particle_damping(bodies, world, particle)
+@cache
+def inertia_function(traits: Traits) -> Any:
+    """The function that gives m + h c [kg]: what holds a particle back in a step of h, damping included; 0 for a fixed
+    particle."""
+    column = traits.columns.places["damping"]
+
+    @wp.func
+    def inertia(own: Any, step_seconds: float):
+        return own.mass + step_seconds * own.share * own.n[column]
+
+    return inertia
 
 
-@wp.func
-def inflation_of(
-    bodies: BodyTable,
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    world: wp.int32,
-    particle: wp.int32,
-    time_in_frame: float,
-):
-    """The inflation force on a particle [N]."""
-    ramp = inflation_ramp[world, bodies.balloon[particle]]
-    return inflation_force(ramp[0] + ramp[1] * time_in_frame, inflation_aims[world, particle])
+@cache
+def push_function(traits: Traits) -> Any:
+    """The function that gives the inflation force on a particle."""
+    inflation = inflation_of(traits)
+
+    @wp.func
+    def push_of(
+        t: Tables, state: WorldState, working: Working, own: Any, point: wp.vec3, time_in_frame: float
+    ):
+        """[N]"""
+        value = ramp_at(state, own.world, own.balloon, time_in_frame)
+        aim = working.aims[own.world, own.number]
+        return inflation(own.kind, value, 0.0, 0.0, t.up, point, aim, wp.vec3())
+
+    return push_of
 
 
-@wp.kernel(enable_backward=False)
-def foresee_displacements(
-    # model
-    bodies: BodyTable,
-    step_seconds: float,
-    time_in_frame: float,
-    # state in
-    inflation_aims: wp.array2d[wp.vec3],
-    inflation_ramp: wp.array2d[wp.vec2],
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    # state out
-    free_displacements: wp.array2d[wp.vec3],
-    displacements: wp.array2d[wp.vec3],
-    trial_points: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle): w, where the iterations begin."""
-    world, particle = wp.tid()
-    free = wp.vec3()
-    mass = particle_mass(bodies, world, particle)
-    if mass > 0.0:
-        gravity = bodies.gravity[row_of_world(world, bodies.gravity.shape[0])]
-        helium = bodies.helium[row_of_world(world, bodies.helium.shape[0]), bodies.balloon[particle]]
-        inflation = inflation_of(bodies, inflation_aims, inflation_ramp, world, particle, time_in_frame)
-        impulse = mass * velocities[world, particle] + step_seconds * (
-            lift(mass, gravity, helium) * bodies.up + inflation
-        )
-        free = (step_seconds / inertia(bodies, world, particle, step_seconds)) * impulse
-    free_displacements[world, particle] = free
-    displacements[world, particle] = free
-    trial_points[world, particle] = points[world, particle] + free
+@cache
+def foreseeing_kernel(traits: Traits) -> Any:
+    """The kernel that foresees displacements."""
+    _, read_own = own_functions(traits.columns)
+    outer = tuple(law for law in traits.of_kind("particle") if law is not DAMPING)
+    particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns)
+    inertia = inertia_function(traits)
+    push_of = push_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def foresee_displacements(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # state in
+        state: WorldState,
+        working: Working,
+        # out
+        free_displacements: wp.array2d[wp.vec3],
+        displacements: wp.array2d[wp.vec3],
+        trial_points: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle): w, where the iterations begin."""
+        world, particle = wp.tid()
+        own = read_own(t, world, particle)
+        point = state.points[world, particle]
+        free = wp.vec3()
+        if own.mass > 0.0:
+            velocity = state.velocities[world, particle]
+            time = time_of(t, state.frame, time_in_frame)
+            force = push_of(t, state, working, own, point, time_in_frame) + particle_laws(
+                point, velocity, own.mass, own.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds, time, own.n
+            )
+            impulse = own.mass * velocity + t.step_seconds * force
+            free = (t.step_seconds / inertia(own, t.step_seconds)) * impulse
+        free_displacements[world, particle] = free
+        displacements[world, particle] = free
+        trial_points[world, particle] = point + free
+
+    return foresee_displacements
 
 
 @cache
 def local_step_kernel(traits: Traits) -> Any:
     """The kernel of the local step."""
-    pull_of_springs = spring_puller(traits, vector_at)
+    _, read_own = own_functions(traits.columns)
+    pull_of_springs = spring_loop(traits, vector_at)
+    pull_of_strings = string_loop(traits)
+    inertia = inertia_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
     def find_residuals(
         # model
-        bodies: BodyTable,
-        springs: SpringTable,
-        strings: StringTable,
-        step_seconds: float,
-        # state in
+        t: Tables,
+        # in
         free_displacements: wp.array2d[wp.vec3],
         displacements: wp.array2d[wp.vec3],
         trial_points: wp.array2d[wp.vec3],
-        # state out
+        # out
         residuals: wp.array2d[wp.vec3],
     ):
         """A thread a (world, particle): minus h^2 times the slope of g [kg m]."""
         world, particle = wp.tid()
+        own = read_own(t, world, particle)
         residual = wp.vec3()
-        inert = inertia(bodies, world, particle, step_seconds)
-        if bodies.mass_share[particle] > 0.0:
+        if own.share > 0.0:
             point = trial_points[world, particle]
-            displacement = displacements[world, particle]  # no velocities are needed: no spring is viscous
+            displacement = displacements[world, particle]
+            # No law here looks at velocities or at the time.
             pull = pull_of_springs(
-                springs,
-                trial_points[world],
-                0,
-                displacements[world],
-                point,
-                displacement,
-                world,
-                bodies.balloon[particle],
-                particle,
+                t, trial_points[world], displacements[world], own, own.number, point, displacement, 0.0
             )
-            pull += pull_of_strings(strings, point, world, particle)
+            if wp.static(traits.has("string")):
+                pull += pull_of_strings(
+                    t.strings, world, particle, point, displacement, own.n, t.step_seconds, 0.0
+                )
             lag = free_displacements[world, particle] - displacement
-            residual = inert * lag + step_seconds * step_seconds * pull
+            residual = inertia(own, t.step_seconds) * lag + t.step_seconds * t.step_seconds * pull
         residuals[world, particle] = residual
 
     return find_residuals
@@ -137,12 +148,12 @@ def local_step_kernel(traits: Traits) -> Any:
 
 @wp.kernel(enable_backward=False)
 def apply_increments(
-    # state in
+    # in
     points: wp.array2d[wp.vec3],
     increments: wp.array2d[wp.vec3],
-    # state in and out
+    # in and out
     displacements: wp.array2d[wp.vec3],
-    # state out
+    # out
     trial_points: wp.array2d[wp.vec3],
 ):
     """A thread a (world, particle): what the global step found."""
@@ -153,40 +164,36 @@ def apply_increments(
 
 
 @cache
-def ending_kernel(impulses: bool) -> Any:
+def ending_kernel(traits: Traits) -> Any:
     """The kernel that ends a substep."""
-    leave_obstacles = leaving_obstacles(impulses)
+    _, read_own = own_functions(traits.columns)
+    leave = leaving_function(traits)
+    push_of = push_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def take_displacements(
         # model
-        bodies: BodyTable,
-        obstacles: ObstacleTable,
-        step_seconds: float,
+        t: Tables,
         time_in_frame: float,
-        # state in
-        inflation_aims: wp.array2d[wp.vec3],
-        inflation_ramp: wp.array2d[wp.vec2],
-        sphere_positions: wp.array2d[wp.vec3],
-        sphere_velocities: wp.array2d[wp.vec3],
+        # in
         displacements: wp.array2d[wp.vec3],
         # state in and out
-        points: wp.array2d[wp.vec3],
-        # state out
-        velocities: wp.array2d[wp.vec3],
-        sphere_forces: wp.array3d[wp.int64],
+        state: WorldState,
+        working: Working,
     ):
         """A thread a (world, particle): the substep ends, and contacts follow; the spheres have moved already."""
         world, particle = wp.tid()
-        point = points[world, particle] + displacements[world, particle]
-        velocity = displacements[world, particle] / step_seconds
-        if bodies.mass_share[particle] > 0.0:
-            inflation = inflation_of(bodies, inflation_aims, inflation_ramp, world, particle, time_in_frame)
-            point, velocity = leave_obstacles(
-                bodies, obstacles, sphere_positions, sphere_velocities, sphere_forces, step_seconds, world, particle,
-                point, velocity, inflation,
-            )  # fmt: skip
-        points[world, particle] = point
-        velocities[world, particle] = velocity
+        own = read_own(t, world, particle)
+        start = state.points[world, particle]
+        point = start + displacements[world, particle]
+        velocity = displacements[world, particle] / t.step_seconds
+        if wp.static(traits.obstacles):
+            if own.share > 0.0:
+                push = push_of(t, state, working, own, start, time_in_frame)
+                out, after = leave(t, state, working, own, own.mass, point, velocity, push)
+                point = out
+                velocity = after
+        state.points[world, particle] = point
+        state.velocities[world, particle] = velocity
 
     return take_displacements

@@ -1,0 +1,228 @@
+"""From a model to the tables of worlds that are simulated eight lanes at a time."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.algebra import LANE_COUNT
+from balloon_warp.kernels.schedules.lanes_tables import lane_structs
+from balloon_warp.kernels.schedules.layouts import Layout
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model
+from balloon_warp.schedules.tables import other_corners, spring_ends
+
+LANES = int(LANE_COUNT)
+
+
+@dataclass(frozen=True)
+class Items:
+    """What the lanes hold at once: particles of eight worlds, or octets of particles, each of one balloon."""
+
+    layout: Layout
+    offsets: NDArray[np.int64]
+    """where each balloon's items begin, and after the last, where they end"""
+    particles: NDArray[np.int64]
+    """the particle of each place, -1 where an octet is filled up"""
+
+    @property
+    def count(self) -> int:
+        """of items"""
+        return int(self.offsets[-1])
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """Where each particle stands."""
+        of_particle = np.zeros(self.particles.max() + 1, dtype=np.int64)
+        filled = self.particles >= 0
+        of_particle[self.particles[filled]] = np.flatnonzero(filled)
+        return of_particle
+
+
+def items_of(model: Model, layout: Layout) -> Items:
+    """The items of a model."""
+    offsets = np.array(model.particle_offsets)
+    if layout.worlds:
+        return Items(layout, offsets, np.arange(offsets[-1]))
+    octets = np.cumsum([0, *(-(-np.diff(offsets) // LANES))])
+    particles = np.full(LANES * octets[-1], -1)
+    for balloon, (begin, end) in enumerate(pairwise(offsets.tolist())):
+        particles[LANES * octets[balloon] :][: end - begin] = np.arange(begin, end)
+    return Items(layout, octets, particles)
+
+
+@dataclass(frozen=True)
+class Entries:
+    """What is listed for particles, item by item: an octet lists as much as that of its particles which has most."""
+
+    offsets: NDArray[np.int64]
+    """where each item's begin, and after the last, where they end"""
+    sources: NDArray[np.int64]
+    """the entry that each lane has there, -1 if it has none; shape (n,) or (n, 8)"""
+    owners: NDArray[np.int64]
+    """the place whose entry it is, of the same shape"""
+
+
+def list_entries(items: Items, particles: NDArray[np.int64], classes: NDArray[np.int64]) -> Entries:
+    """The n-th of a class of each particle's entries, side by side.
+
+    Args:
+        particles: of each entry, ascending.
+        classes: of each entry: the lanes have entries of one class at a time.
+    """
+    if items.layout.worlds:
+        order = np.lexsort([classes, particles])
+        offsets = np.searchsorted(particles[order], np.arange(items.count + 1))
+        return Entries(offsets, order, particles[order])
+    places = items.places[particles]
+    kinds, kind = np.unique(classes, return_inverse=True)
+    order = np.lexsort([kind, places])
+    cell = places[order] * len(kinds) + kind[order]  # a particle's entries of one class
+    nth = np.arange(len(cell)) - np.searchsorted(cell, cell)
+    counts = np.bincount(cell, minlength=LANES * items.count * len(kinds))
+    widths = counts.reshape(items.count, LANES, len(kinds)).max(axis=1)
+    begins = np.cumsum(np.append(0, widths.ravel()))
+    octet, lane = np.divmod(places[order], LANES)
+    row = begins[octet * len(kinds) + kind[order]] + nth
+    sources = np.full((int(begins[-1]), LANES), -1)
+    sources[row, lane] = order
+    owners = np.repeat(np.arange(items.count), widths.sum(axis=1))[:, None] * LANES + np.arange(LANES)
+    return Entries(begins[:: len(kinds)], sources, owners)
+
+
+def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) -> Any:
+    """The model item by item."""
+    items = items_of(model, layout)
+    t = lane_structs(layout)[0]()
+
+    def array(values: Any, dtype: Any) -> Any:
+        return wp.array(np.asarray(values), dtype=dtype, device=model.device)
+
+    t.all, t.seen = tables, tables if layout.worlds else _by_places(model, items, tables)
+    t.up, t.step_seconds, t.lane_count, t.world_count = model.up, model.step_seconds, LANES, model.world_count
+    t.item_offsets, t.particles = array(items.offsets, wp.int32), array(items.particles, wp.int32)
+    shares = np.append(model.particle_mass_share.numpy(), 0.0)[items.particles]
+    t.shares = array(shares if layout.worlds else shares.reshape(-1, LANES), layout.number)
+    _add_springs(t, model, traits, items, array)
+    if traits.measures_areas:
+        _add_fans(t, model, items, array)
+    if traits.aims:
+        _add_faces(t, model, items, array)
+    return t
+
+
+def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any) -> None:
+    ends = spring_ends(model)
+    entries = list_entries(items, ends.particle, ends.kind)
+    there = entries.sources >= 0
+    kinds = ends.kind[entries.sources]
+    if not items.layout.worlds:
+        kinds = np.where(there, kinds, -1).max(axis=1)  # the same in all lanes that have a spring
+
+    def placed(values: NDArray) -> Any:
+        return array(np.where(there, values[entries.sources], 0.0), items.layout.number)
+
+    t.spring_offsets = array(entries.offsets, wp.int32)
+    t.spring_kinds = array(kinds, wp.int32)
+    neighbors = items.places[ends.neighbor]
+    t.spring_ends = array(np.where(there, neighbors[entries.sources], entries.owners), items.layout.index)
+    t.spring_lengths = placed(ends.rest_length)
+    t.spring_scales = placed(ends.scale) if traits.springs_vary else array([], items.layout.number)
+
+
+def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
+    """What fills up are faces of a particle alone."""
+    particles, fans = other_corners(model)
+    sizes = np.array([len(fan) for fan in fans])
+    entries = list_entries(items, particles, sizes)
+    places = items.places
+    listed, begins = [], [0]
+    for sources, owners in zip(np.atleast_2d(entries.sources.T).T, np.atleast_2d(entries.owners.T).T, strict=True):
+        size = sizes[sources.max()]
+        columns = [
+            places[fans[source]] if source >= 0 else np.full(size, owner)
+            for source, owner in zip(sources.tolist(), owners.tolist(), strict=True)
+        ]
+        listed.append(np.stack(columns, axis=1))
+        begins.append(begins[-1] + int(size))
+    flat = np.concatenate(listed)
+    t.fan_offsets, t.fan_begins = array(entries.offsets, wp.int32), array(begins, wp.int32)
+    t.fans = array(flat.ravel() if items.layout.worlds else flat, items.layout.index)
+
+
+def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
+    """Faces, or eight faces of one balloon with as many corners; what fills up has no area. The last is far away."""
+    begins = np.asarray(model.face_offsets.numpy(), dtype=np.int64)
+    corners = items.places[np.asarray(model.face_particles.numpy(), dtype=np.int64)]
+    around_offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)
+    particles = np.repeat(np.arange(model.particle_count), np.diff(around_offsets))
+    around = list_entries(items, particles, np.zeros_like(particles))
+    faces = np.asarray(model.particle_faces.numpy(), dtype=np.int64)
+    balloons = np.asarray(model.face_balloon.numpy(), dtype=np.int64)
+    t.around_offsets = array(around.offsets, wp.int32)
+    if items.layout.worlds:
+        t.face_offsets, t.face_corners = array(begins, wp.int32), array(corners, wp.int32)
+        t.face_balloons, t.around = array(balloons, wp.int32), array(faces[around.sources], wp.int32)
+        return
+    octets = face_octets(model)
+    listed, offsets = [], [0]
+    where = np.zeros(model.face_count, dtype=np.int64)
+    for number, members in enumerate(octets):
+        size = int(begins[members[0] + 1] - begins[members[0]])
+        block = np.zeros((size, LANES), dtype=np.int64)  # one corner for all, where an octet is filled up
+        block[:, : len(members)] = corners[begins[members][None] + np.arange(size)[:, None]]
+        listed.append(block)
+        offsets.append(offsets[-1] + size)
+        where[members] = LANES * number + np.arange(len(members))
+    t.face_offsets, t.face_corners = array(offsets, wp.int32), array(np.concatenate(listed), items.layout.index)
+    t.face_balloons = array([balloons[members[0]] for members in octets], wp.int32)
+    nothing = LANES * len(octets)
+    seen = np.where(around.sources >= 0, where[faces[around.sources]], nothing)
+    t.around = array(seen, items.layout.index)
+
+
+def face_octets(model: Model) -> list[NDArray[np.int64]]:
+    """Faces of one balloon with as many corners, up to eight at a time."""
+    alike = np.stack([model.face_balloon.numpy(), np.diff(model.face_offsets.numpy())]).astype(np.int64)
+    octets = []
+    for kind in np.unique(alike, axis=1).T:
+        members = np.flatnonzero((alike == kind[:, None]).all(axis=0))
+        octets += [members[first : first + LANES] for first in range(0, len(members), LANES)]
+    return octets
+
+
+def _by_places(model: Model, items: Items, tables: Any) -> Any:
+    """The tables with particles numbered by their places in octets."""
+    places = items.places
+    filled = items.particles >= 0
+
+    def renumbered(particles: wp.array) -> wp.array:
+        return wp.array(places[particles.numpy()], dtype=particles.dtype, device=model.device)
+
+    def offsets_by_place(offsets: wp.array) -> Any:
+        """What is listed for particles stands as it did: places are in the same order."""
+        counts = np.zeros(len(filled), dtype=np.int64)
+        counts[filled] = np.diff(offsets.numpy())
+        return wp.array(np.cumsum(np.append(0, counts)), dtype=wp.int32, device=model.device)
+
+    seen = Tables()
+    for name in Tables.vars:
+        setattr(seen, name, getattr(tables, name))
+    faces, hinges, correction = type(tables.faces)(), type(tables.hinges)(), type(tables.correction)()
+    for copy, table in ((faces, tables.faces), (hinges, tables.hinges), (correction, tables.correction)):
+        for name in type(table).vars if hasattr(type(table), "vars") else copy._cls.vars:
+            setattr(copy, name, getattr(table, name))
+    faces.particles = renumbered(tables.faces.particles)
+    faces.particle_offsets = offsets_by_place(tables.faces.particle_offsets)
+    if tables.hinges.ends.shape[0]:
+        hinges.ends = renumbered(tables.hinges.ends)
+        hinges.wing_particles = renumbered(tables.hinges.wing_particles)
+        hinges.particle_offsets = offsets_by_place(tables.hinges.particle_offsets)
+    if tables.correction.particles.shape[0]:
+        correction.particles = renumbered(tables.correction.particles)
+    seen.faces, seen.hinges, seen.correction = faces, hinges, correction
+    return seen

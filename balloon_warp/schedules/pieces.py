@@ -1,0 +1,206 @@
+"""The pieces of a substep as launches, for schedules that launch a kernel for each: see `kernels.substep`."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.kernels.schedules.frame import (
+    aim_inflation,
+    correct_color,
+    measure_faces,
+    move_spheres,
+    ramp_inflation,
+    read_sphere_forces,
+    sum_face_areas,
+    write_sphere_forces,
+)
+from balloon_warp.kernels.schedules.launched import (
+    Working,
+    flow_kernel,
+    given_load_kernel,
+    leave_kernel,
+    load_kernel,
+    push_kernel,
+)
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.tables import world_state
+
+SUM_THREADS = 1024
+"""that sum the faces of a balloon on a GPU"""
+SWELL_THREADS = 256
+"""that sum how a balloon swells on a GPU; more would have too few registers"""
+
+
+def refresh_ramp(model: Model, state: State) -> None:
+    """The inflation coefficients of the frame that begins."""
+    wp.launch(
+        ramp_inflation,
+        (model.world_count, model.balloon_count),
+        inputs=[model.keyframe_times, model.parameters["keyframe_values"], model.frame_seconds, state.frame],
+        outputs=[state.inflation_ramp],
+        device=model.device,
+    )
+
+
+class AimRefresher:
+    """Aims the inflation by normal forces, the same to the last bit every time."""
+
+    def __init__(self, model: Model, tables: Any, room: Room):
+        self.model, self._tables = model, tables
+        self._centers, self._area_vectors, self._areas = self.arrays(model, room)
+
+    @staticmethod
+    def arrays(model: Model, room: Room) -> tuple[Any, Any, Any]:
+        """What it keeps: centers and area vectors of faces, and areas of balloons."""
+        faces = (model.world_count, model.face_count)
+        return (
+            room.array(faces, wp.vec3),
+            room.array(faces, wp.vec3),
+            room.array((model.world_count, model.balloon_count), wp.float32),
+        )
+
+    def refresh(self, points: wp.array, aims: wp.array) -> None:
+        """Fill `aims` for `points`, both of shape (world_count, particle_count)."""
+        m, t = self.model, self._tables
+        measured = [self._centers, self._area_vectors]
+        wp.launch(measure_faces, (m.world_count, m.face_count), [t, points], measured, device=m.device)
+        wp.launch_tiled(
+            sum_face_areas,
+            dim=(m.world_count, m.balloon_count),
+            inputs=[t, self._area_vectors],
+            outputs=[self._areas],
+            block_dim=SUM_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )
+        wp.launch(aim_inflation, points.shape, [t, points, *measured, self._areas], [aims], device=m.device)
+
+
+class Pieces:
+    """Launches each piece for all worlds."""
+
+    def __init__(self, model: Model, traits: Traits, tables: Any, room: Room):
+        self.model, self.traits, self.tables = model, traits, tables
+        self.working = Working()
+        for name, array in working_arrays(model, traits, room).items():
+            setattr(self.working, name, array)
+        self._aims = AimRefresher(model, tables, room) if traits.aims else None
+        places, split = model.columns.places, model.columns.balloon_width
+        self._limit_column = places["correction_limit"] - split if traits.corrected else 0
+        self._sphere_columns = wp.vec3i(
+            *(places[name] - split for name in ("gravity", "ground_height", "ground_restitution"))
+        )
+        offsets = np.asarray(tables.correction.color_offsets.numpy())
+        self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
+
+    @staticmethod
+    def allot(model: Model, traits: Traits, room: Room) -> None:
+        """Ask for all memory that it keeps."""
+        working_arrays(model, traits, room)
+        if traits.aims:
+            AimRefresher.arrays(model, room)
+
+    def begin_frame(self, state: State) -> None:
+        """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
+        refresh_ramp(self.model, state)
+        self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
+
+    def refresh(self, points: wp.array) -> None:
+        """The aims of normal forces."""
+        if self._aims:
+            self._aims.refresh(points, self.working.aims)
+
+    def roll(self, state: State) -> None:
+        """Spheres move under the contacts of the substep before."""
+        moving = state.sphere_positions, state.sphere_velocities, self.working.sphere_quanta
+        self._over_spheres(move_spheres, self.tables, self._sphere_columns, *moving)
+
+    def flow(self, state: State, time_in_frame: float) -> None:
+        """Gas is pumped, let out, and flows through tubes."""
+        if self.traits.gas:
+            inputs = [self.tables, time_in_frame, world_state(state), self.working]
+            wp.launch(flow_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
+
+    def swell(self, state: State, time_in_frame: float, points: wp.array, free_velocities: wp.array) -> None:
+        """The pressures of balloons, from how they would swell without them."""
+        m = self.model
+        if self.traits.gas:
+            wp.launch_tiled(
+                load_kernel(self.traits),
+                dim=(m.world_count, m.balloon_count),
+                inputs=[self.tables, time_in_frame, points, free_velocities, world_state(state), self.working],
+                block_dim=SWELL_THREADS if m.device.is_cuda else 1,
+                device=m.device,
+            )
+
+    def push(
+        self,
+        state: State,
+        time_in_frame: float,
+        old: tuple[wp.array, wp.array],
+        new: tuple[wp.array, wp.array],
+    ) -> None:
+        """The inflation, the movement, and obstacles; the new velocities have all other forces."""
+        points, velocities = old
+        new_points, new_velocities = new
+        self.over_particles(
+            push_kernel(self.traits),
+            *(self.tables, time_in_frame, points, velocities, world_state(state), self.working),
+            *(new_velocities, new_points),
+        )
+
+    def correct(self, state: State, points: wp.array, velocities: wp.array) -> None:
+        """Springs that are too long are shortened; then particles leave obstacles."""
+        if not self.traits.corrected:
+            return
+        m = self.model
+        for _ in range(m.scene.correction_sweeps):
+            for first_spring, count in self._colors:
+                inputs = [self.tables, self._limit_column, first_spring, points, velocities]
+                wp.launch(correct_color, (m.world_count, count), inputs, device=m.device)
+        if self.traits.obstacles:
+            self.over_particles(
+                leave_kernel(self.traits), self.tables, world_state(state), self.working, points, velocities
+            )
+
+    def end_frame(self, state: State) -> None:
+        """What the last substep leaves on spheres, and the pressures that it had."""
+        self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
+        note_given_loads(self.model, self.traits, self.tables, state)
+
+    def over_particles(self, kernel: Any, *arguments: Any) -> None:
+        """Launch a thread a (world, particle)."""
+        model = self.model
+        wp.launch(kernel, (model.world_count, model.particle_count), inputs=list(arguments), device=model.device)
+
+    def _over_spheres(self, kernel: Any, *arguments: Any) -> None:
+        model = self.model
+        if model.sphere_count:
+            shape = (model.world_count, model.sphere_count)
+            wp.launch(kernel, shape, inputs=list(arguments), device=model.device)
+
+
+def note_given_loads(model: Model, traits: Traits, tables: Any, state: State) -> None:
+    """The pressures of the last substep, where they are given and no gas's."""
+    if traits.pressures and not traits.gas:
+        time = (model.substeps - 1) * model.step_seconds
+        shape = (model.world_count, model.balloon_count)
+        wp.launch(given_load_kernel(traits), shape, inputs=[tables, time, world_state(state)], device=model.device)
+
+
+def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+    """What the pieces tell each other; empty where a scene does not need it."""
+    worlds = model.world_count
+
+    def vectors(needed: bool) -> Any:
+        return room.array((worlds, model.particle_count if needed else 0), wp.vec3)
+
+    return {
+        "aims": vectors(traits.aims),
+        "area_vectors": vectors(traits.measures_areas),
+        "inflations": vectors(traits.corrected and traits.obstacles),
+        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
+        "sphere_quanta": room.array((worlds, model.sphere_count, 3), wp.int64),
+    }

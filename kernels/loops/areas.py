@@ -1,0 +1,104 @@
+"""Area vectors: of a face, and of a particle, which is the gradient of the balloon's volume by its place.
+
+With c a face's center, A its area vector, n its corners, and b, d the corners before and after x, the gradient of
+1/3 c . A by x is (A / n + 1/2 (d - b) x c) / 3. Around a closed fan of faces the d - b add up to zero, so that c may be
+taken from any place, and from x float32 keeps its digits.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import cross_product, scaled
+from balloon_warp.kernels.memory import triple_at
+from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, first_entry
+
+
+@wp.func
+def area_vector_of_quad_corner(before: Any, opposite: Any, after: Any):
+    """What a quad adds to the area vector of one of its corners [m^2], from the vectors to the others [m].
+
+    The formula above with c = (b + o + d) / 4 and A = 1/2 o x (b - d).
+    """
+    return scaled(cross_product(after - before, before + after + scaled(opposite, 2.0)), 1.0 / 24.0)
+
+
+@wp.func
+def area_vector_of_corner(double_area: Any, chord: Any, arms: Any, corners: float):
+    """What a face adds to the area vector of one of its corners [m^2].
+
+    Args:
+        double_area: 2 A [m^2].
+        chord: d - b [m].
+        arms: from x to all corners, their sum [m]: n (c - x).
+    """
+    return scaled(double_area + cross_product(chord, arms), 0.5 / (3.0 * corners))
+
+
+@cache
+def area_loop(quads: bool, at: Any) -> Any:
+    """The function that sums a particle's area vector over its faces."""
+
+    @wp.func
+    def area_vector_in_quads(fans: FanTable, points: Any, particle: wp.int32, point: Any):
+        """[m^2]"""
+        area_vector = scaled(point, 0.0)
+        begin = first_entry(fans.slice_offsets, particle)
+        for entry in range(begin, begin + SLICE * fans.counts[particle], SLICE):
+            others = triple_at(fans.quads, entry)
+            area_vector += area_vector_of_quad_corner(
+                at(points, others[0]) - point, at(points, others[1]) - point, at(points, others[2]) - point
+            )
+        return area_vector
+
+    @wp.func
+    def area_vector_in_faces(fans: FanTable, points: Any, particle: wp.int32, point: Any):
+        """[m^2]"""
+        area_vector = scaled(point, 0.0)
+        for corner in range(fans.offsets[particle], fans.offsets[particle + 1]):
+            begin = fans.begins[corner]
+            end = fans.begins[corner + 1]
+            first = at(points, fans.particles[begin]) - point
+            arm = first
+            arms = first
+            double_area = scaled(point, 0.0)
+            for other in range(begin + 1, end):
+                next_arm = at(points, fans.particles[other]) - point
+                double_area += cross_product(arm, next_arm)
+                arms += next_arm
+                arm = next_arm
+            area_vector += area_vector_of_corner(double_area, first - arm, arms, float(end - begin + 1))
+        return area_vector
+
+    return area_vector_in_quads if quads else area_vector_in_faces
+
+
+@cache
+def face_measures(at: Any) -> tuple[Any, Any]:
+    """The functions that give a face's center and its area vector."""
+
+    @wp.func
+    def center_of_face(faces: FaceTable, points: Any, face: wp.int32):
+        """Mean of a face's corners [m]."""
+        begin = faces.offsets[face]
+        end = faces.offsets[face + 1]
+        total = at(points, faces.particles[begin])
+        for corner in range(begin + 1, end):
+            total = total + at(points, faces.particles[corner])
+        return total / float(end - begin)
+
+    @wp.func
+    def area_vector_of_face(faces: FaceTable, points: Any, face: wp.int32, center: Any):
+        """Area times unit normal of a polygon, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
+        begin = faces.offsets[face]
+        end = faces.offsets[face + 1]
+        arm = at(points, faces.particles[begin]) - center
+        total = cross_product(at(points, faces.particles[end - 1]) - center, arm)
+        for corner in range(begin + 1, end):
+            next_arm = at(points, faces.particles[corner]) - center
+            total = total + cross_product(arm, next_arm)
+            arm = next_arm
+        return scaled(total, 0.5)
+
+    return center_of_face, area_vector_of_face

@@ -1,0 +1,55 @@
+"""The faces around a particle, each of which may have a force that its corners share."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.areas import face_measures
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
+    """The function that gives what a corner of a face gets."""
+    laws = traits.laws_on("face")
+    center_of_face, area_vector_of_face = face_measures(at)
+    moving = traits.needs("face", "velocity")
+
+    @wp.func
+    def push_at_corner(t: Tables, points: Any, velocities: Any, face: wp.int32, n: Any, time: float):
+        """Of the force on a face, the share of one of its corners [N]."""
+        begin = t.faces.offsets[face]
+        end = t.faces.offsets[face + 1]
+        corners = float(end - begin)
+        center = center_of_face(t.faces, points, face)
+        velocity = wp.vec3()
+        if wp.static(moving):
+            for corner in range(begin, end):
+                velocity += velocity_at(velocities, t.faces.particles[corner]) / corners
+        area_vector = area_vector_of_face(t.faces, points, face, center)
+        return laws(center, area_vector, velocity, t.up, t.step_seconds, time, n) / corners
+
+    return push_at_corner
+
+
+@cache
+def face_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
+    """The function that sums what a particle gets of its faces."""
+    push_at_corner = face_push(traits, at, velocity_at)
+
+    @wp.func
+    def push_of_faces(t: Tables, points: Any, velocities: Any, particle: wp.int32, n: Any, time: float):
+        """Net force of the faces around a particle [N]."""
+        force = wp.vec3()
+        for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
+            face = t.faces.around_particles[incidence]
+            visits = float(0.0)
+            for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
+                if t.faces.particles[corner] == particle:
+                    visits += 1.0
+            force += visits * push_at_corner(t, points, velocities, face, n, time)
+        return force
+
+    return push_of_faces

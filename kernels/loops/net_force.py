@@ -1,0 +1,117 @@
+"""All forces on a particle but the inflation and contacts: here is where the laws enter."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.loops.areas import area_loop
+from balloon_warp.kernels.loops.faces import face_loop
+from balloon_warp.kernels.loops.hinges import hinge_loop
+from balloon_warp.kernels.loops.springs import spring_loop
+from balloon_warp.kernels.loops.strings import string_loop
+from balloon_warp.kernels.loops.wetness import wetness_loop
+from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+class Loops(NamedTuple):
+    """What a particle goes through. The functions take the particle's `own`, one or eight at a time."""
+
+    springs: Any
+    """(t, points, velocities, own, springs, point, velocity, time) to their net force"""
+    others: Any
+    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and faces"""
+    area_vector: Any
+    """(t, points, own, springs, point)"""
+    water_load: Any
+    """(t, points, own)"""
+    particle_laws: Any
+    """what laws on a particle are told, and the row of its numbers, to their net force"""
+
+
+@cache
+def net_force_function(traits: Traits, loops: Loops) -> Any:
+    """The function that sums the forces on a particle."""
+    others = traits.has("string") or traits.has("hinge") or traits.has("face")
+
+    @wp.func
+    def net_force(
+        t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float
+    ):
+        """The force [N], and the particle's area vector [m^2] where it is needed.
+
+        Args:
+            velocities: of all particles, where a law asks for its neighbors'.
+            springs: what the particle keeps of its springs, if it does.
+        """
+        force = loops.springs(t, points, velocities, own, springs, point, velocity, time)
+        if wp.static(others):
+            force += loops.others(t, points, velocities, own, point, velocity, time)
+        area_vector = scaled(point, 0.0)
+        if wp.static(traits.measures_areas):
+            area_vector = loops.area_vector(t, points, own, springs, point)
+        water_load = wp.vec4()
+        if wp.static(traits.in_water):
+            force += loops.particle_laws(
+                point, velocity, own.mass, own.share, area_vector, loops.water_load(t, points, own),
+                t.up, t.step_seconds, time, own.n,
+            )  # fmt: skip
+        else:
+            force += loops.particle_laws(
+                point, velocity, own.mass, own.share, area_vector, water_load, t.up, t.step_seconds, time, own.n
+            )
+        return force, area_vector
+
+    return net_force
+
+
+@cache
+def scalar_loops(traits: Traits, at: Any, springs: Any = None, area_vector: Any = None) -> Loops:
+    """The loops for one particle at a time.
+
+    Args:
+        at: the function that reads a point.
+        springs: the loop over springs, if they are not read from the table.
+        area_vector: the loop over faces, if it goes another way.
+    """
+    sum_strings = string_loop(traits)
+    sum_hinges = hinge_loop(traits, at)
+    sum_faces = face_loop(traits, at, vector_at)
+    area_vector_of_particle = area_loop(traits.quads, at)
+    load_of_particle = wetness_loop(at)
+    level_column = traits.columns.places.get("water_level", 0)
+
+    @wp.func
+    def other_pulls(
+        t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float
+    ):
+        """Net force of strings, hinges and faces [N]."""
+        force = wp.vec3()
+        if wp.static(traits.has("string")):
+            force += sum_strings(t.strings, own.world, own.number, point, velocity, own.n, t.step_seconds, time)
+        if wp.static(traits.has("hinge")):
+            force += sum_hinges(t.hinges, points, own.number, own.n)
+        if wp.static(traits.has("face")):
+            force += sum_faces(t, points, velocities, own.number, own.n, time)
+        return force
+
+    @wp.func
+    def area_vector_of_own(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
+        """[m^2]"""
+        return area_vector_of_particle(t.fans, points, own.number, point)
+
+    @wp.func
+    def water_load_of_own(t: Tables, points: Any, own: Any):
+        """Depth times area vector [m^3], and wetted area [m^2]."""
+        return load_of_particle(t.faces, points, own.number, own.n[level_column], t.up)
+
+    return Loops(
+        springs or spring_loop(traits, at),
+        other_pulls,
+        area_vector or area_vector_of_own,
+        water_load_of_own,
+        traits.laws_on("particle"),
+    )

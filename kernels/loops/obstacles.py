@@ -1,0 +1,148 @@
+"""Spheres and ground beside a particle, wherever the spheres are kept."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.contact import (
+    above_ground,
+    collide,
+    leave_ground,
+    leave_sphere,
+    out_of_sphere,
+    penalty_force,
+)
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_penalty, sphere_radius
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.int32):
+    """Center, velocity and radius of a sphere that stands in the state."""
+    return (
+        state.sphere_positions[world, sphere],
+        state.sphere_velocities[world, sphere],
+        sphere_radius(t.spheres, world, sphere),
+    )
+
+
+@cache
+def sphere_rule(traits: Traits) -> Any:
+    """The function for a particle inside a sphere, by either rule of contact."""
+    balloons = float(traits.balloons)
+
+    @wp.func
+    def leave_one_sphere(
+        t: Tables,
+        world: wp.int32,
+        sphere: wp.int32,
+        center: wp.vec3,
+        motion: wp.vec3,
+        radius: float,
+        share: float,
+        mass: float,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        inflation: wp.vec3,
+    ):
+        """Its point and velocity outside, and the force on the sphere [N]."""
+        out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
+        if wp.static(traits.impulses):
+            part = share * sphere_mass(t.spheres, world, sphere) / balloons
+            after, force = collide(mass, part, velocity, stopped, t.step_seconds)
+            return out, after, force
+        else:
+            push = penalty_force(sphere_penalty(t.spheres, world, sphere), inflation, outward)
+            return out, stopped, push
+
+    return leave_one_sphere
+
+
+@wp.func
+def stand_on_ground(t: Tables, height: float, friction: float, point: wp.vec3, velocity: wp.vec3):
+    """A particle up to the ground; most are above and go on at once."""
+    if wp.dot(point, t.up) >= height:
+        return point, velocity
+    new_point, new_velocity = leave_ground(point, velocity, t.up, height, friction)
+    return new_point, new_velocity
+
+
+@cache
+def obstacle_loop(traits: Traits, add_force: Any) -> Any:
+    """The function that lets a particle leave spheres, which stand in the state, and the ground.
+
+    Args:
+        add_force: the function that adds a force to those on a sphere.
+    """
+    leave_one_sphere = sphere_rule(traits)
+
+    @wp.func
+    def leave_obstacles(
+        t: Tables,
+        state: WorldState,
+        forces: Any,
+        world: wp.int32,
+        share: float,
+        mass: float,
+        height: float,
+        friction: float,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        inflation: wp.vec3,
+    ):
+        """Its point and velocity outside; each sphere gets its force."""
+        if wp.static(traits.spheres > 0):
+            for sphere in range(state.sphere_positions.shape[1]):
+                center, motion, radius = sphere_in_state(t, state, world, sphere)
+                if wp.length_sq(point - center) < radius * radius:
+                    out, after, push = leave_one_sphere(
+                        t, world, sphere, center, motion, radius, share, mass, point, velocity, inflation
+                    )
+                    point = out
+                    velocity = after
+                    add_force(forces, world, sphere, push)
+        if wp.static(traits.ground):
+            stood, slowed = stand_on_ground(t, height, friction, point, velocity)
+            point = stood
+            velocity = slowed
+        return point, velocity
+
+    return leave_obstacles
+
+
+@cache
+def course_function(traits: Traits, sphere_at: Any) -> Any:
+    """The function that foresees where obstacles let a particle go.
+
+    Args:
+        sphere_at: the function that gives a sphere's center, velocity and radius.
+    """
+
+    @wp.func
+    def course_beside_obstacles(
+        t: Tables,
+        spheres: Any,
+        world: wp.int32,
+        height: float,
+        point: wp.vec3,
+        velocity: wp.vec3,
+    ):
+        """The velocity at which obstacles let a particle move in a step, and the normal of the last one that it meets,
+        zero if none."""
+        end = point + t.step_seconds * velocity
+        outside = end
+        normal = wp.vec3()
+        if wp.static(traits.spheres > 0):
+            for sphere in range(t.spheres.radius.shape[1]):
+                center, _motion, radius = sphere_at(t, spheres, world, sphere)
+                out, outward = out_of_sphere(outside, normal, center, radius, t.up)
+                outside = out
+                normal = outward
+        if wp.static(traits.ground):
+            out, outward = above_ground(outside, normal, t.up, height)
+            outside = out
+            normal = outward
+        return velocity + (outside - end) / t.step_seconds, normal
+
+    return course_beside_obstacles

@@ -1,0 +1,60 @@
+"""A particle's springs."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.memory import float_at, int_at, vector_at
+from balloon_warp.kernels.tables import CHUNK, SLICE, Tables, first_entry
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def constant_of_kind(n: Any, kind: wp.int32):
+    """A spring constant, which stand first among a balloon's numbers; without the memory that an index needs."""
+    return wp.where(kind == 0, n[0], wp.where(kind == 1, n[1], n[2]))
+
+
+@cache
+def spring_loop(traits: Traits, at: Any) -> Any:
+    """The function that sums a particle's springs, read from the table."""
+    coefficient = traits.laws_on("spring")
+    moving = traits.needs("spring", "opening")
+
+    @wp.func
+    def pull_of_springs(
+        t: Tables,
+        points: Any,
+        velocities: Any,
+        own: Any,
+        springs: Any,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        """Net force of a particle's springs [N]."""
+        force = wp.vec3()
+        begin = first_entry(t.springs.slice_offsets, own.number)
+        for chunk in range(begin, begin + SLICE * t.springs.valences[own.number], SLICE * CHUNK):
+            for slot in range(CHUNK):
+                entry = chunk + SLICE * slot
+                end = int_at(t.springs.ends, entry)
+                length = float_at(t.springs.rest_lengths, entry)
+                stiffness = constant_of_kind(own.n, end & 3)
+                if wp.static(traits.springs_vary):
+                    stiffness *= float_at(t.springs.scales, entry)
+                d = at(points, end >> 2) - point
+                opening = float(0.0)
+                if wp.static(moving):
+                    opening = wp.dot(vector_at(velocities, end >> 2) - velocity, d)
+                pull = d * coefficient(
+                    squared_length(d), opening, length, stiffness, stiffness * length, t.step_seconds, time, own.n
+                )
+                if wp.static(traits.guarded):
+                    pull = wp.where(end >> 2 == own.number, wp.vec3(), pull)
+                force += pull
+        return force
+
+    return pull_of_springs

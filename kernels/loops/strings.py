@@ -1,0 +1,63 @@
+"""The strings that hold a particle."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.tables import StringTable, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def string_pull(traits: Traits) -> Any:
+    """The function that gives the pull of one string."""
+    coefficient = traits.laws_on("string")
+
+    @wp.func
+    def pull_of_string(
+        strings: StringTable,
+        world: wp.int32,
+        string: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        n: Any,
+        step_seconds: float,
+        time: float,
+    ):
+        """Force of a string on the particle that it holds [N]."""
+        d = strings.anchors[row_of_world(world, strings.anchors.shape[0]), string] - point
+        length = strings.lengths[row_of_world(world, strings.lengths.shape[0]), string]
+        stiffness = strings.stiffness[row_of_world(world, strings.stiffness.shape[0]), string]
+        return d * coefficient(
+            squared_length(d), -wp.dot(velocity, d), length, stiffness, stiffness * length, step_seconds, time, n
+        )
+
+    return pull_of_string
+
+
+@cache
+def string_loop(traits: Traits) -> Any:
+    """The function that sums a particle's strings."""
+    pull_of_string = string_pull(traits)
+
+    @wp.func
+    def pull_of_strings(
+        strings: StringTable,
+        world: wp.int32,
+        particle: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        n: Any,
+        step_seconds: float,
+        time: float,
+    ):
+        """Net force of a particle's strings [N]."""
+        force = wp.vec3()
+        if strings.offsets.shape[0] > 0:
+            for held in range(strings.offsets[particle], strings.offsets[particle + 1]):
+                force += pull_of_string(strings, world, strings.order[held], point, velocity, n, step_seconds, time)
+        return force
+
+    return pull_of_strings

@@ -1,0 +1,72 @@
+"""What a particle knows of itself, read once."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.compose import function_from
+from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.memory import float_at
+from balloon_warp.kernels.tables import Tables, row_of_world
+
+
+@cache
+def numbers_type(width: int) -> Any:
+    """A row of parameters in registers."""
+    return wp.types.vector(length=width, dtype=wp.float32)
+
+
+@cache
+def numbers_reader(columns: Columns) -> Any:
+    """The function that reads the parameters of a balloon in a world. The compiler leaves out what no law names."""
+    split = columns.balloon_width
+    lines = [f"    n[{column}] = float_at(of_balloon, {column})" for column in range(split)]
+    lines += [f"    n[{split + column}] = float_at(of_world, {column})" for column in range(columns.world_width)]
+    source = "\n".join(
+        [
+            "def read_numbers(t: Tables, world: wp.int32, balloon: wp.int32):",
+            "    of_balloon = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon]",
+            "    of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]",
+            "    n = Numbers()",
+            *lines,
+            "    return n\n",
+        ]
+    )
+    names = {"Tables": Tables, "row_of_world": row_of_world, "float_at": float_at}
+    return function_from("read_numbers", source, names | {"Numbers": numbers_type(columns.width)})
+
+
+@cache
+def own_functions(columns: Columns) -> tuple[Any, Any]:
+    """The type of what a particle knows, and the function that reads it."""
+    Numbers = numbers_type(columns.width)  # noqa: N806 - a type
+    read_numbers = numbers_reader(columns)
+    mass_column = columns.places["mass"]
+
+    @wp.struct
+    class Own:
+        """A particle's own."""
+
+        world: wp.int32
+        number: wp.int32
+        balloon: wp.int32
+        kind: wp.int32  # of its balloon's inflation
+        share: float  # of its balloon's mass, 0 if it is fixed
+        mass: float  # without gas [kg]
+        n: Numbers  # its balloon's and its world's parameters
+
+    @wp.func
+    def read_own(t: Tables, world: wp.int32, particle: wp.int32):
+        """All of it."""
+        own = Own()
+        own.world = world
+        own.number = particle
+        own.balloon = t.particles.balloon[particle]
+        own.kind = t.inflation_kind[own.balloon]
+        own.share = t.particles.mass_share[particle]
+        own.n = read_numbers(t, world, own.balloon)
+        own.mass = own.share * own.n[mass_column]
+        return own
+
+    return Own, read_own

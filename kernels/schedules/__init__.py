@@ -1,0 +1,1 @@
+"""Who computes what, and where places are meanwhile: one module for each schedule. None knows a law."""

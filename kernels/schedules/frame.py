@@ -1,0 +1,230 @@
+"""What every schedule needs around its frames, and those that launch a kernel for each piece of a substep: one module
+without adjoints, since every module and every adjoint adds to the time that a user waits for a first frame."""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.contact import move_sphere
+from balloon_warp.kernels.laws.correction import excess, moves_of_ends
+from balloon_warp.kernels.loops.aims import aim_loop
+from balloon_warp.kernels.loops.areas import face_measures
+from balloon_warp.kernels.measure.health import look_at_particle, look_at_sphere
+from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.schedules.fixed_point import set_quanta, total_newtons
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius
+
+wp.set_module_options({"enable_backward": False})
+
+center_of_face, area_vector_of_face = face_measures(vector_at)
+aim_of_particle = aim_loop(vector_at)
+
+
+@wp.func
+def keyframed_value(
+    times: wp.array2d[float], values: wp.array3d[float], world: wp.int32, balloon: wp.int32, time: float
+):
+    """Piecewise linear through the keyframes, constant before the first and after the last."""
+    row = row_of_world(world, values.shape[0])
+    value = values[row, balloon, 0]
+    for key in range(times.shape[1] - 1):
+        begin = times[balloon, key]
+        end = times[balloon, key + 1]
+        if time > begin and end > begin:
+            blend = wp.min((time - begin) / (end - begin), 1.0)
+            value = wp.lerp(values[row, balloon, key], values[row, balloon, key + 1], blend)
+    return value
+
+
+@wp.kernel
+def ramp_inflation(
+    # model
+    keyframe_times: wp.array2d[float],
+    keyframe_values: wp.array3d[float],
+    frame_seconds: float,
+    # state in
+    frame: wp.array[wp.int32],
+    # state out
+    inflation_ramp: wp.array2d[wp.vec2],
+):
+    """A thread a (world, balloon): what is keyframed, such as k_normal, at the start of the frame, and its
+    slope [1/s] over the frame."""
+    world, balloon = wp.tid()
+    begin = float(frame[0]) * frame_seconds
+    first = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin)
+    last = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin + frame_seconds)
+    inflation_ramp[world, balloon] = wp.vec2(first, (last - first) / frame_seconds)
+
+
+@wp.kernel
+def measure_faces(
+    # model
+    t: Tables,
+    # state in
+    points: wp.array2d[wp.vec3],
+    # out
+    face_centers: wp.array2d[wp.vec3],
+    face_area_vectors: wp.array2d[wp.vec3],
+):
+    """A thread a (world, face): its center, and its area vector (area times unit normal)."""
+    world, face = wp.tid()
+    center = center_of_face(t.faces, points[world], face)
+    face_centers[world, face] = center
+    face_area_vectors[world, face] = area_vector_of_face(t.faces, points[world], face, center)
+
+
+@wp.kernel
+def sum_face_areas(
+    # model
+    t: Tables,
+    # state in
+    face_area_vectors: wp.array2d[wp.vec3],
+    # out
+    balloon_areas: wp.array2d[float],
+):
+    """A block a (world, balloon): the area of the balloon, summed in the same order every time."""
+    world, balloon, thread = wp.tid()
+    part = float(0.0)
+    for face in range(t.faces.balloon_offsets[balloon] + thread, t.faces.balloon_offsets[balloon + 1], wp.block_dim()):
+        part += wp.length(face_area_vectors[world, face])
+    wp.tile_store(balloon_areas[world], wp.tile_sum(wp.tile(part)), offset=balloon)
+
+
+@wp.kernel
+def aim_inflation(
+    # model
+    t: Tables,
+    # state in
+    points: wp.array2d[wp.vec3],
+    face_centers: wp.array2d[wp.vec3],
+    face_area_vectors: wp.array2d[wp.vec3],
+    balloon_areas: wp.array2d[float],
+    # out
+    aims: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): (A_p / A_total) n."""
+    world, particle = wp.tid()
+    aims[world, particle] = aim_of_particle(
+        t.faces,
+        face_centers[world],
+        face_area_vectors[world],
+        particle,
+        points[world, particle],
+        balloon_areas[world, t.particles.balloon[particle]],
+    )
+
+
+@wp.kernel
+def correct_color(
+    # model
+    t: Tables,
+    limit_column: wp.int32,
+    first_spring: wp.int32,
+    # state in and out
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+):
+    """A thread a (world, spring) of one color: shortened if it is too long."""
+    world, number = wp.tid()
+    spring = first_spring + number
+    p = t.correction.particles[spring][0]
+    q = t.correction.particles[spring][1]
+    limit = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), limit_column]
+    too_long = excess(points[world, q] - points[world, p], t.correction.rest_lengths[spring], limit)
+    move_p, move_q = moves_of_ends(t.particles.mass_share[p], t.particles.mass_share[q], too_long)
+    points[world, p] = points[world, p] + move_p
+    points[world, q] = points[world, q] + move_q
+    velocities[world, p] = velocities[world, p] + move_p / t.step_seconds
+    velocities[world, q] = velocities[world, q] + move_q / t.step_seconds
+
+
+@wp.kernel
+def move_spheres(
+    # model
+    t: Tables,
+    world_columns: wp.vec3i,
+    # state in and out
+    sphere_positions: wp.array2d[wp.vec3],
+    sphere_velocities: wp.array2d[wp.vec3],
+    sphere_quanta: wp.array3d[wp.int64],
+):
+    """A thread a (world, sphere): one substep under the forces since the last, which are then cleared. The columns are
+    those of gravity, and of the ground's height and restitution."""
+    world, sphere = wp.tid()
+    row = row_of_world(world, t.world_numbers.shape[0])
+    position, velocity = move_sphere(
+        sphere_positions[world, sphere],
+        sphere_velocities[world, sphere],
+        total_newtons(sphere_quanta, world, sphere) / sphere_mass(t.spheres, world, sphere),
+        sphere_radius(t.spheres, world, sphere),
+        t.world_numbers[row, world_columns[0]],
+        t.up,
+        t.world_numbers[row, world_columns[1]],
+        t.world_numbers[row, world_columns[2]],
+        t.step_seconds,
+    )
+    sphere_positions[world, sphere] = position
+    sphere_velocities[world, sphere] = velocity
+    set_quanta(sphere_quanta, world, sphere, wp.vec3())
+
+
+@wp.kernel
+def read_sphere_forces(
+    # state in
+    sphere_forces: wp.array2d[wp.vec3],
+    # out
+    sphere_quanta: wp.array3d[wp.int64],
+):
+    """A thread a (world, sphere): from newtons to whole numbers."""
+    world, sphere = wp.tid()
+    set_quanta(sphere_quanta, world, sphere, sphere_forces[world, sphere])
+
+
+@wp.kernel
+def write_sphere_forces(
+    # in
+    sphere_quanta: wp.array3d[wp.int64],
+    # state out
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): from whole numbers to newtons."""
+    world, sphere = wp.tid()
+    sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)
+
+
+@wp.kernel
+def place_balloons(
+    # model
+    points: wp.array[wp.vec3d],
+    shifts: wp.array2d[wp.vec3d],
+    particle_balloon: wp.array[wp.int32],
+    # out
+    every: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): its place. In double precision, so that it is what the host would place there."""
+    world, particle = wp.tid()
+    every[world, particle] = wp.vec3(points[particle] + shifts[world % shifts.shape[0], particle_balloon[particle]])
+
+
+@wp.kernel
+def end_frame(
+    # model
+    t: Tables,
+    threads: wp.int32,
+    frames: wp.int32,
+    # state in
+    points: wp.array2d[wp.vec3],
+    sphere_positions: wp.array2d[wp.vec3],
+    # state out
+    frame: wp.array[wp.int32],
+    first_bad: wp.array[wp.int32],
+):
+    """A thread a (world, thread), which takes each so-manyth particle and sphere: the look at what a frame wrote. One
+    of all counts the frames that have passed."""
+    world, thread = wp.tid()
+    for particle in range(thread, points.shape[1], threads):
+        balloon = t.particles.balloon[particle]
+        share = t.particles.mass_share[particle]
+        look_at_particle(t.health, first_bad, world, particle, balloon, share, points[world])
+    for sphere in range(thread, sphere_positions.shape[1], threads):
+        look_at_sphere(t.health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
+    if world == 0 and thread == 0:
+        frame[0] = frame[0] + frames

@@ -1,0 +1,231 @@
+"""Spheres, ground and corrections, eight lanes at a time. Touching is rare: only then is each lane looked at by itself."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import (
+    LANE_COUNT,
+    Lanes,
+    Lanes3,
+    any_negative,
+    of_lane,
+    reach_along,
+    set_lane,
+    squared_length,
+    times,
+)
+from balloon_warp.kernels.laws.contact import move_sphere
+from balloon_warp.kernels.laws.correction import excess, moves_of_ends
+from balloon_warp.kernels.loops.obstacles import obstacle_loop
+from balloon_warp.kernels.schedules.lanes_tables import lane_structs
+from balloon_warp.kernels.schedules.layouts import Layout, of_item, places_of, put_item
+from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def add_to_state(forces: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32, force: wp.vec3):
+    """Add a force to those on a sphere, by the one thread of its world."""
+    forces[world, sphere] += force
+
+
+@cache
+def roll_function(traits: Traits, layout: Layout) -> Any:
+    """The function that moves spheres."""
+    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+    split = traits.columns.balloon_width
+    gravity, height, restitution = (
+        traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
+    )
+
+    @wp.func
+    def roll_sphere(t: LaneTables, state: WorldState, world: wp.int32, sphere: wp.int32):
+        """One sphere by one substep, under the contacts since the last, which are then cleared."""
+        row = row_of_world(world, t.all.world_numbers.shape[0])
+        position, velocity = move_sphere(
+            state.sphere_positions[world, sphere], state.sphere_velocities[world, sphere],
+            state.sphere_forces[world, sphere] / sphere_mass(t.all.spheres, world, sphere),
+            sphere_radius(t.all.spheres, world, sphere), t.all.world_numbers[row, gravity], t.up,
+            t.all.world_numbers[row, height], t.all.world_numbers[row, restitution], t.step_seconds,
+        )  # fmt: skip
+        state.sphere_positions[world, sphere] = position
+        state.sphere_velocities[world, sphere] = velocity
+        state.sphere_forces[world, sphere] = wp.vec3()
+
+    @wp.func
+    def roll(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32):
+        """Every sphere, and its center into the lanes."""
+        first = places.first_world(group)
+        for sphere in range(lanes.sphere_centers.shape[1]):
+            for place in range(places.worlds(group, t.world_count)):
+                roll_sphere(t, state, first + place, sphere)
+            centers = Lanes3()
+            for lane in range(LANE_COUNT):
+                center = state.sphere_positions[places.world(group, lane, t.world_count), sphere]
+                centers = set_lane(centers, lane, center)
+            lanes.sphere_centers[group, sphere] = centers
+
+    return roll
+
+
+@cache
+def touch_function(traits: Traits, layout: Layout) -> Any:
+    """The function that asks whether any lane's point is inside a sphere or below the ground."""
+    LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+    height_column = traits.columns.places["ground_height"]
+
+    @wp.func
+    def touches_any(t: LaneTables, lanes: LaneState, own: LaneOwn, point: Lanes3):
+        touches = bool(False)
+        if wp.static(traits.ground):
+            touches = any_negative(reach_along(point, t.up) - own.n[height_column])
+        if wp.static(traits.spheres > 0):
+            for sphere in range(lanes.sphere_centers.shape[1]):
+                gaps = squared_length(point - lanes.sphere_centers[own.group, sphere])
+                touches = touches or any_negative(gaps - lanes.sphere_squared_radii[own.group, sphere])
+        return touches
+
+    return touches_any
+
+
+@cache
+def leave_function(traits: Traits, layout: Layout) -> Any:
+    """The function by which an item leaves obstacles."""
+    LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+    touches_any = touch_function(traits, layout)
+    leave_obstacles = obstacle_loop(traits, add_to_state)
+    height_column = traits.columns.places["ground_height"]
+    friction_column = traits.columns.places["ground_friction"]
+
+    @wp.func
+    def leave_one_by_one(
+        t: LaneTables, state: WorldState, own: LaneOwn, masses: Lanes, point: Lanes3, velocity: Lanes3, push: Lanes3
+    ):
+        """Points and velocities outside."""
+        heights = own.n[height_column]
+        frictions = own.n[friction_column]
+        for lane in range(t.lane_count):
+            share = of_lane(own.share, lane)
+            if share > 0.0 and places.is_other(own.group, lane, t.world_count):
+                world = places.world(own.group, lane, t.world_count)
+                out, after = leave_obstacles(
+                    t.all, state, state.sphere_forces, world, share, masses[lane], heights[lane], frictions[lane],
+                    of_lane(point, lane), of_lane(velocity, lane), of_lane(push, lane),
+                )  # fmt: skip
+                point = set_lane(point, lane, out)
+                velocity = set_lane(velocity, lane, after)
+        return point, velocity
+
+    @wp.func
+    def leave(
+        t: LaneTables,
+        state: WorldState,
+        lanes: LaneState,
+        own: LaneOwn,
+        masses: Lanes,
+        point: Lanes3,
+        velocity: Lanes3,
+        push: Lanes3,
+    ):
+        """Points and velocities outside, and the spheres' forces."""
+        if touches_any(t, lanes, own, point):
+            out, after = leave_one_by_one(t, state, own, masses, point, velocity, push)
+            point = out
+            velocity = after
+        return point, velocity
+
+    return leave
+
+
+@cache
+def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+    """The functions that shorten springs which are too long, and that let all particles leave obstacles then."""
+    LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+    limit_column = traits.columns.places.get("correction_limit", 0)
+    mass_column = traits.columns.places["mass"]
+    leave = leave_function(traits, layout)
+
+    @wp.func
+    def may_be_too_long(d: Lanes3, rest_length: float, limits: Lanes):
+        """Whether a spring may be too long in any of the worlds: without fail if it is, whatever the others are."""
+        beyond = squared_length(d)
+        for lane in range(LANE_COUNT):
+            longest = (1.0 + limits[lane]) * rest_length
+            beyond[lane] = 1.0001 * beyond[lane] - longest * longest
+        return wp.max(beyond) > 0.0
+
+    @wp.func
+    def correct_in_worlds(t: LaneTables, lanes: LaneState, group: wp.int32, points: Any):
+        """All sweeps over all springs, which stand in the order of their colors, in eight worlds."""
+        limits = lanes.numbers[group, 0, limit_column]
+        for _sweep in range(t.all.correction.sweeps):
+            for spring in range(t.all.correction.particles.shape[0]):
+                p = t.all.correction.particles[spring][0]
+                q = t.all.correction.particles[spring][1]
+                rest_length = t.all.correction.rest_lengths[spring]
+                d = points[q] - points[p]
+                if may_be_too_long(d, rest_length, limits):
+                    moves_p = Lanes3()
+                    moves_q = Lanes3()
+                    for lane in range(LANE_COUNT):
+                        too_long = excess(of_lane(d, lane), rest_length, limits[lane])
+                        move_p, move_q = moves_of_ends(t.shares[p], t.shares[q], too_long)
+                        moves_p = set_lane(moves_p, lane, move_p)
+                        moves_q = set_lane(moves_q, lane, move_q)
+                    points[p] = points[p] + moves_p
+                    points[q] = points[q] + moves_q
+                    lanes.velocities[group, p] = lanes.velocities[group, p] + moves_p / t.step_seconds
+                    lanes.velocities[group, q] = lanes.velocities[group, q] + moves_q / t.step_seconds
+
+    @wp.func
+    def move_place(lanes: LaneState, group: wp.int32, points: Any, place: wp.int32, move: wp.vec3, step_seconds: float):
+        """One particle of an octet."""
+        points[place] = points[place] + wp.vec4(move[0], move[1], move[2], 0.0)
+        for axis in range(3):
+            lanes.velocities[group, place // LANE_COUNT][axis, place % LANE_COUNT] += move[axis] / step_seconds
+
+    @wp.func
+    def correct_in_world(t: LaneTables, lanes: LaneState, group: wp.int32, points: Any):
+        """The same in one world."""
+        limit = lanes.numbers[group, 0, limit_column][0]
+        for _sweep in range(t.seen.correction.sweeps):
+            for spring in range(t.seen.correction.particles.shape[0]):
+                p = t.seen.correction.particles[spring][0]
+                q = t.seen.correction.particles[spring][1]
+                apart = points[q] - points[p]
+                d = wp.vec3(apart[0], apart[1], apart[2])
+                longest = (1.0 + limit) * t.seen.correction.rest_lengths[spring]
+                if wp.length_sq(d) > longest * longest:
+                    too_long = excess(d, t.seen.correction.rest_lengths[spring], limit)
+                    share_p = t.shares[p // LANE_COUNT][p % LANE_COUNT]
+                    share_q = t.shares[q // LANE_COUNT][q % LANE_COUNT]
+                    move_p, move_q = moves_of_ends(share_p, share_q, too_long)
+                    move_place(lanes, group, points, p, move_p, t.step_seconds)
+                    move_place(lanes, group, points, q, move_q, t.step_seconds)
+
+    @wp.func
+    def leave_all(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, points: Any):
+        """Every particle out of obstacles, where corrections have left it."""
+        for balloon in range(t.all.inflation_kind.shape[0]):
+            for item in range(t.item_offsets[balloon], t.item_offsets[balloon + 1]):
+                own = LaneOwn()
+                own.group = group
+                own.item = item
+                own.balloon = balloon
+                own.share = t.shares[item]
+                own.n = lanes.numbers[group, balloon]
+                masses = times(own.share, own.n[mass_column])
+                if wp.static(traits.gas):
+                    masses = times(own.share, lanes.masses[group, balloon])
+                out, after = leave(
+                    t, state, lanes, own, masses, of_item(points, item), lanes.velocities[group, item],
+                    lanes.inflations[group, item],
+                )  # fmt: skip
+                put_item(points, item, out)
+                lanes.velocities[group, item] = after
+
+    return (correct_in_worlds if layout.worlds else correct_in_world), leave_all

@@ -1,0 +1,156 @@
+"""Gas, eight lanes at a time: what flows, how balloons swell, and the pressure that follows."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, reach_along, scaled, set_lane, times
+from balloon_warp.kernels.laws.gas import Swelling, swelling_of_particle
+from balloon_warp.kernels.loops.obstacles import course_function, sphere_in_state
+from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.schedules.lanes_contact import touch_function
+from balloon_warp.kernels.schedules.lanes_tables import lane_structs
+from balloon_warp.kernels.schedules.layouts import Layout, places_of
+from balloon_warp.kernels.substep import flow_function, gas_mass_function, load_function, ramp_at, response
+from balloon_warp.kernels.tables import WorldState
+from balloon_warp.kernels.traits import Traits
+
+Swellings = wp.types.matrix(shape=(5, 8), dtype=wp.float32)
+"""of balloons or particles, one a column; see `laws.gas`"""
+
+
+@cache
+def flow_in_lanes(traits: Traits, layout: Layout) -> Any:
+    """The function that moves gas."""
+    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+    flow_of_gas = flow_function(traits.columns)
+    gas_mass = gas_mass_function(traits.columns)
+    mass_column = traits.columns.places["mass"]
+
+    @wp.func
+    def flow(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time_in_frame: float):
+        """What is pumped, and flows through tubes; the balloons' masses with their gas."""
+        first = places.first_world(group)
+        for world in range(first, first + places.worlds(group, t.world_count)):
+            amounts = state.gas_amounts[world]
+            flow_of_gas(t.all, state.inflation_ramp[world], state.pressures[world], amounts, world, time_in_frame)
+        for lane in range(t.lane_count):
+            world = places.world(group, lane, t.world_count)
+            for balloon in range(t.all.inflation_kind.shape[0]):
+                own = lanes.numbers[group, balloon, mass_column][lane]
+                lanes.masses[group, balloon][lane] = own + gas_mass(t.all, state.gas_amounts[world], world, balloon)
+
+    return flow
+
+
+@cache
+def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
+    """The function that gives the parts of an item in its balloon's swelling, as `substep.swell` does of a particle."""
+    LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+    course_beside_obstacles = course_function(traits, sphere_in_state)
+    touches_any = touch_function(traits, layout)
+    height_column = traits.columns.places["ground_height"]
+
+    @wp.func
+    def let_by_obstacles(t: LaneTables, state: WorldState, own: LaneOwn, point: Lanes3, course: Lanes3):
+        """The velocities at which obstacles let particles move in a step, and their normals, zero where there are
+        none."""
+        normals = Lanes3()
+        heights = own.n[height_column]
+        for lane in range(t.lane_count):
+            if of_lane(own.share, lane) > 0.0:
+                world = places.world(own.group, lane, t.world_count)
+                let, away = course_beside_obstacles(
+                    t.all, state, world, heights[lane], of_lane(point, lane), of_lane(course, lane)
+                )
+                course = set_lane(course, lane, let)
+                normals = set_lane(normals, lane, away)
+        return course, normals
+
+    @wp.func
+    def swell(
+        t: LaneTables,
+        state: WorldState,
+        lanes: LaneState,
+        own: LaneOwn,
+        masses: Lanes,
+        arm: Lanes3,
+        point: Lanes3,
+        velocity: Lanes3,
+        area_vector: Lanes3,
+    ):
+        """Under the old load; the velocity is that without inflation."""
+        heights = reach_along(point, t.up)
+        pushes = lanes.loads[own.group, own.balloon] + times(lanes.rises[own.group, own.balloon], heights)
+        course = velocity + scaled(area_vector, times(response(masses, t.step_seconds), pushes))
+        normals = Lanes3()
+        if wp.static(traits.obstacles):
+            if touches_any(t, lanes, own, point + scaled(course, t.step_seconds)):
+                let, away = let_by_obstacles(t, state, own, point, course)
+                course = let
+                normals = away
+        parts = Swellings()
+        for lane in range(LANE_COUNT):
+            part = swelling_of_particle(
+                of_lane(arm, lane), of_lane(area_vector, lane), of_lane(course, lane), of_lane(normals, lane),
+                masses[lane], of_lane(own.share, lane), heights[lane], pushes[lane], t.step_seconds,
+            )  # fmt: skip
+            for number in range(5):
+                parts[number, lane] = part[number]
+        return parts
+
+    return swell
+
+
+@cache
+def load_in_lanes(traits: Traits, layout: Layout) -> Any:
+    """The function that finds a balloon's load in each world."""
+    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+    load_of_balloon = load_function(traits.columns)
+    read_numbers = numbers_reader(traits.columns)
+
+    @wp.func
+    def load_of_world(
+        t: LaneTables, state: WorldState, world: wp.int32, balloon: wp.int32, swelling: Swelling, time_in_frame: float
+    ):
+        """The load at height 0 and its rise, noted in the state."""
+        load = load_of_balloon(
+            t.all.inflation_kind[balloon], ramp_at(state, world, balloon, time_in_frame), swelling,
+            state.gas_amounts[world, balloon], t.step_seconds, read_numbers(t.all, world, balloon),
+        )  # fmt: skip
+        state.pressures[world, balloon] = load[0]
+        state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
+
+    @wp.func
+    def find_load(
+        t: LaneTables,
+        state: WorldState,
+        lanes: LaneState,
+        group: wp.int32,
+        balloon: wp.int32,
+        swellings: Swellings,
+        time_in_frame: float,
+    ):
+        """Into the lanes and the state."""
+        first = places.first_world(group)
+        for place in range(places.worlds(group, t.world_count)):
+            swelling = Swelling()
+            for number in range(5):
+                if wp.static(layout.worlds):
+                    swelling[number] = swellings[number, place]
+                else:
+                    total = float(0.0)
+                    for lane in range(LANE_COUNT):
+                        total += swellings[number, lane]
+                    swelling[number] = total
+            load_of_world(t, state, first + place, balloon, swelling, time_in_frame)
+        for lane in range(t.lane_count):
+            load = state.inflation_loads[places.world(group, lane, t.world_count), balloon]
+            lanes.loads[group, balloon][lane] = load[0]
+            lanes.rises[group, balloon][lane] = load[1]
+
+    return find_load

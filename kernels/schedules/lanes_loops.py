@@ -1,0 +1,207 @@
+"""The loops over what acts on the particles of an item, eight lanes at a time.
+
+Springs, area vectors and laws on particles are vector instructions throughout. Strings, hinges, water and laws on faces
+are rarer: for them each lane is looked at by itself, by the loops that other schedules have.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import (
+    LANE_COUNT,
+    Lanes,
+    Lanes3,
+    Lanes4,
+    cross_product,
+    dot_product,
+    of_lane,
+    scaled,
+    set_lane,
+    squared_length,
+)
+from balloon_warp.kernels.loops.areas import area_vector_of_corner, area_vector_of_quad_corner
+from balloon_warp.kernels.loops.faces import face_loop
+from balloon_warp.kernels.loops.hinges import hinge_loop
+from balloon_warp.kernels.loops.net_force import Loops
+from balloon_warp.kernels.loops.strings import string_loop
+from balloon_warp.kernels.loops.wetness import wetness_loop
+from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.schedules.layouts import Layout, near, places_of, view_of
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def is_self(end: wp.int32, own: wp.int32, lane: wp.int32):
+    """Whether a spring leads from a particle to itself."""
+    return end == own
+
+
+@wp.func
+def is_self(end: Any, own: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
+    """Whether a spring leads from a particle of an octet to itself."""
+    return end[lane] == LANE_COUNT * own + lane
+
+
+@cache
+def lane_spring_loop(traits: Traits) -> Any:
+    """The function that sums the springs of an item."""
+    coefficient_in_lane = traits.laws_in_lane_on("spring")
+    moving = traits.needs("spring", "opening")
+
+    @wp.func
+    def pull_of_springs(
+        t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Lanes3, velocity: Lanes3, time: float
+    ):
+        """Net force of the springs [N]."""
+        force = Lanes3()
+        for entry in range(t.spring_offsets[own.item], t.spring_offsets[own.item + 1]):
+            end = t.spring_ends[entry]
+            length = t.spring_lengths[entry]
+            constants = own.n[t.spring_kinds[entry]]
+            d = near(points, end) - point
+            squared = squared_length(d)
+            opening = Lanes()
+            if wp.static(moving):
+                opening = dot_product(near(velocities, end) - velocity, d)
+            coefficients = Lanes()
+            for lane in range(LANE_COUNT):
+                stiffness = constants[lane]
+                if wp.static(traits.springs_vary):
+                    stiffness *= of_lane(t.spring_scales[entry], lane)
+                coefficients[lane] = coefficient_in_lane(
+                    squared[lane], opening[lane], of_lane(length, lane), stiffness,
+                    stiffness * of_lane(length, lane), t.step_seconds, time, own.n, lane,
+                )  # fmt: skip
+                if wp.static(traits.guarded):
+                    coefficients[lane] = wp.where(is_self(end, own.item, lane), 0.0, coefficients[lane])
+            force += scaled(d, coefficients)
+        return force
+
+    return pull_of_springs
+
+
+@cache
+def lane_area_loop(traits: Traits) -> Any:
+    """The function that sums the area vectors of an item."""
+
+    @wp.func
+    def area_vector(t: Any, points: Any, own: Any, springs: Any, point: Lanes3):
+        """[m^2]"""
+        total = Lanes3()
+        for entry in range(t.fan_offsets[own.item], t.fan_offsets[own.item + 1]):
+            begin = t.fan_begins[entry]
+            if wp.static(traits.quads):
+                total += area_vector_of_quad_corner(
+                    near(points, t.fans[begin + 2]) - point,
+                    near(points, t.fans[begin + 1]) - point,
+                    near(points, t.fans[begin]) - point,
+                )
+            else:
+                end = t.fan_begins[entry + 1]
+                first = near(points, t.fans[begin]) - point
+                arm = first
+                arms = first
+                double_area = Lanes3()
+                for other in range(begin + 1, end):
+                    next_arm = near(points, t.fans[other]) - point
+                    double_area += cross_product(arm, next_arm)
+                    arms += next_arm
+                    arm = next_arm
+                total += area_vector_of_corner(double_area, first - arm, arms, float(end - begin + 1))
+        return total
+
+    return area_vector
+
+
+@cache
+def lane_loops(traits: Traits, layout: Layout) -> Loops:
+    """The loops for an item."""
+    places = places_of(layout)
+    read_numbers = numbers_reader(traits.columns)
+    sum_strings = string_loop(traits)
+    sum_hinges = hinge_loop(traits, places.seen)
+    sum_faces = face_loop(traits, places.seen, places.seen)
+    load_of_particle = wetness_loop(places.seen)
+    level_column = traits.columns.places.get("water_level", 0)
+    laws_in_lane = traits.laws_in_lane_on("particle")
+
+    @wp.func
+    def particle_of(t: Any, item: wp.int32, lane: wp.int32):
+        """The particle that a lane of an item holds; below 0 if it fills up."""
+        if wp.static(layout.worlds):
+            return item
+        else:
+            return t.particles[LANE_COUNT * item + lane]
+
+    @wp.func
+    def place_of(item: wp.int32, lane: wp.int32):
+        """Where it stands among the places that a lane's world is seen at."""
+        if wp.static(layout.worlds):
+            return item
+        else:
+            return LANE_COUNT * item + lane
+
+    @wp.func
+    def other_pulls(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
+        """Net force of strings, hinges and faces [N]."""
+        force = Lanes3()
+        for lane in range(t.lane_count):
+            particle = particle_of(t, own.item, lane)
+            if particle >= 0:
+                world = places.world(own.group, lane, t.world_count)
+                n = read_numbers(t.all, world, own.balloon)
+                pull = wp.vec3()
+                if wp.static(traits.has("string")):
+                    pull += sum_strings(
+                        t.all.strings, world, particle, of_lane(point, lane), of_lane(velocity, lane), n,
+                        t.step_seconds, time,
+                    )  # fmt: skip
+                if wp.static(traits.has("hinge")):
+                    pull += sum_hinges(t.seen.hinges, view_of(points, lane), place_of(own.item, lane), n)
+                if wp.static(traits.has("face")):
+                    pull += sum_faces(
+                        t.seen, view_of(points, lane), view_of(velocities, lane), place_of(own.item, lane), n, time
+                    )
+                force = set_lane(force, lane, pull)
+        return force
+
+    @wp.func
+    def water_load(t: Any, points: Any, own: Any):
+        """Depth times area vector [m^3], and wetted area [m^2]."""
+        loads = Lanes4()
+        levels = own.n[level_column]
+        for lane in range(t.lane_count):
+            load = load_of_particle(
+                t.seen.faces, view_of(points, lane), place_of(own.item, lane), levels[lane], t.up
+            )
+            for number in range(4):
+                loads[number, lane] = load[number]
+        return loads
+
+    @wp.func
+    def particle_laws(
+        position: Lanes3,
+        velocity: Lanes3,
+        mass: Lanes,
+        mass_share: Any,
+        area_vector: Lanes3,
+        water_load: Any,
+        up: wp.vec3,
+        step_seconds: float,
+        time: float,
+        n: wp.array[Lanes],
+    ):
+        """Net force of the laws on particles [N]."""
+        force = Lanes3()
+        for lane in range(LANE_COUNT):
+            of_one = laws_in_lane(
+                position, velocity, mass, mass_share, area_vector, water_load, up, step_seconds, time, n, lane
+            )
+            force[0, lane] = of_one[0]
+            force[1, lane] = of_one[1]
+            force[2, lane] = of_one[2]
+        return force
+
+    return Loops(lane_spring_loop(traits), other_pulls, lane_area_loop(traits), water_load, particle_laws)

@@ -1,0 +1,96 @@
+"""The model and the working memory of worlds that are simulated eight lanes at a time."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import Lanes, Lanes3
+from balloon_warp.kernels.schedules.layouts import Layout
+from balloon_warp.kernels.tables import Tables
+
+
+@cache
+def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
+    """The types of the tables, of the working memory, and of what an item knows of itself."""
+    Number, Index, Vector = layout.number, layout.index, layout.vector  # noqa: N806 - types
+
+    @wp.struct
+    class LaneTables:
+        """The model item by item. What is filled up in an octet refers to itself and does nothing."""
+
+        all: Tables
+        seen: Tables
+        """the same with faces and hinges by places, as the lanes of an octet are numbered"""
+        world_count: wp.int32
+        up: wp.vec3
+        step_seconds: float
+        lane_count: wp.int32  # 8, as a number that no loop is unrolled for
+        item_offsets: wp.array[wp.int32]
+        """where each balloon's items begin, and after the last, where they end"""
+        shares: wp.array[Number]
+        """of the balloon's mass"""
+        particles: wp.array[wp.int32]
+        """the particle of each place of an octet; of eight worlds, of each item"""
+        spring_offsets: wp.array[wp.int32]
+        """where the springs of each item begin, and after the last, where they end"""
+        spring_kinds: wp.array[wp.int32]
+        spring_ends: wp.array[Index]
+        spring_scales: wp.array[Number]
+        """a spring's constant over that of its kind; empty if all are 1"""
+        spring_lengths: wp.array[Number]
+        fan_offsets: wp.array[wp.int32]
+        """where the corners of faces at each item begin in `fan_begins`, and after the last, where they end"""
+        fan_begins: wp.array[wp.int32]
+        """where the other corners of each of these begin in `fans`, and after the last, where they end"""
+        fans: wp.array[Index]
+        face_offsets: wp.array[wp.int32]
+        """where the corners of each face, or of each eight faces, begin, and after the last, where they end"""
+        face_corners: wp.array[Index]
+        face_balloons: wp.array[wp.int32]
+        around_offsets: wp.array[wp.int32]
+        """where the faces around each item begin in `around`, and after the last, where they end"""
+        around: wp.array[Index]
+
+    @wp.struct
+    class LaneState:
+        """Working memory, a row for each group of eight worlds, or for each world."""
+
+        points: wp.array2d[Vector]
+        other_points: wp.array2d[Vector]
+        velocities: wp.array2d[Lanes3]
+        free_velocities: wp.array2d[Lanes3]
+        """without the inflation; empty where there is no gas"""
+        shown_velocities: wp.array2d[Vector]
+        """before the substep; empty unless neighbors look at them"""
+        aims: wp.array2d[Lanes3]
+        area_vectors: wp.array2d[Lanes3]
+        inflations: wp.array2d[Lanes3]
+        """empty unless corrections come between them and obstacles"""
+        face_centers: wp.array2d[Vector]
+        face_area_vectors: wp.array2d[Vector]
+        balloon_areas: wp.array2d[Lanes]
+        numbers: wp.array3d[Lanes]
+        """the parameters of balloons and worlds, see `laws.columns`"""
+        ramp_begins: wp.array2d[Lanes]
+        ramp_slopes: wp.array2d[Lanes]
+        loads: wp.array2d[Lanes]
+        rises: wp.array2d[Lanes]
+        masses: wp.array2d[Lanes]
+        """of balloons with their gas [kg]"""
+        sphere_centers: wp.array2d[Lanes3]
+        sphere_squared_radii: wp.array2d[Lanes]
+
+    @wp.struct
+    class LaneOwn:
+        """What an item knows of itself."""
+
+        group: wp.int32
+        item: wp.int32
+        balloon: wp.int32
+        kind: wp.int32
+        share: Number
+        mass: Lanes
+        n: wp.array[Lanes]
+
+    return LaneTables, LaneState, LaneOwn

@@ -1,0 +1,298 @@
+"""The pieces of a substep as kernels: a thread a particle, or a block a balloon where something is summed.
+
+`scatter` and `gather` launch them one after the other; they differ in who sums the forces.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.loops.obstacles import obstacle_loop, sphere_in_state
+from balloon_warp.kernels.own import numbers_reader, own_functions
+from balloon_warp.kernels.schedules.fixed_point import add_quanta
+from balloon_warp.kernels.substep import (
+    drift_of,
+    flow_function,
+    gas_mass_function,
+    inflation_of,
+    kick,
+    load_function,
+    ramp_at,
+    swell_function,
+    volume_origin,
+)
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Working:
+    """What a schedule keeps beside the state; arrays that a scene does not need are empty."""
+
+    aims: wp.array2d[wp.vec3]
+    """(A_p / A_total) n of each particle"""
+    area_vectors: wp.array2d[wp.vec3]
+    """of each particle [m^2]"""
+    inflations: wp.array2d[wp.vec3]
+    """on each particle, where corrections come between it and obstacles [N]"""
+    gas_masses: wp.array2d[float]
+    """in each balloon [kg]"""
+    sphere_quanta: wp.array3d[wp.int64]
+    """forces on spheres since they last moved, see `fixed_point`"""
+
+
+@cache
+def leaving_function(traits: Traits) -> Any:
+    """The function by which a particle leaves obstacles."""
+    leave_obstacles = obstacle_loop(traits, add_quanta)
+    height_column = traits.columns.places["ground_height"]
+    friction_column = traits.columns.places["ground_friction"]
+
+    @wp.func
+    def leave(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        own: Any,
+        mass: float,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        inflation: wp.vec3,
+    ):
+        """Point and velocity outside."""
+        out, after = leave_obstacles(
+            t, state, working.sphere_quanta, own.world, own.share, mass,
+            own.n[height_column], own.n[friction_column], point, velocity, inflation,
+        )  # fmt: skip
+        return out, after
+
+    return leave
+
+
+@cache
+def pushing_function(traits: Traits) -> Any:
+    """The function that ends a particle's substep: the inflation, the movement, and obstacles."""
+    inflation = inflation_of(traits)
+    drift = drift_of(traits)
+    leave = leaving_function(traits)
+
+    @wp.func
+    def push_and_move(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        own: Any,
+        mass: float,
+        force: wp.vec3,
+        area_vector: wp.vec3,
+        point: wp.vec3,
+        old_velocity: wp.vec3,
+        velocity: wp.vec3,
+        time_in_frame: float,
+    ):
+        """Point and velocity at the end of the substep.
+
+        Args:
+            force: the other forces, so far as they are not in the velocity yet.
+            old_velocity: before the substep, by which forward Euler moves.
+        """
+        value = ramp_at(state, own.world, own.balloon, time_in_frame)
+        load = state.inflation_loads[own.world, own.balloon]
+        if wp.static(not traits.gas):
+            load = wp.vec2(value, 0.0)  # a given pressure
+        aim = wp.vec3()
+        if wp.static(traits.aims):
+            aim = working.aims[own.world, own.number]
+        push = inflation(own.kind, value, load[0], load[1], t.up, point, aim, area_vector)
+        velocity = kick(velocity, force + push, mass, t.step_seconds)
+        point = drift(point, old_velocity, velocity, t.step_seconds)
+        if wp.static(traits.corrected):
+            if wp.static(traits.obstacles):
+                working.inflations[own.world, own.number] = push
+        elif wp.static(traits.obstacles):
+            if mass > 0.0:
+                out, after = leave(t, state, working, own, mass, point, velocity, push)
+                point = out
+                velocity = after
+        return point, velocity
+
+    return push_and_move
+
+
+@cache
+def inertia_function(traits: Traits) -> Any:
+    """The function that gives a particle's mass and its share of the gas, which moves along [kg]; 0 if it is fixed."""
+
+    @wp.func
+    def inertia(working: Working, own: Any):
+        if wp.static(traits.gas):
+            return own.mass + own.share * working.gas_masses[own.world, own.balloon]
+        else:
+            return own.mass
+
+    return inertia
+
+
+@cache
+def push_kernel(traits: Traits) -> Any:
+    """The kernel that ends a substep whose other forces are known."""
+    _, read_own = own_functions(traits.columns)
+    push_and_move = pushing_function(traits)
+    inertia = inertia_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def push_particles(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # state in
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # state in and out
+        state: WorldState,
+        working: Working,
+        new_velocities: wp.array2d[wp.vec3],
+        # state out
+        new_points: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle). The new velocities have all forces but the inflation."""
+        world, particle = wp.tid()
+        own = read_own(t, world, particle)
+        area_vector = wp.vec3()
+        if wp.static(traits.pressures):
+            area_vector = working.area_vectors[world, particle]
+        point, velocity = push_and_move(
+            t, state, working, own, inertia(working, own), wp.vec3(), area_vector, points[world, particle],
+            velocities[world, particle], new_velocities[world, particle], time_in_frame,
+        )  # fmt: skip
+        new_points[world, particle] = point
+        new_velocities[world, particle] = velocity
+
+    return push_particles
+
+
+@cache
+def leave_kernel(traits: Traits) -> Any:
+    """The kernel by which particles leave obstacles after a correction."""
+    _, read_own = own_functions(traits.columns)
+    leave = leaving_function(traits)
+    inertia = inertia_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def leave_after_correction(
+        # model
+        t: Tables,
+        # state in and out
+        state: WorldState,
+        working: Working,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle)."""
+        world, particle = wp.tid()
+        own = read_own(t, world, particle)
+        if own.share > 0.0:
+            point, velocity = leave(
+                t, state, working, own, inertia(working, own), points[world, particle], velocities[world, particle],
+                working.inflations[world, particle],
+            )  # fmt: skip
+            points[world, particle] = point
+            velocities[world, particle] = velocity
+
+    return leave_after_correction
+
+
+@cache
+def flow_kernel(traits: Traits) -> Any:
+    """The kernel that moves gas."""
+    flow_of_gas = flow_function(traits.columns)
+    gas_mass = gas_mass_function(traits.columns)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def move_gases(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # state in and out
+        state: WorldState,
+        # out
+        working: Working,
+    ):
+        """A thread a world: what is pumped, what flows through tubes, and the masses of gas."""
+        world = wp.tid()
+        amounts = state.gas_amounts[world]
+        flow_of_gas(t, state.inflation_ramp[world], state.pressures[world], amounts, world, time_in_frame)
+        for balloon in range(t.inflation_kind.shape[0]):
+            working.gas_masses[world, balloon] = gas_mass(t, amounts, world, balloon)
+
+    return move_gases
+
+
+@cache
+def load_kernel(traits: Traits) -> Any:
+    """The kernel that finds the pressures of balloons, from how they would swell without them."""
+    _, read_own = own_functions(traits.columns)
+    read_numbers = numbers_reader(traits.columns)
+    swell = swell_function(traits, sphere_in_state)
+    load_of_balloon = load_function(traits.columns)
+    inertia = inertia_function(traits)
+    height_column = traits.columns.places["ground_height"]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_loads(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # state in
+        points: wp.array2d[wp.vec3],
+        free_velocities: wp.array2d[wp.vec3],
+        # state in and out
+        state: WorldState,
+        working: Working,
+    ):
+        """A block a (world, balloon): its swelling, summed in the same order every time, and the load that follows."""
+        world, balloon, thread = wp.tid()
+        part = Swelling()
+        kind = t.inflation_kind[balloon]
+        if kind != NORMAL_FORCE:
+            origin = points[world, volume_origin(t, balloon)]
+            for particle in range(
+                t.particles.offsets[balloon] + thread, t.particles.offsets[balloon + 1], wp.block_dim()
+            ):
+                own = read_own(t, world, particle)
+                point = points[world, particle]
+                part += swell(
+                    t, state, world, own.n[height_column], own.share, inertia(working, own),
+                    state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
+                    working.area_vectors[world, particle],
+                )  # fmt: skip
+        swelling = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+        if thread == 0 and kind != NORMAL_FORCE:
+            load = load_of_balloon(
+                kind, ramp_at(state, world, balloon, time_in_frame), swelling, state.gas_amounts[world, balloon],
+                t.step_seconds, read_numbers(t, world, balloon),
+            )  # fmt: skip
+            state.pressures[world, balloon] = load[0]
+            state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
+
+    return find_loads
+
+
+@cache
+def given_load_kernel(traits: Traits) -> Any:
+    """The kernel that notes the pressures that are given, where none is a gas's."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def note_given_loads(t: Tables, time_in_frame: float, state: WorldState):
+        """A thread a (world, balloon), for the last substep of a frame."""
+        world, balloon = wp.tid()
+        if t.inflation_kind[balloon] != NORMAL_FORCE:
+            given = ramp_at(state, world, balloon, time_in_frame)
+            state.pressures[world, balloon] = given
+            state.inflation_loads[world, balloon] = wp.vec2(given, 0.0)
+
+    return note_given_loads

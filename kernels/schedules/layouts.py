@@ -1,0 +1,235 @@
+"""What stands side by side in the eight lanes: eight worlds, or eight particles of one world.
+
+Either way a balloon is gone through item by item, an item being what the lanes hold at once: a particle of eight
+worlds, or an octet, eight particles of one world. What differs is how neighbors are found: in the same lane of another
+item, or anywhere.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import LANE_COUNT, LaneNumbers, Lanes, Lanes3
+
+
+class Layout(NamedTuple):
+    """Of the lanes."""
+
+    worlds: bool
+    """eight worlds; otherwise eight particles of one"""
+
+    @property
+    def number(self) -> Any:
+        """The type of what may differ between particles."""
+        return wp.float32 if self.worlds else Lanes
+
+    @property
+    def index(self) -> Any:
+        """The type of a reference to particles."""
+        return wp.int32 if self.worlds else LaneNumbers
+
+    @property
+    def vector(self) -> Any:
+        """The type of what others read: of an item, or of one particle, padded so that one load fetches it."""
+        return Lanes3 if self.worlds else wp.vec4
+
+
+WORLDS, OCTETS = Layout(worlds=True), Layout(worlds=False)
+
+
+# ---- what others read: of eight worlds
+
+
+@wp.func
+def near(vectors: wp.array[Lanes3], item: wp.int32):
+    """Of a neighbor."""
+    return vectors[item]
+
+
+@wp.func
+def of_item(vectors: wp.array[Lanes3], item: wp.int32):
+    """Of an item."""
+    return vectors[item]
+
+
+@wp.func
+def put_item(vectors: wp.array[Lanes3], item: wp.int32, value: Lanes3):
+    """Into an item."""
+    vectors[item] = value
+
+
+@wp.func
+def one_of_item(vectors: wp.array[Lanes3], item: wp.int32):
+    """One vector of each world."""
+    return vectors[item]
+
+
+# ---- what others read: of eight particles
+
+
+@wp.func_native(
+    """
+    typedef float four __attribute__((ext_vector_type(4)));
+    typedef float eight __attribute__((ext_vector_type(8)));
+    four v[8];
+    for (int lane = 0; lane < 8; ++lane)
+        __builtin_memcpy(&v[lane], &vectors.data[numbers[lane]], sizeof(four));
+    wp::mat_t<3, 8, float> lanes;
+    for (int axis = 0; axis < 3; ++axis) {
+        eight row = {v[0][axis], v[1][axis], v[2][axis], v[3][axis], v[4][axis], v[5][axis], v[6][axis], v[7][axis]};
+        __builtin_memcpy(lanes.data[axis], &row, sizeof(eight));
+    }
+    return lanes;
+    """
+)
+def near(vectors: wp.array[wp.vec4], numbers: LaneNumbers) -> Lanes3:  # noqa: F811 - an overload
+    """Of eight neighbors, from wherever they stand.
+
+    Written for the compiler of CPU kernels, which makes eight loads and a few shuffles of it; of the like in Python it
+    makes a load for each number, and a multiplication for each address.
+    """
+    ...
+
+
+@wp.func
+def of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an overload
+    """Of an octet."""
+    numbers = LaneNumbers()
+    for lane in range(LANE_COUNT):
+        numbers[lane] = LANE_COUNT * item + lane
+    return near(vectors, numbers)
+
+
+@wp.func
+def put_item(vectors: wp.array[wp.vec4], item: wp.int32, value: Lanes3):  # noqa: F811 - an overload
+    """Into an octet."""
+    for lane in range(LANE_COUNT):
+        vectors[LANE_COUNT * item + lane] = wp.vec4(value[0, lane], value[1, lane], value[2, lane], 0.0)
+
+
+@wp.func
+def one_of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an overload
+    """One vector of the world, in every lane."""
+    numbers = LaneNumbers()
+    for lane in range(LANE_COUNT):
+        numbers[lane] = LANE_COUNT * item
+    return near(vectors, numbers)
+
+
+# ---- one lane at a time, as laws see it that go through faces or hinges
+
+
+@wp.struct
+class WorldInLane:
+    """The vectors of one of eight worlds."""
+
+    vectors: wp.array[Lanes3]
+    lane: wp.int32
+
+
+@wp.struct
+class WorldAlone:
+    """The vectors of the one world."""
+
+    vectors: wp.array[wp.vec4]
+    lane: wp.int32
+
+
+@wp.func_native(
+    """
+    const auto& item = vectors.data[(unsigned int)index].data;
+    return wp::vec3(item[0][lane], item[1][lane], item[2][lane]);
+    """
+)
+def column_at(vectors: wp.array[Lanes3], index: wp.int32, lane: wp.int32) -> wp.vec3:
+    """The vector of one lane of an item."""
+    ...
+
+
+@wp.func
+def seen_in_lane(world: WorldInLane, particle: wp.int32):
+    """A particle's vector."""
+    return column_at(world.vectors, particle, world.lane)
+
+
+@wp.func
+def seen_alone(world: WorldAlone, place: wp.int32):
+    """A particle's vector."""
+    vector = world.vectors[place]
+    return wp.vec3(vector[0], vector[1], vector[2])
+
+
+@wp.func
+def view_of(vectors: wp.array[Lanes3], lane: wp.int32):
+    """The vectors of the world in a lane."""
+    view = WorldInLane()
+    view.vectors = vectors
+    view.lane = lane
+    return view
+
+
+@wp.func
+def view_of(vectors: wp.array[wp.vec4], lane: wp.int32):  # noqa: F811 - an overload
+    """The vectors of the one world."""
+    view = WorldAlone()
+    view.vectors = vectors
+    view.lane = lane
+    return view
+
+
+class Places(NamedTuple):
+    """Which world and which particle a lane holds."""
+
+    world: Any
+    """(group, lane, world_count) to the world in a lane; lanes that are left over copy the last world"""
+    first_world: Any
+    """(group) to the first world of a group"""
+    worlds: Any
+    """(group, world_count) to how many worlds it has"""
+    is_other: Any
+    """(group, lane, world_count) to whether a lane holds what no other lane does"""
+    seen: Any
+    """the function that reads a vector of one lane"""
+
+
+@cache
+def places_of(layout: Layout) -> Places:
+    """Of a layout."""
+
+    @wp.func
+    def world_in_lane(group: wp.int32, lane: wp.int32, world_count: wp.int32):
+        if wp.static(layout.worlds):
+            return wp.min(group * LANE_COUNT + lane, world_count - 1)
+        else:
+            return group
+
+    @wp.func
+    def first_world(group: wp.int32):
+        if wp.static(layout.worlds):
+            return group * LANE_COUNT
+        else:
+            return group
+
+    @wp.func
+    def worlds_of_group(group: wp.int32, world_count: wp.int32):
+        if wp.static(layout.worlds):
+            return wp.min(world_count - group * LANE_COUNT, LANE_COUNT)
+        else:
+            return 1
+
+    @wp.func
+    def is_other(group: wp.int32, lane: wp.int32, world_count: wp.int32):
+        if wp.static(layout.worlds):
+            return group * LANE_COUNT + lane < world_count
+        else:
+            return True
+
+    seen = seen_in_lane if layout.worlds else seen_alone
+    return Places(world_in_lane, first_world, worlds_of_group, is_other, seen)
+
+
+@wp.func
+def total_in_lanes(numbers: Lanes):
+    """The sum over the lanes, in each of them."""
+    return Lanes(wp.dot(numbers, Lanes(1.0)))

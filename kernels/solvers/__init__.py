@@ -1,0 +1,1 @@
+"""What the implicit solver needs."""

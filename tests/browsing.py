@@ -1,0 +1,152 @@
+"""A person at the page, in a browser: for the tests of it."""
+
+import contextlib
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+from numpy.typing import NDArray
+
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, String
+
+viser = pytest.importorskip("viser")
+playwright = pytest.importorskip("playwright.sync_api")
+from balloon_warp.viewer.page import Page  # noqa: E402
+
+LIMIT = 120.0
+"""seconds until what must come has not come: never waited for where all is well"""
+
+PATIENCE = 10.0
+"""seconds after which a person tries again"""
+
+
+def tethered() -> Scene:
+    """Small, so that a machine that renders in software keeps up."""
+    return Scene(
+        balloon=[
+            Balloon(
+                mesh=quad_sphere(5, 0.5),
+                position=(0.0, 0.0, 0.0),
+                mass=1.0,
+                damping=4.0,
+                helium=9.81,
+                stiffness=Stiffness(structural=40.0, shear=20.0, flexion=10.0),
+                inflation=Inflation(k_normal=0.5),
+            )
+        ],
+        string=[String(anchor=(0.0, -1.0, 0.0), stiffness=40.0)],
+        ground=Ground(height=-1.0),
+    )
+
+
+def wait_until(happened: Callable[[], object], what: str, seconds: float = LIMIT) -> None:
+    deadline = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < deadline, f"{what}: not within {seconds:g} s"
+        time.sleep(0.02)
+
+
+def open_window(browser, served: Page, fetched: list[str] | None = None):
+    before = len(served.server.get_clients())
+    window = browser.new_page(viewport={"width": 900, "height": 600})
+    window.set_default_timeout(1000.0 * LIMIT)
+    if fetched is not None:
+        window.on("request", lambda request: fetched.append(request.url))
+    window.goto(served.address)
+    wait_until(lambda: len(served.server.get_clients()) == before + 1, "the window joins")
+    window.get_by_text("Reset", exact=True).wait_for()
+    return window
+
+
+def see(window, served: Page, happened: Callable[[], object], what: str) -> None:
+    """Wait until a window shows something. A window that is behind and shows nothing new at all, as where a browser
+    without a GPU lost what it draws with, is loaded again: so would a person."""
+    seen, deadline = [time_shown(window), time.monotonic()], time.monotonic() + LIMIT
+    while not happened():
+        now, shown = time.monotonic(), time_shown(window)
+        if shown != seen[0] or f"**{shown}**" in served.controls.status.content:
+            seen = [shown, now]
+        elif now - seen[1] > PATIENCE:
+            window.reload()
+            window.get_by_text("Reset", exact=True).wait_for()
+        assert now < deadline, f"{what}: not within {LIMIT:g} s; the window shows {shown}, and does not stand still"
+        time.sleep(0.05)
+
+
+def time_shown(window) -> str:
+    """Simulated time, as the panel has it: "1.23 s"."""
+    return window.evaluate("(/[0-9.]+ s(?= ·)/.exec(document.body.innerText) || [''])[0]")
+
+
+def again(act: Callable[[], object], happened: Callable[[], object], what: str) -> None:
+    """Do something until it has happened: again, as people do, where the machine was too busy to notice."""
+    for _ in range(int(LIMIT / PATIENCE)):
+        act()
+        with contextlib.suppress(AssertionError):
+            return wait_until(happened, what, PATIENCE)
+    raise AssertionError(f"{what}: tried for {LIMIT:g} s")
+
+
+def volume(served: Page) -> float:
+    return served.layers.drawing.measures(served.session.picture)["volume"]
+
+
+def asked(served: Page, frames: int = 2) -> None:
+    """Some frames pass, so that what was asked is done and seen."""
+    number = served.session.picture.frame.number
+    wait_until(lambda: served.session.picture.frame.number >= number + frames, "frames pass")
+
+
+def slide(window, label: str, value: float, heard: Callable[[], bool]) -> None:
+    """Type a value beside a slider."""
+    field = window.locator(f"xpath=//label[normalize-space()='{label}']/following::input[not(@type='hidden')][1]")
+
+    def type_it() -> None:
+        field.fill("")  # or the same number is no change
+        field.fill(str(value))
+        field.press("Enter")
+
+    again(type_it, heard, f"{label} is {value:g}")
+
+
+def inflation_is(served: Page, value: float) -> Callable[[], bool]:
+    return lambda: served.session.picture.inflation == value
+
+
+def click_the_balloon(window, happened: Callable[[], object], what: str) -> None:
+    again(lambda: window.mouse.click(*middle_of_the_balloon(window)), happened, what)
+
+
+def unfold(window, folder: str, inside: str) -> None:
+    if not window.get_by_text(inside, exact=True).is_visible():
+        window.get_by_text(folder, exact=True).click()
+        window.get_by_text(inside, exact=True).wait_for()
+
+
+def toggle(window, label: str) -> None:
+    unfold(window, "Show", "smooth balloon")
+    window.get_by_label(label, exact=True).click()
+
+
+def redness(window) -> int:
+    """How many pixels beside the panel are as red as the balloon."""
+    return int(red(window).sum())
+
+
+def middle_of_the_balloon(window) -> tuple[float, float]:
+    """Right and down from the window's corner, once it is drawn."""
+    wait_until(lambda: red(window)[:, 320:].any(), "the balloon is drawn")  # beside the messages
+    rows, columns = np.nonzero(red(window)[:, 320:])
+    return 320.0 + float(columns.mean()), float(rows.mean())
+
+
+def red(window) -> NDArray[np.bool_]:
+    """Which pixels beside the panel are as red as the balloon."""
+    from io import BytesIO
+
+    from PIL import Image
+
+    pixels = np.asarray(Image.open(BytesIO(window.screenshot())).convert("RGB"), dtype=int)[:, :560]
+    return (pixels[..., 0] > 1.6 * pixels[..., 1]) & (pixels[..., 0] > 90)

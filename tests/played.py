@@ -1,0 +1,27 @@
+"""Bundled scenes, simulated once for all tests."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from balloon_warp import Frame, PolygonMesh, Simulator, load_scene
+from balloon_warp.model import Model
+from balloon_warp.scene.overrides import Override
+
+
+@cache
+def played(name: str, overrides: tuple[Override, ...] = ()) -> tuple[Model, list[Frame]]:
+    simulator = Simulator(load_scene(name, overrides), "cpu")
+    return simulator.model, list(simulator.run())
+
+
+def shape_at(model: Model, frame: Frame, balloon: int = 0) -> PolygonMesh:
+    return replace(model.shapes[balloon].mesh, points=frame.points[balloon].astype(np.float64))
+
+
+def stretches(model: Model, frame: Frame) -> np.ndarray:
+    """Length over rest length of the springs."""
+    springs = model.shapes[0].springs
+    first, second = frame.points[0].astype(np.float64)[springs.pairs].swapaxes(0, 1)
+    return np.linalg.norm(second - first, axis=1) / springs.rest_lengths

@@ -1,0 +1,38 @@
+"""A small batch with one of each."""
+
+from pathlib import Path
+
+from meshes import cube, quad_sphere
+
+from balloon_warp import Scene
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import Balloon, Ground, Sphere, String
+
+FRAMES, WORLDS = 5, 5
+
+
+def scene(**fields) -> Scene:
+    """A small scene with one of each."""
+    balloons = [
+        Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0),
+        Balloon(mesh=cube(), name="Sphere_0", position=(3, 0.5, 0), color=(0.1, 0.2, 0.3)),
+    ]
+    fields = {
+        "description": "one of each",
+        "balloon": balloons,
+        "sphere": [Sphere(position=(0, 4, 0), radius=0.3)],
+        "string": [String(anchor=(0, 0, 0), length=1.5), String(anchor=(4, 0, 0), balloon=1, particle=6)],
+        "ground": Ground(),
+        "frames": FRAMES,
+        "frames_per_second": 30,
+        "substeps": 40,
+    } | fields
+    return Scene(**fields)
+
+
+def write_meshes(folder: Path) -> list[Path]:
+    """Two that differ in how many particles they have."""
+    paths = [folder / "coarse.obj", folder / "fine, round.obj"]
+    for path, mesh in zip(paths, (quad_sphere(3), quad_sphere(4)), strict=True):
+        write_obj(path, mesh)
+    return paths

@@ -1,0 +1,126 @@
+"""Windows without a browser, and what they say: for the tests of who may talk to the page."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String
+
+viser = pytest.importorskip("viser")
+
+import msgspec  # noqa: E402
+from websockets.exceptions import ConnectionClosed  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+from websockets.sync.connection import Connection  # noqa: E402
+
+from balloon_warp.viewer.page import Page, _free_port  # noqa: E402
+from balloon_warp.viewer.session import Session  # noqa: E402
+
+PROTOCOL = f"viser-v{viser.__version__}"
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": [0.0, 0.0, 1.0, 0.0],
+    "position": [0.0, 0.0, 3.0],
+    "fov": 1.3,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 600,
+    "image_width": 900,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 1.0, 0.0],
+}
+
+CLICK = {
+    "type": "ScenePointerMessage",
+    "event_type": "click",
+    "ray_origin": [0.0, 0.0, 3.0],
+    "ray_direction": [0.0, 0.0, -1.0],
+    "screen_pos": [[0.5, 0.5]],
+    "modifier": None,
+}
+
+DRAG = {
+    "type": "SceneNodeDragMessage",
+    "phase": "start",
+    "name": "/balloons/0",
+    "instance_index": None,
+    "start_position": [0.0, 0.0, 0.5],
+    "start_screen_pos": [0.5, 0.5],
+    "end_position": [0.2, 0.0, 0.5],
+    "end_screen_pos": [0.6, 0.5],
+    "button": "left",
+    "modifier": None,
+    "owner": "",
+}
+
+
+def ball() -> Scene:
+    balloon = Balloon(mesh=quad_sphere(3, 0.5), helium=9.81, inflation=Inflation(k_normal=0.3))
+    return Scene(balloon=[balloon], string=[String(anchor=(0, -1, 0))], ground=Ground(height=-1.0))
+
+
+def wait_until(happened: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + 120.0
+    while not happened():
+        assert time.monotonic() < deadline, f"{what}: not within two minutes"
+        time.sleep(0.01)
+
+
+@contextlib.contextmanager
+def joined(page: Page, **headers: str) -> Iterator[Connection]:
+    """A window, but without a browser, that reads what it is sent, as a browser does."""
+    address = f"ws://127.0.0.1:{page.server.get_port()}"
+    with connect(
+        address, subprotocols=[PROTOCOL], max_size=None, additional_headers=headers, proxy=None, compression=None
+    ) as window:
+
+        def read() -> None:
+            with contextlib.suppress(ConnectionClosed):
+                for _ in window:
+                    pass
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        yield window
+    reader.join()
+
+
+def say(window: Connection, message: object) -> None:
+    window.send(msgspec.msgpack.encode(message))
+
+
+def update(control: Any, **updates: object) -> dict[str, object]:
+    return {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": updates}
+
+
+def goes_on(page: Page) -> None:
+    number = page.session.picture.frame.number
+    wait_until(lambda: page.session.picture.frame.number > number + 2, "time goes on")
+    assert np.isfinite(page.session.picture.frame.points[0]).all()
+    assert not page.session.picture.trouble
+
+
+def heard(page: Page, window: Connection) -> None:
+    """All that was said before was handled: a connection's messages are handled in their order."""
+    mass = page.controls.mass
+    value = 3.0 if mass.value != 3.0 else 4.0
+    say(window, update(mass, value=value))
+    wait_until(lambda: mass.value == value or window.close_code, "what is said last")
+    assert window.close_code is None, (window.close_code, window.close_reason)
+
+
+@contextlib.contextmanager
+def served(folder: Path) -> Iterator[Page]:
+    """A page of a ball on a string; its recordings go into the folder."""
+    page = Page(Session("ball", ball(), "cpu", folder), port=_free_port("127.0.0.1", 0))
+    page.start()
+    yield page
+    page.stop()

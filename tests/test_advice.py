@@ -1,0 +1,48 @@
+"""The step that a scene allows, and the particle that allows no more."""
+
+import numpy as np
+import pytest
+from meshes import quad_sphere, torus
+
+from balloon_warp.advice import advise_step
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import plan_model
+from balloon_warp.scene import Balloon, Scene, Stiffness, String
+from balloon_warp.springs import build_springs
+
+
+def stiffest_particle(scene: Scene, number: int) -> int:
+    """By the definition: springs' constants summed at each particle, all of one mass."""
+    balloon = scene.balloon[number]
+    mesh = balloon.mesh
+    assert isinstance(mesh, PolygonMesh)
+    springs, sums = build_springs(mesh), [0.0] * mesh.vertex_count
+    for (p, q), kind in zip(springs.pairs.tolist(), springs.kind.tolist(), strict=True):
+        for particle in (p, q):
+            sums[particle] += getattr(balloon.stiffness, ("structural", "shear", "flexion")[kind])
+    return int(np.argmax(sums))
+
+
+def test_advice_names_the_particle_that_limits_the_step_and_the_least_substeps():
+    soft, stiff = Stiffness(structural=10.0), Stiffness(structural=200.0, shear=50.0)
+    balloons = [Balloon(mesh=quad_sphere(5), stiffness=soft), Balloon(mesh=torus(7, 5), stiffness=stiff, name="ring")]
+    scene = Scene(balloon=balloons, substeps=1)
+    advice = advise_step(scene)
+    assert (advice.limiting_balloon, advice.limiting_particle) == ("ring", stiffest_particle(scene, 1))
+    soft_step, stiff_step = (advise_step(Scene(balloon=[balloon])).stable_step for balloon in balloons)
+    assert advice.stable_step == stiff_step < 0.9 * soft_step
+    least = advice.least_substeps
+    assert plan_model(scene.model_copy(update={"substeps": least})).substeps == least < advice.substeps
+    with pytest.raises(InputError, match=f"at least {least} are needed"):
+        plan_model(scene.model_copy(update={"substeps": least - 1}))
+
+
+def test_advice_knows_strings_and_passes_over_particles_that_do_not_move():
+    mesh = quad_sphere(4)
+    scene = Scene(balloon=[Balloon(mesh=mesh)], string=[String(anchor=(0, -2, 0), particle=9, stiffness=1e3)])
+    assert advise_step(scene).limiting_particle == 9
+    rest = [particle for particle in range(mesh.vertex_count) if particle != 5]
+    held = Scene(balloon=[Balloon(mesh=mesh, fixed=rest)])
+    assert advise_step(held).limiting_particle == 5
+    assert advise_step(Scene(balloon=[Balloon(mesh=mesh, fixed=[*rest, 5])])).substeps == 1

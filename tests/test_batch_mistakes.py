@@ -1,0 +1,104 @@
+"""What a batch refuses before it begins, and what it leaves alone."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_batch import FRAMES, scene, write_meshes
+
+from balloon_warp import InputError, Scene, run_batch
+from balloon_warp.model import lay_out, memory, world_bytes
+from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.sweep.groups import Group, plan_groups
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return write_meshes(tmp_path_factory.mktemp("meshes"))
+
+
+def test_a_failed_batch_leaves_the_good_files(tmp_path: Path):
+    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
+    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def interrupt(frame: int) -> None:
+        if frame == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=interrupt)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"world_count": 0}, r"^--worlds 0: expected at least 1$"),
+        ({"export": [7]}, r"^export: expected worlds 0 to 4 \(got 7 to 7\)$"),
+        ({"vary": {"balloon.mesh": ["a.obj"] * 3}}, r"^balloon\.mesh: expected a mesh for each of 5 worlds \(got 3\)$"),
+        ({"vary": {"balloon.0.mesh": ["none.obj"] * 5}}, r"^none\.obj: no such file"),
+        ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: there is no balloon 7"),
+        ({"folder": "missing/out"}, r"out: the folder .*missing does not exist$"),
+        ({"folder": "file"}, r"file: is a file; expected a folder$"),
+    ],
+)
+def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complaint: str):
+    (tmp_path / "file").touch()
+    arguments = {"folder": "out", "world_count": 5, "vary": {}} | change
+    arguments["folder"] = tmp_path / arguments["folder"]
+    with pytest.raises(InputError, match=complaint):
+        run_batch(scene(), **arguments, device="cpu", on_frame=never)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def never(frame: int) -> None:
+    raise AssertionError(f"frame {frame} was simulated")
+
+
+def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path: Path):
+    vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
+    with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
+        run_batch(scene(), tmp_path, 5, vary, device="cpu")
+
+
+def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
+    """Whatever is in its group, a world is stepped alike."""
+    automatic = scene(substeps="auto")
+    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [0.1, 0.1, 0.02]}
+    alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
+    groups = plan_groups(automatic, 3, vary)
+    assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]
+    assert [group.plan.substeps for group in groups] == [max(one[0].plan.substeps for one in alone)] * 2
+    assert len({one[0].plan.substeps for one in alone}) == 3
+
+
+def simulated_bytes(groups: list[Group]) -> int:
+    models = [lay_out(group.plan, "cpu") for group in groups]
+    return sum(model.world_count * (world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
+
+
+def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
+    tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
+):
+    """All groups count, what is exported, and the table: in each case the rest alone would fit."""
+    varied = {"balloon.0.mesh": meshes * 20}
+    one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
+    two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))
+    sums = 40 * (2 * 32 * 40 + 4 * 7)  # 32 lanes of each balloon, seven measures
+    row = 40 * 4 * 8  # of the table: seven measures and the health
+    table = (FRAMES + 1) * row
+    exported = 40 * 5 * (2 * 12 * (56 + 8) + 12)  # on the device, and four frames under way
+
+    def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
+        assert usable < needed
+        monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
+        with pytest.raises(InputError, match=r"^40 worlds do not fit: ") as refusal:
+            run_batch(scene, tmp_path / "out", 40, device="cpu", **arguments)
+        fitting = int(str(refusal.value).split()[-2])
+        assert fitting == pytest.approx(40 * usable / needed, abs=1)  # rounded down
+        assert list(tmp_path.iterdir()) == []
+
+    refused(0.6 * (two_meshes + sums + table), two_meshes + sums + table, scene(), vary=varied)
+    refused(one_mesh + sums + table, one_mesh + sums + table + exported, scene(), export=range(40))
+    long = scene(frames=FRAMES + 1000)
+    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, long)

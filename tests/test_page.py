@@ -1,0 +1,93 @@
+"""Where the page is, how far it sees, and what it refuses: without a browser."""
+
+import socket
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+from typer.testing import CliRunner
+
+from balloon_warp.cli.app import app
+from balloon_warp.errors import InputError
+from balloon_warp.model import build_model
+from balloon_warp.scene import Balloon, Scene, String
+from balloon_warp.viewer.geometry import string_reach
+from balloon_warp.viewer.session import Session
+
+
+def served(tmp_path: Path):
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.page import Page, _free_port
+
+    return Page(
+        Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu", tmp_path), port=_free_port("127.0.0.1", 0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("host", "place"),
+    [("127.0.0.1", "127.0.0.1"), ("0.0.0.0", "127.0.0.1"), ("::", "[::1]"), ("::1", "[::1]"), ("here.example",) * 2],
+)
+def test_the_page_says_where_it_is(host, place, tmp_path, monkeypatch):
+    page = served(tmp_path)
+    monkeypatch.setattr(page.server, "get_host", lambda: host)
+    assert page.address == f"http://{place}:{page.server.get_port()}"
+    page.stop()
+
+
+def test_the_page_is_on_loopback_alone(tmp_path):
+    page = served(tmp_path)
+    assert page.server.get_host() == "127.0.0.1"
+    assert page.server.request_share_url() is None
+    page.stop()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["no_such_scene"], "no_such_scene: no such scene or file"),
+        (["squirrel_inflate", "-o", "no/such/folder"], "no/such/folder: the folder does not exist"),
+        (["squirrel_inflate", "--host", "203.0.113.7"], "--host 203.0.113.7: cannot listen on 203.0.113.7"),
+    ],
+)
+def test_mistakes_are_refused_in_a_sentence(arguments, sentence):
+    result = CliRunner().invoke(app, ["view", *arguments])
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).startswith(sentence)
+
+
+def test_a_port_that_is_taken_is_refused():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = CliRunner().invoke(app, ["view", "squirrel_inflate", "--port", str(port)])
+    assert str(result.exception) == f"--port {port}: cannot listen on 127.0.0.1: Address already in use"
+
+
+def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
+    """One that floats goes up to the string's length and its own size above the anchor, one that hangs down as far."""
+    up = np.array([0.0, 1.0, 0.0])
+    for height, far in ((0.5, 1.5 + 2.0), (-0.5, -1.5 - 2.0)):
+        balloon = Balloon(mesh=quad_sphere(2), position=(0.0, height, 0.0))
+        model = build_model(Scene(balloon=[balloon], string=[String(anchor=(1.0, 0.0, 0.0), length=1.5)]), "cpu")
+        reach = string_reach(model, 2.0, np.array([0.0, height, 0.0]), up)
+        np.testing.assert_allclose(reach, [[1.0, 0.0, 0.0], [1.0, far, 0.0]])
+    without = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu")
+    assert string_reach(without, 2.0, np.zeros(3), up).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("most", "end"), [(16.0, 16.0), (13.743272, 14.0), (0.0123, 0.013), (100.0, 100.0), (995.0, 1000.0), (0.3, 0.3)]
+)
+def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
+    pytest.importorskip("viser", reason="needs the extra `view`")
+    from balloon_warp.viewer.controls import _range
+
+    slider = SimpleNamespace()
+    _range(slider, most, signed=True)
+    assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
+    _range(slider, most, signed=False)
+    assert (slider.min, slider.max) == (0.0, end)
