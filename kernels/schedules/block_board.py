@@ -12,6 +12,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.contact import move_sphere
 from balloon_warp.kernels.measure.health import look_at_sphere
+from balloon_warp.kernels.schedules.block_memory import Layout
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
     read_entry,
@@ -32,8 +33,12 @@ class Board(NamedTuple):
 
     begin: Any
     """(t, state, world, thread): what a frame begins with; a barrier must follow"""
+    rolls_by_warps: bool
+    """each warp moves the spheres for itself, when its particles leave them; otherwise `roll` comes before"""
+    roll_sphere: Any
+    """(t, world, thread, substep, sphere): a sphere by a substep, by all threads of a warp, who learn where it is"""
     roll: Any
-    """(t, world, thread, substep): every sphere by a substep, a warp a sphere; a barrier must follow"""
+    """(t, world, thread, substep): every sphere, a warp a sphere; a barrier must follow"""
     sphere_at: Any
     """(t, substep, world, sphere): center, velocity and radius of a sphere that has moved"""
     post: Any
@@ -43,13 +48,14 @@ class Board(NamedTuple):
 
 
 @cache
-def board_of(traits: Traits, warps: int) -> Board:
-    """For a block of so many warps.
+def board_of(traits: Traits, layout: Layout) -> Board:
+    """For the warps of a block.
 
     Entries of the board, of four words: two rows of posts, a post a warp and sphere, with the force and the stamp; two
     rows of centers and radii; two of velocities and inverse masses.
     """
-    count = max(traits.spheres, 1)
+    count, warps = max(traits.spheres, 1), layout.warps
+    rolls_by_warps = layout.resident and not traits.gas
     posts = 2 * warps * count
     motions = posts + 2 * count
     board = shared_words("spheres", 4 * (motions + 2 * count))
@@ -79,11 +85,12 @@ def board_of(traits: Traits, warps: int) -> Board:
     @wp.func
     def begin(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32):
         """By the first warp; the first post stands for the pushes since the last move."""
-        if thread < WARP_THREADS:
-            for post in range(thread, posts, WARP_THREADS):
+        writers = wp.min(WARP_THREADS, wp.block_dim())
+        if thread < writers:
+            for post in range(thread, posts, writers):
                 write_entry(board(), post, wp.vec3(), float(NEVER))
             for sphere in range(count):
-                if thread == post_of(-1, 0, sphere) % WARP_THREADS:  # the thread that has just written it
+                if thread == post_of(-1, 0, sphere) % writers:  # the thread that has just written it
                     write_entry(board(), post_of(-1, 0, sphere), state.sphere_forces[world, sphere], -1.0)
                 if thread == 0:
                     radius = sphere_radius(t.spheres, world, sphere)
@@ -103,15 +110,19 @@ def board_of(traits: Traits, warps: int) -> Board:
             place[3], t.world_numbers[row, gravity], t.up, t.world_numbers[row, height],
             t.world_numbers[row, restitution], t.step_seconds,
         )  # fmt: skip
-        if thread % WARP_THREADS == 0:
+        writes = thread % WARP_THREADS == 0
+        if wp.static(rolls_by_warps):
+            writes = thread == 0
+        if writes:
             write_entry(board(), place_of(substep, sphere), center, place[3])
             write_entry(board(), motion_of(substep, sphere), velocity, motion[3])
+        return center, velocity, place[3]
 
     @wp.func
     def roll(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32):
         for sphere in range(count):
             if thread // WARP_THREADS == sphere % warps:
-                roll_sphere(t, world, thread, substep, sphere)
+                _center, _velocity, _radius = roll_sphere(t, world, thread, substep, sphere)
 
     @wp.func
     def sphere_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):
@@ -143,4 +154,4 @@ def board_of(traits: Traits, warps: int) -> Board:
                     state.sphere_velocities[world, sphere] = velocity
                     state.sphere_forces[world, sphere] = force
 
-    return Board(begin, roll, sphere_at, post, end)
+    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, end)

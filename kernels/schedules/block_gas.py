@@ -12,9 +12,10 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.block_memory import BlockMemory, Seat, gas_row
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat, gas_row
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
+    block_barrier,
     of_thread,
     put_warp_sums,
     put_word,
@@ -43,7 +44,9 @@ class GasSums(NamedTuple):
     add: Any
     """(seat, balloon, part, added): by all threads of a warp, what its particles give to their balloons"""
     find_loads: Any
-    """(t, state, memory, seat): the pressures, between two barriers"""
+    """(t, state, memory, seat): the pressures, after a barrier; where there are several balloons, before another"""
+    own_load: Any
+    """(t, state, memory, seat, balloon): a particle's load then; of the one balloon, each warp finds it for itself"""
     flow: Any
     """(t, state, memory, seat): by one thread, the amounts of the next substep"""
     load_at: Any
@@ -53,9 +56,10 @@ class GasSums(NamedTuple):
 
 
 @cache
-def gas_sums(traits: Traits, warps: int) -> GasSums:
-    """For a block of so many warps."""
-    balloons = traits.balloons
+def gas_sums(traits: Traits, layout: Layout) -> GasSums:
+    """For the warps of a block."""
+    balloons, warps = traits.balloons, layout.warps
+    shared = balloons > 1 or not layout.resident
     sums = shared_words("swellings", balloons * warps * NUMBERS_OF_WARP)
     known = shared_words("balloons", balloons * WORDS_OF_BALLOON)
     load_of_balloon = load_function(traits.columns)
@@ -126,24 +130,33 @@ def gas_sums(traits: Traits, warps: int) -> GasSums:
                 put_warp_sums(sums(), row_of(each, warp), wp.where(each == balloon, part, Swelling()), True)
 
     @wp.func
-    def find_load(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, balloon: wp.int32):
-        """By all threads of a warp."""
+    def find_load(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, balloon: wp.int32, notes: bool):
+        """By all threads of a warp, one of which may note it."""
         swelling = sum_of_warp_sums(sums(), row_of(balloon, 0), warps)
-        kind = t.inflation_kind[balloon]
-        if seat.thread % WARP_THREADS == 0 and kind != NORMAL_FORCE:
-            load = load_of_balloon(
-                kind, ramp_at(state, seat.world, balloon, seat.time_in_frame), swelling,
-                memory.amounts[gas_row(seat, seat.substep), balloon], t.step_seconds,
-                read_numbers(t, seat.world, balloon),
-            )  # fmt: skip
+        load = load_of_balloon(
+            t.inflation_kind[balloon], ramp_at(state, seat.world, balloon, seat.time_in_frame), swelling,
+            memory.amounts[gas_row(seat, seat.substep), balloon], t.step_seconds,
+            read_numbers(t, seat.world, balloon),
+        )  # fmt: skip
+        if notes and t.inflation_kind[balloon] != NORMAL_FORCE:
             state.pressures[seat.world, balloon] = load[0]
             state.inflation_loads[seat.world, balloon] = wp.vec2(load[1], load[2])
             put_word(known(), balloon * WORDS_OF_BALLOON + LOAD, load[1])
             put_word(known(), balloon * WORDS_OF_BALLOON + RISE, load[2])
+        return wp.vec2(load[1], load[2])
 
     @wp.func
     def find_loads(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat):
-        for balloon in range(seat.thread // WARP_THREADS, balloons, warps):
-            find_load(t, state, memory, seat, balloon)
+        if wp.static(shared):
+            for balloon in range(seat.thread // WARP_THREADS, balloons, warps):
+                _load = find_load(t, state, memory, seat, balloon, seat.thread % WARP_THREADS == 0)
+            block_barrier()
 
-    return GasSums(begin, clear, add, find_loads, flow, load_at, mass_at)
+    @wp.func
+    def own_load(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, balloon: wp.int32):
+        if wp.static(shared):
+            return load_at(balloon)
+        else:
+            return find_load(t, state, memory, seat, balloon, seat.thread == 0)
+
+    return GasSums(begin, clear, add, find_loads, own_load, flow, load_at, mass_at)

@@ -126,6 +126,8 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         own: Own
         active: bool  # whether there is such a particle
         springs: springs_type
+        ramp: wp.vec2  # what is keyframed, at the start of the frame, and its slope [1/s]
+        load: wp.vec2  # with gas: the pressure at height 0 [Pa], and its rise with height [Pa/m]
         point: wp.vec3
         velocity: wp.vec3
         aim: wp.vec3
@@ -134,7 +136,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         push: wp.vec3  # of the inflation [N]
 
     @wp.func
-    def seat_member(t: Tables, slots: Any, seat: Seat, place: wp.int32):
+    def seat_member(t: Tables, slots: Any, state: WorldState, seat: Seat, place: wp.int32):
         """The particle at a place, but for where it is; where there is none, the last again, which does not move."""
         member = Member()
         member.active = place < seat.count
@@ -143,6 +145,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
             member.own.share = 0.0
             member.own.mass = 0.0
         member.springs = read_springs(t, slots, member.own)
+        member.ramp = state.inflation_ramp[seat.world, member.own.balloon]
         return member
 
     return Member, seat_member

@@ -12,10 +12,10 @@ from balloon_warp.kernels.loops.net_force import Loops, net_force_function
 from balloon_warp.kernels.loops.obstacles import sphere_rule
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
-from balloon_warp.kernels.schedules.block_memory import Seat
+from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warps import any_in_warp
-from balloon_warp.kernels.substep import drift_of, inflation_of, kick, ramp_at, swell_function
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.substep import drift_of, inflation_of, kick, swell_function
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -27,17 +27,18 @@ class Pieces(NamedTuple):
     free: Any
     """(t, seat, member, force): the velocity that they give"""
     swell: Any
-    """(t, state, seat, member, origin): the particle's part of its balloon's swelling"""
+    """(t, seat, member, origin): the particle's part of its balloon's swelling"""
     push: Any
-    """(t, state, seat, member, velocity, force): the inflation, and the movement"""
+    """(t, seat, member, velocity, force): the inflation, and the movement"""
     leave: Any
-    """(t, seat, member, other): out of spheres, by all threads of a warp; the other is a second particle, or none"""
+    """(t, seat, member, other): out of spheres, by all threads of a warp; the other is a second particle, or none.
+    Where nobody needs to know sooner where the spheres are, each warp moves them here for itself."""
     stand: Any
     """(t, member): up to the ground"""
 
 
 @cache
-def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_type: Any, two: bool) -> Pieces:
+def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_type: Any, layout: Layout) -> Pieces:
     """For what a scene has."""
     Member = member_type  # noqa: N806 - a type
     net_force = net_force_function(traits, loops)
@@ -45,7 +46,8 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
     drift = drift_of(traits)
     swell_of_particle = swell_function(traits, board.sphere_at)
     leave_one_sphere = sphere_rule(traits)
-    spheres = traits.spheres
+    spheres, two = traits.spheres, layout.two
+    rolls = board.rolls_by_warps
     height_column = traits.columns.places["ground_height"]
     friction_column = traits.columns.places["ground_friction"]
 
@@ -69,22 +71,22 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
         return kick(member.velocity, force, inertia(seat, member), t.step_seconds)
 
     @wp.func
-    def swell(t: Tables, state: WorldState, seat: Seat, member: Member, origin: wp.vec3):
+    def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
         part = Swelling()
         if member.active and member.own.kind != NORMAL_FORCE:
             part = swell_of_particle(
                 t, seat.substep, seat.world, member.own.n[height_column], member.own.share, inertia(seat, member),
-                gas.load_at(member.own.balloon), member.point - origin, member.point, member.free_velocity,
+                member.load, member.point - origin, member.point, member.free_velocity,
                 member.area_vector,
             )  # fmt: skip
         return part
 
     @wp.func
-    def push(t: Tables, state: WorldState, seat: Seat, member: Member, velocity: wp.vec3, force: wp.vec3):
-        value = ramp_at(state, seat.world, member.own.balloon, seat.time_in_frame)
+    def push(t: Tables, seat: Seat, member: Member, velocity: wp.vec3, force: wp.vec3):
+        value = member.ramp[0] + member.ramp[1] * seat.time_in_frame
         load = wp.vec2(value, 0.0)  # a given pressure
         if wp.static(traits.gas):
-            load = gas.load_at(member.own.balloon)
+            load = member.load
         member.push = inflation(
             member.own.kind, value, load[0], load[1], t.up, member.point, member.aim, member.area_vector
         )
@@ -99,9 +101,19 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
         return member.own.mass > 0.0 and wp.length_sq(member.point - center) < radius * radius
 
     @wp.func
+    def see_sphere(t: Tables, seat: Seat, sphere: wp.int32):
+        """Center, velocity and radius in this substep."""
+        if wp.static(rolls):
+            center, motion, radius = board.roll_sphere(t, seat.world, seat.thread, seat.substep, sphere)
+            return center, motion, radius
+        else:
+            there, moving, reach = board.sphere_at(t, seat.substep, seat.world, sphere)
+            return there, moving, reach
+
+    @wp.func
     def leave(t: Tables, seat: Seat, member: Member, other: Member):
         for sphere in range(spheres):
-            center, motion, radius = board.sphere_at(t, seat.substep, seat.world, sphere)
+            center, motion, radius = see_sphere(t, seat, sphere)
             meets = is_inside(member, center, radius)
             other_meets = bool(False)
             if wp.static(two):

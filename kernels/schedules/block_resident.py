@@ -45,8 +45,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     Springs, read_springs, pull_of_springs, area_in_ring = slot_functions(traits, layout.kind_slots)  # noqa: N806
     Member, seat_member = member_functions(traits, Springs, read_springs)  # noqa: N806 - a type
     loops = scalar_loops(traits, in_tile, pull_of_springs, area_in_ring if layout.rings else None)
-    board, gas = board_of(traits, layout.warps), gas_sums(traits, layout.warps)
-    pieces = pieces_of(traits, loops, board, gas, Member, two)
+    board, gas = board_of(traits, layout), gas_sums(traits, layout)
+    pieces = pieces_of(traits, loops, board, gas, Member, layout)
     refresh = refresh_of(traits, layout)
     correct = correcting(traits)
     begins = beginning_of_frame(traits)
@@ -62,7 +62,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         velocities: wp.array[wp.vec3],
     ):
         """The particle at a place, with a frame's beginning; its point into the tile."""
-        member = seat_member(t, slots, seat, place)
+        member = seat_member(t, slots, state, seat, place)
+        member.load = state.inflation_loads[seat.world, member.own.balloon]
         member.point = state.points[seat.world, member.own.number]
         member.velocity = velocities[member.own.number]
         put_in_tile(points, place, member.point)
@@ -75,17 +76,22 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         """The pressures, once all particles have their free velocities."""
         gas.clear(seat)
         origin = points[volume_origin(t, mine.own.balloon)]
-        part = pieces.swell(t, state, seat, mine, origin)
+        part = pieces.swell(t, seat, mine, origin)
         if wp.static(two and traits.balloons == 1):
-            part += pieces.swell(t, state, seat, also, origin)
+            part += pieces.swell(t, seat, also, origin)
         gas.add(seat, mine.own.balloon, part, False)
         if wp.static(two and traits.balloons > 1):
             other_origin = points[volume_origin(t, also.own.balloon)]
-            gas.add(seat, also.own.balloon, pieces.swell(t, state, seat, also, other_origin), True)
+            gas.add(seat, also.own.balloon, pieces.swell(t, seat, also, other_origin), True)
         block_barrier()
         gas.find_loads(t, state, memory, seat)
-        block_barrier()
+        mine.load = gas.own_load(t, state, memory, seat, mine.own.balloon)
+        if wp.static(two and traits.balloons == 1):
+            also.load = mine.load
+        elif wp.static(two):
+            also.load = gas.own_load(t, state, memory, seat, also.own.balloon)
         gas.flow(t, state, memory, seat)
+        return mine, also
 
     @wp.func
     def leave_together(t: Tables, seat: Seat, mine: Member, also: Member):
@@ -144,7 +150,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             mine.aim = refresh.aim(t, seat, centers, areas, mine.own.number, mine.own.balloon, mine.point)
             if wp.static(two):
                 also.aim = refresh.aim(t, seat, centers, areas, also.own.number, also.own.balloon, also.point)
-        if wp.static(traits.spheres > 0):
+        if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
             board.roll(t, seat.world, seat.thread, seat.substep)
             block_barrier()
         force, area = pieces.pull(t, seat, source, velocities, mine)
@@ -158,14 +164,16 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             mine.free_velocity = pieces.free(t, seat, mine, force)
             if wp.static(two):
                 also.free_velocity = pieces.free(t, seat, also, other_force)
-            swell_together(t, state, memory, seat, mine, also, source)
-            mine = pieces.push(t, state, seat, mine, mine.free_velocity, wp.vec3())
+            loaded, also_loaded = swell_together(t, state, memory, seat, mine, also, source)
+            mine = loaded
+            also = also_loaded
+            mine = pieces.push(t, seat, mine, mine.free_velocity, wp.vec3())
             if wp.static(two):
-                also = pieces.push(t, state, seat, also, also.free_velocity, wp.vec3())
+                also = pieces.push(t, seat, also, also.free_velocity, wp.vec3())
         else:
-            mine = pieces.push(t, state, seat, mine, mine.velocity, force)
+            mine = pieces.push(t, seat, mine, mine.velocity, force)
             if wp.static(two):
-                also = pieces.push(t, state, seat, also, also.velocity, other_force)
+                also = pieces.push(t, seat, also, also.velocity, other_force)
         if wp.static(not traits.corrected):
             left, other_left = leave_together(t, seat, mine, also)
             mine = left

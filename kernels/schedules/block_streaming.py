@@ -40,8 +40,8 @@ def no_springs(t: Tables, slots: wp.int32, own: Any):
 def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     """A kernel for worlds of up to so many particles; on the CPU, a block is one thread."""
     Member, seat_member = member_functions(traits, wp.int32, no_springs)  # noqa: N806 - a type
-    board, gas = board_of(traits, layout.warps), gas_sums(traits, layout.warps)
-    pieces = pieces_of(traits, scalar_loops(traits, in_tile), board, gas, Member, False)
+    board, gas = board_of(traits, layout), gas_sums(traits, layout)
+    pieces = pieces_of(traits, scalar_loops(traits, in_tile), board, gas, Member, layout)
     refresh = refresh_of(traits, layout)
     correct = correcting(traits)
     begins = beginning_of_frame(traits)
@@ -49,14 +49,22 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
 
     @wp.func
     def member_in_turn(
-        t: Tables, memory: BlockMemory, seat: Seat, turn: wp.int32, points: Any, velocities: wp.array[wp.vec3]
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        turn: wp.int32,
+        points: Any,
+        velocities: wp.array[wp.vec3],
     ):
         """The particle that a thread has in a turn."""
-        member = seat_member(t, 0, seat, turn * threads + seat.thread)
+        member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
         member.point = points[member.own.number]
         member.velocity = velocities[member.own.number]
         if wp.static(traits.aims):
             member.aim = memory.aims[seat.world, member.own.number]
+        if wp.static(traits.gas):
+            member.load = gas.load_at(member.own.balloon)
         return member
 
     @wp.func
@@ -102,14 +110,14 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         gas.clear(seat)
         total = Swelling()
         for turn in range(rounds):
-            member = member_in_turn(t, memory, seat, turn, points, velocities)
+            member = member_in_turn(t, state, memory, seat, turn, points, velocities)
             force, area = pieces.pull(t, seat, points, velocities, member)
             member.area_vector = area
             member.free_velocity = pieces.free(t, seat, member, force)
             if member.active:
                 memory.free_velocities[seat.world, member.own.number] = member.free_velocity
                 memory.area_vectors[seat.world, member.own.number] = area
-            part = pieces.swell(t, state, seat, member, points[volume_origin(t, member.own.balloon)])
+            part = pieces.swell(t, seat, member, points[volume_origin(t, member.own.balloon)])
             if wp.static(traits.balloons == 1):
                 total += part
             else:
@@ -118,7 +126,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             gas.add(seat, 0, total, False)
         block_barrier()
         gas.find_loads(t, state, memory, seat)
-        block_barrier()
         gas.flow(t, state, memory, seat)
 
     @wp.func
@@ -135,15 +142,15 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """Every particle through the rest of the substep, which without gas is all of it."""
         for turn in range(rounds):
-            member = member_in_turn(t, memory, seat, turn, source, velocities)
+            member = member_in_turn(t, state, memory, seat, turn, source, velocities)
             if wp.static(traits.gas):
                 member.area_vector = memory.area_vectors[seat.world, member.own.number]
                 free = memory.free_velocities[seat.world, member.own.number]
-                member = pieces.push(t, state, seat, member, free, wp.vec3())
+                member = pieces.push(t, seat, member, free, wp.vec3())
             else:
                 force, area = pieces.pull(t, seat, source, velocities, member)
                 member.area_vector = area
-                member = pieces.push(t, state, seat, member, member.velocity, force)
+                member = pieces.push(t, seat, member, member.velocity, force)
             if wp.static(traits.corrected and traits.obstacles):
                 if member.active:
                     memory.inflations[seat.world, member.own.number] = member.push
@@ -154,6 +161,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     @wp.func
     def correct_all(
         t: Tables,
+        state: WorldState,
         memory: BlockMemory,
         seat: Seat,
         rounds: wp.int32,
@@ -165,7 +173,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         correct(t, seat, points, velocities)
         if wp.static(traits.obstacles):
             for turn in range(rounds):
-                member = member_in_turn(t, memory, seat, turn, points, velocities)
+                member = member_in_turn(t, state, memory, seat, turn, points, velocities)
                 member.push = memory.inflations[seat.world, member.own.number]
                 put_member(seat, leave(t, seat, member), points, velocities)
 
@@ -192,7 +200,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             pull_and_swell(t, state, memory, seat, rounds, source, velocities)
         push_and_move(t, state, memory, seat, rounds, source, target, velocities, new_velocities)
         if wp.static(traits.corrected):
-            correct_all(t, memory, seat, rounds, target, new_velocities)
+            correct_all(t, state, memory, seat, rounds, target, new_velocities)
         block_barrier()
 
     @wp.func
