@@ -1,5 +1,7 @@
 """Laws of the tests' own, in a module that workers find, too."""
 
+from typing import Any
+
 import warp as wp
 
 from balloon_warp import Parameter, face_law, particle_law, spring_law
@@ -35,12 +37,24 @@ def hardening_energy(squared_length: float, rest_length: float, stiffness: float
 
 
 @wp.func
-def gust(area_vector: wp.vec3, velocity: wp.vec3, time: float, gust_velocity: wp.vec3, gust_seconds: float):
+def gust(
+    area_vector: wp.vec3,
+    velocity: wp.vec3,
+    time: float,
+    gust_velocity: wp.vec3,
+    gust_density: float,
+    gust_seconds: float,
+):
     """Force of a wind that comes and goes on a face that it meets [N]: 1/2 density u^2 of its area, u how fast it
-    comes to it, of air at 1.2 kg/m^3."""
+    comes to it."""
     strength = wp.sin(wp.pi * wp.min(time / gust_seconds, 1.0))
     flux = wp.min(wp.dot(strength * gust_velocity - velocity, area_vector), 0.0)
-    return (0.6 * flux * flux / wp.max(wp.length_sq(area_vector), 1.0e-30)) * -area_vector
+    return (-0.5 * gust_density * flux * flux / wp.max(wp.length_sq(area_vector), 1.0e-30)) * area_vector
+
+
+def gust_bound(area: Any, velocity: Any, gust_velocity: Any, gust_density: Any) -> Any:
+    """Density A u [N s/m], the derivative of the force by u."""
+    return gust_density * area * ((gust_velocity**2).sum(axis=-1) ** 0.5 + (velocity**2).sum(axis=-1) ** 0.5)
 
 
 MAGNET = particle_law(
@@ -64,9 +78,9 @@ GUST = face_law(
     gust,
     (
         Parameter("gust_velocity", "m/s", of="world", size=3),
+        Parameter("gust_density", "kg/m^3", 1.2, least=0.0, of="world", meaning="of the air"),
         Parameter("gust_seconds", "s", 1.0, least=1.0e-3, of="world", meaning="how long it lasts"),
     ),
-    drag=lambda area, velocity, gust_velocity: (
-        1.2 * area * ((gust_velocity**2).sum(axis=-1) ** 0.5 + (velocity**2).sum(axis=-1) ** 0.5)
-    ),
+    neutral={"gust_density": 0.0},
+    drag=gust_bound,
 )
