@@ -11,6 +11,7 @@ import inspect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
@@ -115,11 +116,15 @@ def require_law(law: Law) -> None:
 
 def acting_laws(laws: Sequence[Law], scene: Any, parameters: Mapping[str, Any]) -> tuple[Law, ...]:
     """Those that act: the scene wants them, and their parameters, arrays of all worlds by name, are not neutral."""
+
+    def is_neutral(name: str, value: float) -> bool:
+        return bool((np.asarray(parameters[name], dtype=np.float32) == np.float32(value)).all())
+
     return tuple(
         law
         for law in laws
         if (law.wants is None or law.wants(scene))
-        and not (law.neutral and all((parameters[name] == value).all() for name, value in law.neutral.items()))
+        and not (law.neutral and all(is_neutral(name, value) for name, value in law.neutral.items()))
     )
 
 

@@ -77,6 +77,11 @@ class Traits(NamedTuple):
         return self.needs("particle", "water_load")
 
     @property
+    def tells_time(self) -> bool:
+        """Whether a law asks for the time."""
+        return any_names(self.laws, "time")
+
+    @property
     def obstacles(self) -> bool:
         """Whether there is something to leave."""
         return self.ground or self.spheres > 0

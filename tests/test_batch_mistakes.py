@@ -7,7 +7,7 @@ import pytest
 from small_batch import FRAMES, scene, write_meshes
 
 from balloon_warp import InputError, Scene, run_batch
-from balloon_warp.model import lay_out, memory
+from balloon_warp.model import lay_out, memory, world_bytes
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.sweep.groups import Group, plan_groups
 
@@ -74,7 +74,7 @@ def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
 
 def simulated_bytes(groups: list[Group]) -> int:
     models = [lay_out(group.plan, "cpu") for group in groups]
-    return sum(model.world_count * (memory.world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
+    return sum(model.world_count * (world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
 
 
 def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
-from balloon_warp.kernels.gas import Swelling, gas_load
+from balloon_warp.kernels.laws.gas import Swelling, gas_load
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import build_model
@@ -233,14 +233,14 @@ def _find_load(swelling: wp.array[Swelling], gamma: float, step_seconds: float, 
     place = wp.tid()
     load[place] = gas_load(
         swelling[place],
-        AIR_PRESSURE,
-        1.2,
         1.0,
-        GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE,
-        0.004,
-        gamma,
-        9.81,
         step_seconds,
+        gamma,
+        0.004,
+        AIR_PRESSURE,
+        TEMPERATURE,
+        1.2,
+        9.81,
     )
 
 

@@ -26,7 +26,6 @@ from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
 from balloon_warp.schedules.tables import spring_ends
-
 from balloon_warp.simulator import Simulator
 
 ROUNDING = 1e-5

@@ -9,6 +9,8 @@ from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.schedules.tables import make_tables
+from balloon_warp.schedules.traits import model_traits
 
 FRAMES = 2
 """that are looked at: rounding differs between schedules, and may put off the end by a little"""
@@ -35,7 +37,7 @@ def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> 
     be watched. None if it does not blow up there: its state was written to meanwhile."""
     # The implicit solver can be watched itself, and takes steps at which the reference would not be stable.
     substeps = getattr(schedule, "substeps", None) or ScatterSchedule(model).substeps
-    check, before = HealthCheck(model), copy_of(state)
+    check, before = HealthCheck(model, make_tables(model, model_traits(model))), copy_of(state)
     for number in range(frame, frame + FRAMES):
         for substep in substeps(state):
             check.look(state)

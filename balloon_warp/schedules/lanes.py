@@ -42,7 +42,9 @@ class LanesSchedule:
 
     def __init__(self, model: Model, thread_count: int | None = None):
         if not model.device.is_cpu:
-            raise InputError(f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU")
+            raise InputError(
+                f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU"
+            )
         self.model, self._traits = model, model_traits(model)
         self._tables = make_tables(model, self._traits)
         self._lane_tables = make_lane_tables(model, self._traits, self.layout, self._tables)

@@ -2,13 +2,11 @@
 
 from dataclasses import dataclass
 
-from balloon_warp.kernels.inflation import NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.rings import Ring, quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.tables import SpringEnds
-from balloon_warp.schedules.traits import beyond_basics, model_traits
 
 WARP_THREADS = 32
 MOST_THREADS = 1024
@@ -20,8 +18,8 @@ QUARTERS = 4
 """of a multiprocessor, among which its warps and registers are shared out"""
 MOST_REGISTERS = 248
 """of a thread"""
-AIR_REGISTERS = 40
-"""of a thread beside its springs, with pressure or gas"""
+OWN_REGISTERS, GAS_REGISTERS = 12, 40
+"""of a thread beside its particles, without and with gas"""
 
 
 @dataclass(frozen=True)
@@ -34,44 +32,37 @@ class Residence:
     """of a thread"""
     blocks: int
     """that a multiprocessor runs at once"""
+    rings: Ring | None
+    """the quads around each particle, where area vectors come of them"""
 
 
-def residence(model: Model, ends: SpringEnds) -> Residence | None:
+def residence(model: Model, traits: Traits, ends: SpringEnds) -> Residence | None:
     """The layout that lets most worlds run at once on a multiprocessor; None if the springs do not fit in registers.
 
     Two particles a thread share what a thread does for itself (spheres, barriers), and their loads overlap; where a
     multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster.
     """
-    if not thread_a_particle(model) or model.device.is_cpu or beyond_basics(model) or model_traits(model).impulses:
+    if not thread_a_particle(model) or model.device.is_cpu:
         return None
-    single, double = _layout(model, ends, 1), _layout(model, ends, 2)
+    rings = quad_rings(model, ends) if traits.measures_areas else None
+    single, double = (_residence(model, traits, ends, rings, particles) for particles in (1, 2))
     if single and double:
         return double if double.blocks >= max(single.blocks, 2) else single
     return single or double
 
 
-def residence_in_air(model: Model, ends: SpringEnds) -> tuple[Residence, Ring] | None:
-    """The layout and the rings of quads for balloons with pressure or gas; None where a balloon has neither, is not of
-    quads all around, shares its gas through a tube, or where there is more than air."""
-    fits = thread_a_particle(model) and model.device.is_cuda
-    if not fits or model_traits(model) != Traits(springs_vary=ends.vary, in_air=True):
-        return None
-    if NORMAL_FORCE in model.inflation_kind.numpy() or model.tube_balloons.shape[0]:
-        return None
-    rings = quad_rings(model, ends)
-    home = _layout(model, ends, 1, AIR_REGISTERS) if rings else None
-    return (home, rings) if home and rings else None
-
-
-def _layout(model: Model, ends: SpringEnds, particles_a_thread: int, others: int = 12) -> Residence | None:
+def _residence(
+    model: Model, traits: Traits, ends: SpringEnds, rings: Ring | None, particles_a_thread: int
+) -> Residence | None:
     """With as many blocks as leave registers for the springs, and for so many others of a thread."""
     threads = -(-model.particle_count // (WARP_THREADS * particles_a_thread)) * WARP_THREADS
-    needed = others + particles_a_thread * (24 + (3 if ends.vary else 2) * sum(kind_slots(ends)))
+    slots = sum(kind_slots(ends)) * (3 if traits.springs_vary else 2)
+    needed = (GAS_REGISTERS if traits.gas else OWN_REGISTERS) + particles_a_thread * (24 + slots)
     for blocks in range(_useful_blocks(model, threads), 0, -1):
         warps_of_quarter = -(-blocks * threads // WARP_THREADS // QUARTERS)
         registers = min(REGISTERS // QUARTERS // WARP_THREADS // warps_of_quarter // 8 * 8, MOST_REGISTERS)
         if registers >= needed:
-            return Residence(particles_a_thread, threads, registers, blocks)
+            return Residence(particles_a_thread, threads, registers, blocks, rings)
     return None
 
 

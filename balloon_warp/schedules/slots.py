@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.block_slots import SlotTable
+from balloon_warp.kernels.schedules.block_springs import SlotTable
 from balloon_warp.model import Model
 from balloon_warp.schedules.banks import spread_over_banks
 from balloon_warp.schedules.rings import Ring
@@ -38,21 +38,9 @@ def slot_table(model: Model, ends: SpringEnds, ring: Ring | None = None) -> Any:
     table = SlotTable()
     table.neighbors = array(neighbors, wp.int32)
     table.scales = array(scales, float)
-    table.rest_lengths = array(scales * rest_lengths, float)
-    table.stiffness = model.stiffness
+    table.rest_lengths = array(rest_lengths, float)
     table.valences = array(ends.by_kind[:, 0], wp.int32)
-    table.faces = array(_face_slots(model), wp.int32)
     return table
-
-
-def _face_slots(model: Model) -> NDArray[np.int64]:
-    """The faces around each particle, -1 where there are no more, shape (face_slot_count, particle_count)."""
-    offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)
-    counts = np.diff(offsets)
-    slots = np.full((counts.max(), len(counts)), -1)
-    particle = np.repeat(np.arange(len(counts)), counts)
-    slots[np.arange(len(particle)) - offsets[particle], particle] = model.particle_faces.numpy()
-    return slots
 
 
 def _slots_of_kind(ends: SpringEnds, kind: int, ring: NDArray[np.int64] | None) -> tuple[NDArray, NDArray, NDArray]:

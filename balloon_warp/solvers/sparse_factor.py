@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.solvers.linear_systems import FactorTable, factored_solver
 from balloon_warp.model import Model
-from balloon_warp.model.memory import VECTOR_BYTES
+from balloon_warp.model.memory import Counting
 from balloon_warp.solvers.step_matrices import StepMatrices
 
 
@@ -57,9 +57,12 @@ class SparseFactor:
     @staticmethod
     def world_bytes(model: Model, matrices: StepMatrices) -> int:
         """Memory that it keeps for each world; for its own factor, an upper bound."""
-        filled_up = LANE_COUNT * -(-model.world_count // LANE_COUNT)
-        factor = 0 if matrices.count == 1 else 4 * int(8 * np.log2(model.particle_count + 1)) * model.particle_count
-        return filled_up * (VECTOR_BYTES * model.particle_count + factor) // model.world_count
+        groups = -(-model.world_count // LANE_COUNT)
+        entries = 0 if matrices.count == 1 else int(8 * np.log2(model.particle_count + 1)) * model.particle_count
+        room = Counting()
+        room.array((groups, model.particle_count), Lanes3)
+        room.array((groups, entries), Lanes)
+        return room.bytes // model.world_count
 
     def solve(self, right_sides: wp.array, solutions: wp.array) -> None:
         """A solution for each right side, both of shape (world_count, particle_count), vec3."""

@@ -129,7 +129,7 @@ def run_batch(
     vary, chosen = vary or {}, np.unique(np.asarray(export, dtype=np.int64))
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
-    worker_device = cluster.device(device) if cluster else device
+    device = cluster.device(device) if cluster else device
     groups = plan_groups(scene, world_count, vary, laws)
     task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup)
     for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
@@ -137,18 +137,28 @@ def run_batch(
     description = describe_batch(task)
     checkpoints = BatchCheckpoints(task, description, checkpoint_seconds, resume, on_note)
     try:
-        if cluster:
-            from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
-
-            outcome = distribute_batch(task, cluster, worker_device, checkpoints, on_frame)
-        else:
-            outcome = simulate_locally(task, device, checkpoints, on_frame)
+        outcome = _simulate(task, cluster, device, checkpoints, on_frame)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(checkpoints.advice) from None
     names = [*TABLE_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
     return _summary(task, outcome, name)
+
+
+def _simulate(
+    task: BatchTask,
+    cluster: Cluster | None,
+    device: str | None,
+    checkpoints: BatchCheckpoints,
+    on_frame: Callable[[int], None],
+) -> Outcome:
+    """On the cluster's workers, or here."""
+    if not cluster:
+        return simulate_locally(task, device, checkpoints, on_frame)
+    from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
+
+    return distribute_batch(task, cluster, device, checkpoints, on_frame)
 
 
 def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:

@@ -14,16 +14,21 @@ SHARED_WORDS = """
     __shared__ float4 words[(COUNT + 3) / 4];
     return (wp::uint64)words;
 #else
-    return 0;
+    static float words[(COUNT + 3) / 4 * 4];
+    return (wp::uint64)words;
 #endif
 """
 
 
 @cache
-def shared_words(count: int) -> Any:
-    """A function that returns the address of so many words of shared memory, the same ones wherever it is called."""
+def shared_words(name: str, count: int) -> Any:
+    """A function that returns the address of so many words of shared memory, the same ones wherever it is called.
 
-    @wp.func_native(SHARED_WORDS.replace("COUNT", str(count)))
+    Args:
+        name: what they are for; words of another name are others.
+    """
+
+    @wp.func_native(f"// {name}{SHARED_WORDS.replace('COUNT', str(count))}")
     def words() -> wp.uint64:
         """Their address."""
         ...
@@ -105,7 +110,8 @@ def warp_sum_of_vectors(v: wp.vec3) -> wp.vec3:
     }
     return wp::vec3(__shfl_sync(all, total, 0), __shfl_sync(all, total, 1), __shfl_sync(all, total, 2));
 #else
-    return wp::vec3();
+    const float* words = (const float*)entries;
+    return words[3] == stamp ? wp::vec3(words[0], words[1], words[2]) : wp::vec3();
 #endif
     """
 )
@@ -135,14 +141,20 @@ def warp_sum_of_stamped(entries: wp.uint64, count: wp.int32, stamp: float) -> wp
     one += __shfl_xor_sync(all, one, 2);
     one += __shfl_xor_sync(all, one, 1);
     if ((threadIdx.x & 3) == 0) {
-        ((float*)words)[first + (threadIdx.x & 31) / 4] = one;
+        float& word = ((float*)words)[first + (threadIdx.x & 31) / 4];
+        word = one + (added ? word : 0.0f);
+    }
+#else
+    for (int n = 0; n < 5; ++n) {
+        float& word = ((float*)words)[first + n];
+        word = v[n] + (added ? word : 0.0f);
     }
 #endif
     """
 )
-def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five):
-    """The sums over the threads of the warp into shared words, from `first` on, eight numbers of which the last three
-    are 0; by all threads of the warp."""
+def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
+    """The sums over the threads of the warp into shared words, from `first` on, or added to what stands there: eight
+    numbers of which the last three are 0; by all threads of the warp."""
     ...
 
 
@@ -163,12 +175,73 @@ def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five):
     }
     return sums;
 #else
-    return wp::vec_t<5, float>();
+    wp::vec_t<5, float> sums;
+    for (int n = 0; n < 5; ++n) {
+        sums[n] = ((const float*)words)[first + n];
+    }
+    return sums;
 #endif
     """
 )
 def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
     """The sums of what so many warps put, by all threads of a warp, which get the same to the last bit every time."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return __shfl_sync(0xffffffffu, x, thread);
+#else
+    return x;
+#endif
+    """
+)
+def of_thread(x: wp.int32, thread: wp.int32) -> wp.int32:
+    """What a thread of the warp has; called by all of them."""
+    ...
+
+
+@wp.func_native("return ((const float*)words)[index];")
+def word_at(words: wp.uint64, index: wp.int32) -> float:
+    """A word of shared memory."""
+    ...
+
+
+@wp.func_native("((float*)words)[index] = value;")
+def put_word(words: wp.uint64, index: wp.int32, value: float):
+    """Into a word of shared memory, without a barrier."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    float4 read = ((const float4*)words)[entry];
+    return wp::vec4(read.x, read.y, read.z, read.w);
+#else
+    const float* read = (const float*)words + 4 * entry;
+    return wp::vec4(read[0], read[1], read[2], read[3]);
+#endif
+    """
+)
+def read_entry(words: wp.uint64, entry: wp.int32) -> wp.vec4:
+    """Four words of shared memory."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    ((float4*)words)[entry] = make_float4(v[0], v[1], v[2], fourth);
+#else
+    float* write = (float*)words + 4 * entry;
+    write[0] = v[0]; write[1] = v[1]; write[2] = v[2]; write[3] = fourth;
+#endif
+    """
+)
+def write_entry(words: wp.uint64, entry: wp.int32, v: wp.vec3, fourth: float):
+    """A vector and a number into four words of shared memory."""
     ...
 
 
@@ -181,10 +254,4 @@ def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five
 )
 def block_barrier():
     """Wait for all threads of the block."""
-    ...
-
-
-@wp.func_native("tile.data.ptr[index] = value;")
-def put(tile: Any, index: wp.int32, value: Any):
-    """Into a shared tile, without a barrier."""
     ...

@@ -140,4 +140,3 @@ class Balloon(Table):
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     law: LawTables = {}
-    """parameters of laws of one's own, by the law's name and the parameter's"""

@@ -16,8 +16,6 @@ Keyframe = tuple[NonNegative, Real]
 Keyframed = Real | Annotated[list[Keyframe], Field(min_length=1)]
 """a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last;
 at least a frame apart"""
-LawTables = dict[str, dict[str, Real | Vector]]
-"""parameters of laws, by the law's name and the parameter's"""
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Index = Annotated[int, Field(ge=0)]
 """from 0, as in lists of the scene and vertices of a file"""

@@ -72,7 +72,6 @@ class Scene(Table):
     tube: list[Tube] = []
     atmosphere: Atmosphere = Atmosphere()
     law: LawTables = {}
-    """parameters of laws of one's own that belong to the world, by the law's name and the parameter's"""
     change: list[Change] = []
     """what changes while it is simulated, in order of time"""
 

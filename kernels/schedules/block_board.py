@@ -1,0 +1,157 @@
+"""Spheres in a thread block: on a board in shared memory.
+
+On it stand where the spheres are, and for each warp and sphere the sum of what its particles push with, added in the
+same order every time. A substep reads one of two rows and writes the other; the stamp of a post is its substep, so that
+nothing is cleared.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.laws.contact import move_sphere
+from balloon_warp.kernels.measure.health import look_at_sphere
+from balloon_warp.kernels.schedules.block_memory import Layout
+from balloon_warp.kernels.schedules.warps import (
+    WARP_THREADS,
+    read_entry,
+    shared_words,
+    warp_sum_of_stamped,
+    warp_sum_of_vectors,
+    write_entry,
+)
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.traits import Traits
+
+NEVER = wp.constant(-2)
+"""a stamp that no substep has"""
+
+
+class Board(NamedTuple):
+    """What a block does with its spheres."""
+
+    begin: Any
+    """(t, state, world, thread): what a frame begins with; a barrier must follow"""
+    rolls_by_warps: bool
+    """each warp moves the spheres for itself, when its particles leave them; otherwise `roll` comes before"""
+    roll_sphere: Any
+    """(t, world, thread, substep, sphere): a sphere by a substep, by all threads of a warp, who learn where it is"""
+    roll: Any
+    """(t, world, thread, substep): every sphere, a warp a sphere; a barrier must follow"""
+    sphere_at: Any
+    """(t, substep, world, sphere): center, velocity and radius of a sphere that has moved"""
+    post: Any
+    """(sphere, substep, thread, force): by all threads of a warp, what they push the sphere with"""
+    end: Any
+    """(t, state, world, thread, last_substep): into the state, and a look at them"""
+
+
+@cache
+def board_of(traits: Traits, layout: Layout) -> Board:
+    """For the warps of a block.
+
+    Entries of the board, of four words: two rows of posts, a post a warp and sphere, with the force and the stamp; two
+    rows of centers and radii; two of velocities and inverse masses.
+    """
+    count, warps = max(traits.spheres, 1), layout.warps
+    rolls_by_warps = layout.resident and not traits.gas
+    posts = 2 * warps * count
+    motions = posts + 2 * count
+    board = shared_words("spheres", 4 * (motions + 2 * count))
+    split = traits.columns.balloon_width
+    gravity, height, restitution = (
+        traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
+    )
+
+    @wp.func
+    def post_of(substep: wp.int32, warp: wp.int32, sphere: wp.int32):
+        return ((substep & 1) * count + sphere) * warps + warp
+
+    @wp.func
+    def place_of(substep: wp.int32, sphere: wp.int32):
+        return posts + (substep & 1) * count + sphere
+
+    @wp.func
+    def motion_of(substep: wp.int32, sphere: wp.int32):
+        return motions + (substep & 1) * count + sphere
+
+    @wp.func
+    def posted_force(substep: wp.int32, sphere: wp.int32):
+        """What a sphere was pushed with in a substep [N], by all threads of a warp."""
+        of_warps = board() + wp.uint64(16) * wp.uint64(post_of(substep, 0, sphere))
+        return warp_sum_of_stamped(of_warps, warps, float(substep))
+
+    @wp.func
+    def begin(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32):
+        """By the first warp; the first post stands for the pushes since the last move."""
+        writers = wp.min(WARP_THREADS, wp.block_dim())
+        if thread < writers:
+            for post in range(thread, posts, writers):
+                write_entry(board(), post, wp.vec3(), float(NEVER))
+            for sphere in range(count):
+                if thread == post_of(-1, 0, sphere) % writers:  # the thread that has just written it
+                    write_entry(board(), post_of(-1, 0, sphere), state.sphere_forces[world, sphere], -1.0)
+                if thread == 0:
+                    radius = sphere_radius(t.spheres, world, sphere)
+                    response = 1.0 / sphere_mass(t.spheres, world, sphere)
+                    write_entry(board(), place_of(-1, sphere), state.sphere_positions[world, sphere], radius)
+                    write_entry(board(), motion_of(-1, sphere), state.sphere_velocities[world, sphere], response)
+
+    @wp.func
+    def roll_sphere(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, sphere: wp.int32):
+        """By all threads of a warp."""
+        force = posted_force(substep - 1, sphere)
+        place = read_entry(board(), place_of(substep - 1, sphere))
+        motion = read_entry(board(), motion_of(substep - 1, sphere))
+        row = row_of_world(world, t.world_numbers.shape[0])
+        center, velocity = move_sphere(
+            wp.vec3(place[0], place[1], place[2]), wp.vec3(motion[0], motion[1], motion[2]), motion[3] * force,
+            place[3], t.world_numbers[row, gravity], t.up, t.world_numbers[row, height],
+            t.world_numbers[row, restitution], t.step_seconds,
+        )  # fmt: skip
+        writes = thread % WARP_THREADS == 0
+        if wp.static(rolls_by_warps):
+            writes = thread == 0
+        if writes:
+            write_entry(board(), place_of(substep, sphere), center, place[3])
+            write_entry(board(), motion_of(substep, sphere), velocity, motion[3])
+        return center, velocity, place[3]
+
+    @wp.func
+    def roll(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32):
+        for sphere in range(count):
+            if thread // WARP_THREADS == sphere % warps:
+                _center, _velocity, _radius = roll_sphere(t, world, thread, substep, sphere)
+
+    @wp.func
+    def sphere_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):
+        place = read_entry(board(), place_of(substep, sphere))
+        motion = read_entry(board(), motion_of(substep, sphere))
+        return wp.vec3(place[0], place[1], place[2]), wp.vec3(motion[0], motion[1], motion[2]), place[3]
+
+    @wp.func
+    def post(sphere: wp.int32, substep: wp.int32, thread: wp.int32, force: wp.vec3):
+        """To what the warp has posted in this substep."""
+        total = warp_sum_of_vectors(force)
+        if thread % WARP_THREADS == 0:
+            entry = post_of(substep, thread // WARP_THREADS, sphere)
+            before = read_entry(board(), entry)
+            if before[3] == float(substep):
+                total += wp.vec3(before[0], before[1], before[2])
+            write_entry(board(), entry, total, float(substep))
+
+    @wp.func
+    def end(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32, last_substep: wp.int32):
+        """By the first warp, after the last substep's barrier."""
+        if thread < WARP_THREADS:
+            for sphere in range(count):
+                force = posted_force(last_substep, sphere)
+                center, velocity, _radius = sphere_at(t, last_substep, world, sphere)
+                if thread == 0:
+                    look_at_sphere(t.health, state.first_bad, world, state.points.shape[1], sphere, center)
+                    state.sphere_positions[world, sphere] = center
+                    state.sphere_velocities[world, sphere] = velocity
+                    state.sphere_forces[world, sphere] = force
+
+    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, end)

@@ -1,0 +1,44 @@
+"""Springs that are too long are shortened, by the threads of a block: color by color, with a barrier after each."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.correction import excess, moves_of_ends
+from balloon_warp.kernels.memory import put_in_tile
+from balloon_warp.kernels.schedules.block_memory import Seat
+from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def correcting(traits: Traits) -> Any:
+    """The function that corrects."""
+    column = traits.columns.places.get("correction_limit", 0) - traits.columns.balloon_width
+
+    @wp.func
+    def correct_spring(t: Tables, limit: float, spring: wp.int32, points: Any, velocities: wp.array[wp.vec3]):
+        p = t.correction.particles[spring][0]
+        q = t.correction.particles[spring][1]
+        too_long = excess(points[q] - points[p], t.correction.rest_lengths[spring], limit)
+        move_p, move_q = moves_of_ends(t.particles.mass_share[p], t.particles.mass_share[q], too_long)
+        put_in_tile(points, p, points[p] + move_p)
+        put_in_tile(points, q, points[q] + move_q)
+        velocities[p] = velocities[p] + move_p / t.step_seconds
+        velocities[q] = velocities[q] + move_q / t.step_seconds
+
+    @wp.func
+    def correct(t: Tables, seat: Seat, points: Any, velocities: wp.array[wp.vec3]):
+        """All sweeps; a barrier must have come before."""
+        limit = t.world_numbers[row_of_world(seat.world, t.world_numbers.shape[0]), column]
+        colors = t.correction.color_offsets.shape[0] - 1
+        for color_of_sweep in range(t.correction.sweeps * colors):
+            color = color_of_sweep % colors
+            begin = t.correction.color_offsets[color] + seat.thread
+            for spring in range(begin, t.correction.color_offsets[color + 1], wp.block_dim()):
+                correct_spring(t, limit, spring, points, velocities)
+            block_barrier()
+
+    return correct

@@ -1,0 +1,151 @@
+"""What the threads of a block know, and what they keep beside the state."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+GAS_ROWS = 2
+"""Rows of amounts of gas in a world: they change while threads still read them, so that a substep reads one row, and a
+thread fills the other for the next."""
+
+
+class Layout(NamedTuple):
+    """How a world is laid out on a block."""
+
+    threads: int
+    capacity: int
+    """particles that a tile holds"""
+    resident: bool
+    """each particle stays in the registers of a thread for all of a frame"""
+    two: bool = False
+    """a thread has two of them, which then share what a thread does for itself"""
+    faces: int = 0
+    """that a tile holds, where particles are resident"""
+    kind_slots: tuple[int, int, int] = (0, 0, 0)
+    """the most springs of each kind at a particle, where they are resident"""
+    rings: bool = False
+    """area vectors come of the ring of springs around each particle"""
+    odd_substeps: bool = False
+    registers: int = 64
+    """of a thread"""
+
+    @property
+    def warps(self) -> int:
+        """of a block; on the CPU, a block is one thread"""
+        return max(self.threads // 32, 1)
+
+
+@wp.struct
+class BlockMemory:
+    """What a block keeps in global memory; arrays that a scene does not need are empty."""
+
+    face_centers: wp.array2d[wp.vec3]
+    face_area_vectors: wp.array2d[wp.vec3]
+    aims: wp.array2d[wp.vec3]
+    area_vectors: wp.array2d[wp.vec3]
+    free_velocities: wp.array2d[wp.vec3]
+    other_velocities: wp.array2d[wp.vec3]
+    """where neighbors look at them: a substep reads one buffer and writes the other"""
+    inflations: wp.array2d[wp.vec3]
+    amounts: wp.array2d[wp.float64]
+    """of gas, shape (GAS_ROWS * world_count, balloon_count)"""
+    frame: wp.array[wp.int32]
+    """as it was when the frame began, where a law asks for the time: the state's is counted while blocks still read"""
+
+
+@wp.struct
+class Seat:
+    """Where a thread sits, and in which substep."""
+
+    world: wp.int32
+    thread: wp.int32
+    count: wp.int32  # particles of the world
+    substep: wp.int32
+    time_in_frame: float
+    time: float
+
+
+@wp.func
+def at_substep(t: Tables, seat: Seat, frame_begin: float, substep: wp.int32):
+    """The seat in a substep.
+
+    Args:
+        frame_begin: [s]
+    """
+    now = Seat()
+    now.world = seat.world
+    now.thread = seat.thread
+    now.count = seat.count
+    now.substep = substep
+    now.time_in_frame = float(substep) * t.step_seconds
+    now.time = frame_begin + now.time_in_frame
+    return now
+
+
+@cache
+def beginning_of_frame(traits: Traits) -> Any:
+    """The function that tells when a frame begins [s], where a law asks for it."""
+
+    @wp.func
+    def frame_begin(t: Tables, memory: BlockMemory):
+        if wp.static(traits.tells_time):
+            return float(memory.frame[0]) * t.frame_seconds
+        else:
+            return 0.0
+
+    return frame_begin
+
+
+@wp.func
+def count_frame(state: WorldState, world: wp.int32, thread: wp.int32):
+    """By one thread of all: the frame has passed."""
+    if world == 0 and thread == 0:
+        state.frame[0] = state.frame[0] + 1
+
+
+@wp.func
+def gas_row(seat: Seat, substep: wp.int32):
+    """Where the amounts of gas of a substep stand."""
+    return GAS_ROWS * seat.world + substep % GAS_ROWS
+
+
+@cache
+def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tuple[Any, Any]:
+    """The type of a particle in a thread's registers, and the function that seats one."""
+    Own, read_own = own_functions(traits.columns)  # noqa: N806 - a type
+
+    @wp.struct
+    class Member:
+        """A particle."""
+
+        own: Own
+        active: bool  # whether there is such a particle
+        springs: springs_type
+        ramp: wp.vec2  # what is keyframed, at the start of the frame, and its slope [1/s]
+        load: wp.vec2  # with gas: the pressure at height 0 [Pa], and its rise with height [Pa/m]
+        point: wp.vec3
+        velocity: wp.vec3
+        aim: wp.vec3
+        area_vector: wp.vec3
+        free_velocity: wp.vec3  # with gas: without the inflation
+        push: wp.vec3  # of the inflation [N]
+
+    @wp.func
+    def seat_member(t: Tables, slots: Any, state: WorldState, seat: Seat, place: wp.int32):
+        """The particle at a place, but for where it is; where there is none, the last again, which does not move."""
+        member = Member()
+        member.active = place < seat.count
+        member.own = read_own(t, seat.world, wp.min(place, seat.count - 1))
+        if not member.active:
+            member.own.share = 0.0
+            member.own.mass = 0.0
+        member.springs = read_springs(t, slots, member.own)
+        member.ramp = state.inflation_ramp[seat.world, member.own.balloon]
+        return member
+
+    return Member, seat_member

@@ -1,0 +1,155 @@
+"""The pieces of a substep as the threads of a block do them, each for a particle or together: see `kernels.substep`."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.laws.contact import leave_ground
+from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.loops.net_force import Loops, net_force_function
+from balloon_warp.kernels.loops.obstacles import sphere_rule
+from balloon_warp.kernels.schedules.block_board import Board
+from balloon_warp.kernels.schedules.block_gas import GasSums
+from balloon_warp.kernels.schedules.block_memory import Layout, Seat
+from balloon_warp.kernels.schedules.warps import any_in_warp
+from balloon_warp.kernels.substep import drift_of, inflation_of, kick, swell_function
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+class Pieces(NamedTuple):
+    """Functions of one particle, or of two that one thread has."""
+
+    pull: Any
+    """(t, seat, points, velocities, member, time): all forces but the inflation, and the area vector"""
+    free: Any
+    """(t, seat, member, force): the velocity that they give"""
+    swell: Any
+    """(t, seat, member, origin): the particle's part of its balloon's swelling"""
+    push: Any
+    """(t, seat, member, velocity, force): the inflation, and the movement"""
+    leave: Any
+    """(t, seat, member, other): out of spheres, by all threads of a warp; the other is a second particle, or none.
+    Where nobody needs to know sooner where the spheres are, each warp moves them here for itself."""
+    stand: Any
+    """(t, member): up to the ground"""
+
+
+@cache
+def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_type: Any, layout: Layout) -> Pieces:
+    """For what a scene has."""
+    Member = member_type  # noqa: N806 - a type
+    net_force = net_force_function(traits, loops)
+    inflation = inflation_of(traits)
+    drift = drift_of(traits)
+    swell_of_particle = swell_function(traits, board.sphere_at)
+    leave_one_sphere = sphere_rule(traits)
+    spheres, two = traits.spheres, layout.two
+    rolls = board.rolls_by_warps
+    height_column = traits.columns.places["ground_height"]
+    friction_column = traits.columns.places["ground_friction"]
+
+    @wp.func
+    def inertia(seat: Seat, member: Member):
+        """A particle's mass and its share of the gas [kg]."""
+        if wp.static(traits.gas):
+            return member.own.mass + member.own.share * gas.mass_at(seat.substep, member.own.balloon)
+        else:
+            return member.own.mass
+
+    @wp.func
+    def pull(t: Tables, seat: Seat, points: Any, velocities: Any, member: Member):
+        force, area_vector = net_force(
+            t, points, velocities, member.own, member.springs, member.point, member.velocity, seat.time
+        )
+        return force, area_vector
+
+    @wp.func
+    def free(t: Tables, seat: Seat, member: Member, force: wp.vec3):
+        return kick(member.velocity, force, inertia(seat, member), t.step_seconds)
+
+    @wp.func
+    def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
+        part = Swelling()
+        if member.active and member.own.kind != NORMAL_FORCE:
+            part = swell_of_particle(
+                t, seat.substep, seat.world, member.own.n[height_column], member.own.share, inertia(seat, member),
+                member.load, member.point - origin, member.point, member.free_velocity,
+                member.area_vector,
+            )  # fmt: skip
+        return part
+
+    @wp.func
+    def push(t: Tables, seat: Seat, member: Member, velocity: wp.vec3, force: wp.vec3):
+        value = member.ramp[0] + member.ramp[1] * seat.time_in_frame
+        load = wp.vec2(value, 0.0)  # a given pressure
+        if wp.static(traits.gas):
+            load = member.load
+        member.push = inflation(
+            member.own.kind, value, load[0], load[1], t.up, member.point, member.aim, member.area_vector
+        )
+        old_velocity = member.velocity
+        member.velocity = kick(velocity, force + member.push, inertia(seat, member), t.step_seconds)
+        member.point = drift(member.point, old_velocity, member.velocity, t.step_seconds)
+        return member
+
+    @wp.func
+    def is_inside(member: Member, center: wp.vec3, radius: float):
+        """Whether a particle that moves is inside a sphere."""
+        return member.own.mass > 0.0 and wp.length_sq(member.point - center) < radius * radius
+
+    @wp.func
+    def see_sphere(t: Tables, seat: Seat, sphere: wp.int32):
+        """Center, velocity and radius in this substep."""
+        if wp.static(rolls):
+            center, motion, radius = board.roll_sphere(t, seat.world, seat.thread, seat.substep, sphere)
+            return center, motion, radius
+        else:
+            there, moving, reach = board.sphere_at(t, seat.substep, seat.world, sphere)
+            return there, moving, reach
+
+    @wp.func
+    def leave(t: Tables, seat: Seat, member: Member, other: Member):
+        for sphere in range(spheres):
+            center, motion, radius = see_sphere(t, seat, sphere)
+            meets = is_inside(member, center, radius)
+            other_meets = bool(False)
+            if wp.static(two):
+                other_meets = is_inside(other, center, radius)
+            if any_in_warp(meets or other_meets):
+                force = wp.vec3()
+                if meets:
+                    out, after, pushed = leave_one_sphere(
+                        t, seat.world, sphere, center, motion, radius, member.own.share, inertia(seat, member),
+                        member.point, member.velocity, member.push,
+                    )  # fmt: skip
+                    member.point = out
+                    member.velocity = after
+                    force = pushed
+                if wp.static(two):
+                    if other_meets:
+                        out, after, pushed = leave_one_sphere(
+                            t, seat.world, sphere, center, motion, radius, other.own.share, inertia(seat, other),
+                            other.point, other.velocity, other.push,
+                        )  # fmt: skip
+                        other.point = out
+                        other.velocity = after
+                        force += pushed
+                board.post(sphere, seat.substep, seat.thread, force)
+        return member, other
+
+    @wp.func
+    def stand(t: Tables, member: Member):
+        height = member.own.n[height_column]
+        if wp.dot(member.point, t.up) < height and member.own.mass > 0.0:
+            stood, slowed = leave_ground(
+                member.point, member.velocity, t.up, height, member.own.n[friction_column]
+            )
+            member.point = stood
+            member.velocity = slowed
+        return member
+
+    return Pieces(pull, free, swell, push, leave, stand)
+

@@ -1,0 +1,281 @@
+"""The `block` schedule for worlds of at most 1,024 particles: all but the points stays in registers.
+
+A thread has one particle, or two, which then share what a thread does for itself. What bounds it, for a particle and
+substep with 12 springs: 12 loads and a store of 3 words from shared memory, 39 wavefronts a warp without bank
+conflicts; and 14 instructions a spring and 23 more, 191 in all. A multiprocessor does one wavefront and four
+instructions of a warp in a cycle, so that issue bounds it first, at 48 cycles for 32 particles: 132 multiprocessors at
+1.98 GHz make 1.75e11 particle-substeps a second.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.loops.net_force import scalar_loops
+from balloon_warp.kernels.measure.health import is_past, look_at_particle
+from balloon_warp.kernels.memory import in_tile, put_in_tile
+from balloon_warp.kernels.schedules.block_board import board_of
+from balloon_warp.kernels.schedules.block_correct import correcting
+from balloon_warp.kernels.schedules.block_gas import gas_sums
+from balloon_warp.kernels.schedules.block_memory import (
+    BlockMemory,
+    Layout,
+    Seat,
+    at_substep,
+    beginning_of_frame,
+    count_frame,
+    member_functions,
+)
+from balloon_warp.kernels.schedules.block_pieces import pieces_of
+from balloon_warp.kernels.schedules.block_refresh import refresh_of
+from balloon_warp.kernels.schedules.block_springs import SlotTable, slot_functions
+from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.substep import volume_origin
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def resident_kernel(traits: Traits, layout: Layout) -> Any:
+    """A kernel for just what a scene has."""
+    threads, two, face_capacity = layout.threads, layout.two, layout.faces
+    capacity = threads * (2 if two else 1)
+    Springs, read_springs, pull_of_springs, area_in_ring = slot_functions(traits, layout.kind_slots)  # noqa: N806
+    Member, seat_member = member_functions(traits, Springs, read_springs)  # noqa: N806 - a type
+    loops = scalar_loops(traits, in_tile, pull_of_springs, area_in_ring if layout.rings else None)
+    board, gas = board_of(traits, layout), gas_sums(traits, layout)
+    pieces = pieces_of(traits, loops, board, gas, Member, layout)
+    refresh = refresh_of(traits, layout)
+    correct = correcting(traits)
+    begins = beginning_of_frame(traits)
+
+    @wp.func
+    def take_place(
+        t: Tables,
+        slots: SlotTable,
+        state: WorldState,
+        seat: Seat,
+        place: wp.int32,
+        points: Any,
+        velocities: wp.array[wp.vec3],
+    ):
+        """The particle at a place, with a frame's beginning; its point into the tile."""
+        member = seat_member(t, slots, state, seat, place)
+        member.load = state.inflation_loads[seat.world, member.own.balloon]
+        member.point = state.points[seat.world, member.own.number]
+        member.velocity = velocities[member.own.number]
+        put_in_tile(points, place, member.point)
+        return member
+
+    @wp.func
+    def swell_together(
+        t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, mine: Member, also: Member, points: Any
+    ):
+        """The pressures, once all particles have their free velocities."""
+        gas.clear(seat)
+        origin = points[volume_origin(t, mine.own.balloon)]
+        part = pieces.swell(t, seat, mine, origin)
+        if wp.static(two and traits.balloons == 1):
+            part += pieces.swell(t, seat, also, origin)
+        gas.add(seat, mine.own.balloon, part, False)
+        if wp.static(two and traits.balloons > 1):
+            other_origin = points[volume_origin(t, also.own.balloon)]
+            gas.add(seat, also.own.balloon, pieces.swell(t, seat, also, other_origin), True)
+        block_barrier()
+        gas.find_loads(t, state, memory, seat)
+        mine.load = gas.own_load(t, state, memory, seat, mine.own.balloon)
+        if wp.static(two and traits.balloons == 1):
+            also.load = mine.load
+        elif wp.static(two):
+            also.load = gas.own_load(t, state, memory, seat, also.own.balloon)
+        gas.flow(t, state, memory, seat)
+        return mine, also
+
+    @wp.func
+    def leave_together(t: Tables, seat: Seat, mine: Member, also: Member):
+        """Out of obstacles."""
+        if wp.static(traits.spheres > 0):
+            left, other_left = pieces.leave(t, seat, mine, also)
+            mine = left
+            also = other_left
+        if wp.static(traits.ground):
+            mine = pieces.stand(t, mine)
+            if wp.static(two):
+                also = pieces.stand(t, also)
+        return mine, also
+
+    @wp.func
+    def correct_together(
+        t: Tables, seat: Seat, mine: Member, also: Member, target: Any, velocities: wp.array[wp.vec3]
+    ):
+        """Springs shortened in the target, then out of obstacles."""
+        if mine.active:
+            velocities[mine.own.number] = mine.velocity
+        if wp.static(two):
+            if also.active:
+                velocities[also.own.number] = also.velocity
+        block_barrier()
+        correct(t, seat, target, velocities)
+        mine.point = target[seat.thread]
+        mine.velocity = velocities[mine.own.number]
+        if wp.static(two):
+            also.point = target[seat.thread + threads]
+            also.velocity = velocities[also.own.number]
+        left, other_left = leave_together(t, seat, mine, also)
+        put_in_tile(target, seat.thread, left.point)
+        if wp.static(two):
+            put_in_tile(target, seat.thread + threads, other_left.point)
+        return left, other_left
+
+    @wp.func
+    def substep(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        mine: Member,
+        also: Member,
+        source: Any,
+        target: Any,
+        velocities: wp.array[wp.vec3],
+        new_velocities: wp.array[wp.vec3],
+        centers: Any,
+        areas: Any,
+    ):
+        """One substep, from one tile of points to the other."""
+        if wp.static(traits.aims and traits.fresh_normals):
+            refresh.measure(t, seat, source, centers, areas)
+            mine.aim = refresh.aim(t, seat, centers, areas, mine.own.number, mine.own.balloon, mine.point)
+            if wp.static(two):
+                also.aim = refresh.aim(t, seat, centers, areas, also.own.number, also.own.balloon, also.point)
+        if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
+            board.roll(t, seat.world, seat.thread, seat.substep)
+            block_barrier()
+        force, area = pieces.pull(t, seat, source, velocities, mine)
+        mine.area_vector = area
+        other_force = wp.vec3()
+        if wp.static(two):
+            pull, other_area = pieces.pull(t, seat, source, velocities, also)
+            other_force = pull
+            also.area_vector = other_area
+        if wp.static(traits.gas):
+            mine.free_velocity = pieces.free(t, seat, mine, force)
+            if wp.static(two):
+                also.free_velocity = pieces.free(t, seat, also, other_force)
+            loaded, also_loaded = swell_together(t, state, memory, seat, mine, also, source)
+            mine = loaded
+            also = also_loaded
+            mine = pieces.push(t, seat, mine, mine.free_velocity, wp.vec3())
+            if wp.static(two):
+                also = pieces.push(t, seat, also, also.free_velocity, wp.vec3())
+        else:
+            mine = pieces.push(t, seat, mine, mine.velocity, force)
+            if wp.static(two):
+                also = pieces.push(t, seat, also, also.velocity, other_force)
+        if wp.static(not traits.corrected):
+            left, other_left = leave_together(t, seat, mine, also)
+            mine = left
+            also = other_left
+        put_in_tile(target, seat.thread, mine.point)
+        if wp.static(two):
+            put_in_tile(target, seat.thread + threads, also.point)
+        if wp.static(traits.corrected):
+            left, other_left = correct_together(t, seat, mine, also, target, new_velocities)
+            mine = left
+            also = other_left
+        if wp.static(traits.looks_at_velocities):
+            if mine.active:
+                new_velocities[mine.own.number] = mine.velocity
+            if wp.static(two):
+                if also.active:
+                    new_velocities[also.own.number] = also.velocity
+        block_barrier()
+        return mine, also
+
+    @wp.func
+    def end_member(t: Tables, state: WorldState, seat: Seat, member: Member, points: Any):
+        """What a frame ends with."""
+        if member.active:
+            state.points[seat.world, member.own.number] = member.point
+            state.velocities[seat.world, member.own.number] = member.velocity
+            if is_past(member.point, t.health.near):  # few are
+                look_at_particle(
+                    t.health, state.first_bad, seat.world, member.own.number, member.own.balloon, member.own.share,
+                    points,
+                )  # fmt: skip
+
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=layout.registers,
+        module_options={"fast_math": True, "max_unroll": 128},
+    )
+    def advance_resident(
+        # model
+        t: Tables,
+        slots: SlotTable,
+        # state in and out
+        state: WorldState,
+        memory: BlockMemory,
+    ):
+        """A block a world, one or two particles a thread: one frame."""
+        world, thread = wp.tid()
+        even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+        odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+        centers = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
+        areas = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
+        seat = Seat()
+        seat.world = world
+        seat.thread = thread
+        seat.count = state.points.shape[1]
+        frame_begin = begins(t, memory)
+        velocities = state.velocities[world]
+        other_velocities = state.velocities[world]
+        if wp.static(traits.looks_at_velocities):
+            other_velocities = memory.other_velocities[world]
+        if wp.static(traits.spheres > 0):
+            board.begin(t, state, world, thread)
+        if wp.static(traits.gas):
+            gas.begin(t, state, memory, seat)
+        mine = take_place(t, slots, state, seat, thread, even, velocities)
+        also = Member()
+        if wp.static(two):
+            also = take_place(t, slots, state, seat, thread + threads, even, velocities)
+        block_barrier()
+        if wp.static(traits.aims and not traits.fresh_normals):
+            refresh.measure(t, seat, even, centers, areas)
+            mine.aim = refresh.aim(t, seat, centers, areas, mine.own.number, mine.own.balloon, mine.point)
+            if wp.static(two):
+                also.aim = refresh.aim(t, seat, centers, areas, also.own.number, also.own.balloon, also.point)
+        for pair in range(t.substeps // 2):
+            now = at_substep(t, seat, frame_begin, 2 * pair)
+            first, second = substep(
+                t, state, memory, now, mine, also, even, odd, velocities, other_velocities, centers, areas
+            )
+            then = at_substep(t, seat, frame_begin, 2 * pair + 1)
+            third, fourth = substep(
+                t, state, memory, then, first, second, odd, even, other_velocities, velocities, centers, areas
+            )
+            mine = third
+            also = fourth
+        if wp.static(layout.odd_substeps):
+            last = at_substep(t, seat, frame_begin, t.substeps - 1)
+            fifth, sixth = substep(
+                t, state, memory, last, mine, also, even, odd, velocities, other_velocities, centers, areas
+            )
+            mine = fifth
+            also = sixth
+            end_member(t, state, seat, mine, odd)
+            if wp.static(two):
+                end_member(t, state, seat, also, odd)
+        else:
+            end_member(t, state, seat, mine, even)
+            if wp.static(two):
+                end_member(t, state, seat, also, even)
+        if wp.static(traits.spheres > 0):
+            board.end(t, state, world, thread, t.substeps - 1)
+        count_frame(state, world, thread)
+
+    return advance_resident

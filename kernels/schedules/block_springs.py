@@ -1,0 +1,140 @@
+"""A particle's springs in the registers of its thread.
+
+Where quads go all around a particle, its structural and shear springs go around it in a ring, e0 s0 e1 s1 ... e0, so
+that the points at their other ends, once loaded, give the area vectors of the quads between them, too.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.loops.areas import area_vector_of_quad_corner
+from balloon_warp.kernels.memory import in_tile, vector_at
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class SlotTable:
+    """The springs of each particle in a fixed number of slots for each kind, filled up with springs that do nothing."""
+
+    neighbors: wp.array2d[wp.int32]
+    """the particle at the other end, shape (slot_count, particle_count)"""
+    scales: wp.array2d[float]
+    """a spring's constant over that of its kind, 0 where there is none, shape (slot_count, particle_count)"""
+    rest_lengths: wp.array2d[float]
+    """[m], shape (slot_count, particle_count)"""
+    valences: wp.array[wp.int32]
+    """structural springs of each particle, shape (particle_count,)"""
+
+
+@cache
+def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[Any, Any, Any, Any]:
+    """For so many slots of each kind: the type of what is kept in registers, the function that reads it, and the loops
+    over all springs, and over the quads between them."""
+    shear_begin = kind_slots[0]
+    flexion_begin = shear_begin + kind_slots[1]
+    slots = flexion_begin + kind_slots[2]
+    coefficient = traits.laws_on("spring")
+    moving = traits.needs("spring", "opening")
+    lengths_matter = traits.needs("spring", "rest_length")
+    Indices = wp.types.vector(length=slots, dtype=wp.int32)  # noqa: N806 - a type
+    Numbers = wp.types.vector(length=slots, dtype=wp.float32)  # noqa: N806
+
+    @wp.struct
+    class Springs:
+        """The springs of a particle."""
+
+        valence: wp.int32
+        neighbors: Indices
+        stiffness: Numbers  # where springs of a kind differ [N/m]
+        tensions: Numbers  # rest length times spring constant [N]
+        lengths: Numbers  # where a law names them [m]
+
+    @wp.func
+    def read_springs(t: Tables, slot_table: SlotTable, own: Any):
+        """Into registers."""
+        mine = Springs()
+        mine.valence = slot_table.valences[own.number]
+        for slot in range(slots):
+            mine.neighbors[slot] = slot_table.neighbors[slot, own.number] & 0xFFFF  # tells the compiler: not negative
+            constant = wp.where(slot < shear_begin, own.n[0], wp.where(slot < flexion_begin, own.n[1], own.n[2]))
+            stiffness = constant * slot_table.scales[slot, own.number]
+            length = slot_table.rest_lengths[slot, own.number]
+            mine.tensions[slot] = stiffness * length
+            if wp.static(traits.springs_vary):
+                mine.stiffness[slot] = stiffness
+            if wp.static(lengths_matter):
+                mine.lengths[slot] = length
+        return mine
+
+    @wp.func
+    def pull_of_slot(
+        t: Tables,
+        points: Any,
+        velocities: Any,
+        own: Any,
+        springs: Springs,
+        slot: wp.int32,
+        constant: float,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        """Force of one spring [N]; what fills up leads to the particle itself."""
+        neighbor = springs.neighbors[slot]
+        d = points[neighbor] - point
+        stiffness = constant
+        if wp.static(traits.springs_vary):
+            stiffness = springs.stiffness[slot]
+        opening = float(0.0)
+        if wp.static(moving):
+            opening = wp.dot(vector_at(velocities, neighbor) - velocity, d)
+        pull = d * coefficient(
+            squared_length(d), opening, springs.lengths[slot], stiffness, springs.tensions[slot],
+            t.step_seconds, time, own.n,
+        )  # fmt: skip
+        if wp.static(traits.guarded):
+            pull = wp.where(neighbor == own.number, wp.vec3(), pull)
+        return pull
+
+    @wp.func
+    def pull_of_springs(
+        t: Tables,
+        points: Any,
+        velocities: Any,
+        own: Any,
+        springs: Springs,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        """Net force of the springs [N]."""
+        force = wp.vec3()
+        for slot in range(shear_begin):
+            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[0], point, velocity, time)
+        for slot in range(shear_begin, flexion_begin):
+            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[1], point, velocity, time)
+        for slot in range(flexion_begin, slots):
+            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[2], point, velocity, time)
+        return force
+
+    @wp.func
+    def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Springs, point: wp.vec3):
+        """Area vector of a particle, by the quads around it [m^2]. Slots past its valence hold the particle itself."""
+        area_vector = wp.vec3()
+        first = in_tile(points, springs.neighbors[0]) - point
+        before = first
+        for slot in range(1, shear_begin):
+            opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
+            after = in_tile(points, springs.neighbors[slot]) - point
+            area_vector += area_vector_of_quad_corner(
+                before, opposite, wp.where(slot == springs.valence, first, after)
+            )
+            before = after
+        opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
+        return area_vector + area_vector_of_quad_corner(before, opposite, first)
+
+    return Springs, read_springs, pull_of_springs, area_vector_in_ring

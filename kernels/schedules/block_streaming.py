@@ -1,0 +1,265 @@
+"""The `block` schedule for worlds of any size that fits in shared memory: a thread goes through many particles, whose
+springs it reads every substep."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.loops.net_force import scalar_loops
+from balloon_warp.kernels.measure.health import look_at_particle
+from balloon_warp.kernels.memory import in_tile, put_in_tile
+from balloon_warp.kernels.schedules.block_board import board_of
+from balloon_warp.kernels.schedules.block_correct import correcting
+from balloon_warp.kernels.schedules.block_gas import gas_sums
+from balloon_warp.kernels.schedules.block_memory import (
+    BlockMemory,
+    Layout,
+    Seat,
+    at_substep,
+    beginning_of_frame,
+    count_frame,
+    member_functions,
+)
+from balloon_warp.kernels.schedules.block_pieces import pieces_of
+from balloon_warp.kernels.schedules.block_refresh import refresh_of
+from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.substep import volume_origin
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def no_springs(t: Tables, slots: wp.int32, own: Any):
+    """Nothing is kept of a particle's springs."""
+    return own.number
+
+
+@cache
+def streaming_kernel(traits: Traits, layout: Layout) -> Any:
+    """A kernel for worlds of up to so many particles; on the CPU, a block is one thread."""
+    Member, seat_member = member_functions(traits, wp.int32, no_springs)  # noqa: N806 - a type
+    board, gas = board_of(traits, layout), gas_sums(traits, layout)
+    pieces = pieces_of(traits, scalar_loops(traits, in_tile), board, gas, Member, layout)
+    refresh = refresh_of(traits, layout)
+    correct = correcting(traits)
+    begins = beginning_of_frame(traits)
+    threads, capacity = layout.threads, layout.capacity
+
+    @wp.func
+    def member_in_turn(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        turn: wp.int32,
+        points: Any,
+        velocities: wp.array[wp.vec3],
+    ):
+        """The particle that a thread has in a turn."""
+        member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
+        member.point = points[member.own.number]
+        member.velocity = velocities[member.own.number]
+        if wp.static(traits.aims):
+            member.aim = memory.aims[seat.world, member.own.number]
+        if wp.static(traits.gas):
+            member.load = gas.load_at(member.own.balloon)
+        return member
+
+    @wp.func
+    def leave(t: Tables, seat: Seat, member: Member):
+        """Out of obstacles."""
+        if wp.static(traits.spheres > 0):
+            left, _other = pieces.leave(t, seat, member, member)
+            member = left
+        if wp.static(traits.ground):
+            member = pieces.stand(t, member)
+        return member
+
+    @wp.func
+    def put_member(seat: Seat, member: Member, target: Any, velocities: wp.array[wp.vec3]):
+        """Where others and the next substep find it."""
+        if member.active:
+            velocities[member.own.number] = member.velocity
+            put_in_tile(target, member.own.number, member.point)
+
+    @wp.func
+    def refresh_aims(t: Tables, memory: BlockMemory, seat: Seat, rounds: wp.int32, points: Any):
+        """Of all particles, into memory."""
+        centers = memory.face_centers[seat.world]
+        areas = memory.face_area_vectors[seat.world]
+        refresh.measure(t, seat, points, centers, areas)
+        for particle in range(seat.thread, seat.count, wp.block_dim()):
+            balloon = t.particles.balloon[particle]
+            memory.aims[seat.world, particle] = refresh.aim(
+                t, seat, centers, areas, particle, balloon, points[particle]
+            )
+
+    @wp.func
+    def pull_and_swell(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        rounds: wp.int32,
+        points: Any,
+        velocities: wp.array[wp.vec3],
+    ):
+        """Every particle as far as its free velocity; then the balloons' pressures."""
+        gas.clear(seat)
+        total = Swelling()
+        for turn in range(rounds):
+            member = member_in_turn(t, state, memory, seat, turn, points, velocities)
+            force, area = pieces.pull(t, seat, points, velocities, member)
+            member.area_vector = area
+            member.free_velocity = pieces.free(t, seat, member, force)
+            if member.active:
+                memory.free_velocities[seat.world, member.own.number] = member.free_velocity
+                memory.area_vectors[seat.world, member.own.number] = area
+            part = pieces.swell(t, seat, member, points[volume_origin(t, member.own.balloon)])
+            if wp.static(traits.balloons == 1):
+                total += part
+            else:
+                gas.add(seat, member.own.balloon, part, True)
+        if wp.static(traits.balloons == 1):
+            gas.add(seat, 0, total, False)
+        block_barrier()
+        gas.find_loads(t, state, memory, seat)
+        gas.flow(t, state, memory, seat)
+
+    @wp.func
+    def push_and_move(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        rounds: wp.int32,
+        source: Any,
+        target: Any,
+        velocities: wp.array[wp.vec3],
+        new_velocities: wp.array[wp.vec3],
+    ):
+        """Every particle through the rest of the substep, which without gas is all of it."""
+        for turn in range(rounds):
+            member = member_in_turn(t, state, memory, seat, turn, source, velocities)
+            if wp.static(traits.gas):
+                member.area_vector = memory.area_vectors[seat.world, member.own.number]
+                free = memory.free_velocities[seat.world, member.own.number]
+                member = pieces.push(t, seat, member, free, wp.vec3())
+            else:
+                force, area = pieces.pull(t, seat, source, velocities, member)
+                member.area_vector = area
+                member = pieces.push(t, seat, member, member.velocity, force)
+            if wp.static(traits.corrected and traits.obstacles):
+                if member.active:
+                    memory.inflations[seat.world, member.own.number] = member.push
+            if wp.static(not traits.corrected):
+                member = leave(t, seat, member)
+            put_member(seat, member, target, new_velocities)
+
+    @wp.func
+    def correct_all(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        rounds: wp.int32,
+        points: Any,
+        velocities: wp.array[wp.vec3],
+    ):
+        """Springs shortened, then particles out of obstacles."""
+        block_barrier()
+        correct(t, seat, points, velocities)
+        if wp.static(traits.obstacles):
+            for turn in range(rounds):
+                member = member_in_turn(t, state, memory, seat, turn, points, velocities)
+                member.push = memory.inflations[seat.world, member.own.number]
+                put_member(seat, leave(t, seat, member), points, velocities)
+
+    @wp.func
+    def substep(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        source: Any,
+        target: Any,
+        velocities: wp.array[wp.vec3],
+        new_velocities: wp.array[wp.vec3],
+    ):
+        """One substep, from one tile of points to the other."""
+        rounds = (seat.count + threads - 1) // threads
+        if wp.static(traits.aims):
+            if wp.static(traits.fresh_normals) or seat.substep == 0:
+                refresh_aims(t, memory, seat, rounds, source)
+        if wp.static(traits.spheres > 0):
+            board.roll(t, seat.world, seat.thread, seat.substep)
+        block_barrier()
+        if wp.static(traits.gas):
+            pull_and_swell(t, state, memory, seat, rounds, source, velocities)
+        push_and_move(t, state, memory, seat, rounds, source, target, velocities, new_velocities)
+        if wp.static(traits.corrected):
+            correct_all(t, state, memory, seat, rounds, target, new_velocities)
+        block_barrier()
+
+    @wp.func
+    def end_world(t: Tables, state: WorldState, seat: Seat, points: Any, velocities: wp.array[wp.vec3]):
+        """What a frame ends with."""
+        for particle in range(seat.thread, seat.count, wp.block_dim()):
+            state.points[seat.world, particle] = points[particle]
+            state.velocities[seat.world, particle] = velocities[particle]
+            look_at_particle(
+                t.health, state.first_bad, seat.world, particle, t.particles.balloon[particle],
+                t.particles.mass_share[particle], points,
+            )  # fmt: skip
+
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=layout.registers,
+        module_options={"fast_math": True},
+    )
+    def advance_streaming(
+        # model
+        t: Tables,
+        # state in and out
+        state: WorldState,
+        memory: BlockMemory,
+    ):
+        """A block a world: one frame."""
+        world, thread = wp.tid()
+        even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+        odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+        seat = Seat()
+        seat.world = world
+        seat.thread = thread
+        seat.count = state.points.shape[1]
+        frame_begin = begins(t, memory)
+        velocities = state.velocities[world]
+        other_velocities = state.velocities[world]
+        if wp.static(traits.keeps_velocities):
+            other_velocities = memory.other_velocities[world]
+        if wp.static(traits.spheres > 0):
+            board.begin(t, state, world, thread)
+        if wp.static(traits.gas):
+            gas.begin(t, state, memory, seat)
+        for particle in range(thread, seat.count, wp.block_dim()):
+            put_in_tile(even, particle, state.points[world, particle])
+        block_barrier()
+        for pair in range(t.substeps // 2):
+            now = at_substep(t, seat, frame_begin, 2 * pair)
+            substep(t, state, memory, now, even, odd, velocities, other_velocities)
+            then = at_substep(t, seat, frame_begin, 2 * pair + 1)
+            substep(t, state, memory, then, odd, even, other_velocities, velocities)
+        if wp.static(layout.odd_substeps):
+            last = at_substep(t, seat, frame_begin, t.substeps - 1)
+            substep(t, state, memory, last, even, odd, velocities, other_velocities)
+            end_world(t, state, seat, odd, other_velocities)
+        else:
+            end_world(t, state, seat, even, velocities)
+        if wp.static(traits.spheres > 0):
+            board.end(t, state, world, thread, t.substeps - 1)
+        count_frame(state, world, thread)
+
+    return advance_streaming
