@@ -72,9 +72,8 @@ class Method(NamedTuple):
 
 GAS = "balloon.inflation={kind='gas', start_pressure=9, pump=[[0, 0.1], [1, 0]]}"
 METHODS = (
-    Method("springs, gravity, helium, damping", ("balloon.helium=3",)),
-    Method("normal forces, cached"),
-    Method("normal forces, fresh", ("normals=fresh",)),
+    Method("the paper's step"),
+    Method("fresh normals", ("normals=fresh",)),
     Method("given pressure", ("balloon.inflation={kind='pressure', pressure=5}",)),
     Method("sealed gas, pumped", (GAS,)),
     Method("tubes between balloons", (GAS, "tube=[{balloons=[0, 1], conductance=1e-6}]"), (BALL, BALL)),

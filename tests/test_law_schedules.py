@@ -49,13 +49,6 @@ def without_laws(law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return state.points.numpy()[world] + STEPS * STEP_SECONDS * velocities, velocities
 
 
-@pytest.fixture(params=["gather", "lanes", "octets", "block"])
-def schedule(request: pytest.FixtureRequest, device: str) -> str:
-    if request.param in ("lanes", "octets") and device != "cpu":
-        pytest.skip(f"{request.param} is for the CPU")
-    return request.param
-
-
 each_law = pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
 
 
