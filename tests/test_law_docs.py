@@ -1,7 +1,12 @@
-"""docs/LAWS.md: its code runs as it stands there, and its tables are those of the code."""
+"""docs/LAWS.md: its code runs as it stands there, and its tables are those of the code. And the law of
+docs/ARCHITECTURE.md goes in as it says."""
 
 import importlib.util
+import os
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -11,7 +16,17 @@ import pytest
 from balloon_warp.kernels.laws.law import GIVEN
 from balloon_warp.simulator import Simulator
 
-PAGE = (Path(__file__).parent.parent / "docs" / "LAWS.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "LAWS.md").read_text(encoding="utf-8")
+RUN = """
+from balloon_warp.scene import load_scene
+from balloon_warp.simulator import Simulator
+for charge in (0.0, 0.5):
+    simulator = Simulator(load_scene("net_forces", {"balloon.law.charge.charge": charge}), "cpu", schedule="scatter")
+    simulator.step()
+    print([law.name for law in simulator.model.laws][-1], float(simulator.state.points.numpy().sum()))
+"""
+"""with a law of the package's, without and with it"""
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +83,30 @@ def given_tables() -> str:
 def test_the_tables_are_those_of_the_code():
     (tables,) = re.findall(r"<!-- given -->\n\n(.*?)\n\n<!-- end -->", PAGE, re.DOTALL)
     assert tables == given_tables()
+
+
+def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
+    """In a copy of the source tree: the scene knows its parameter, it acts, and is tested because it is listed."""
+    for folder in ("balloon_warp", "kernels", "scenes", "tests"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    page = (ROOT / "docs" / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "kernels" / "laws" / "charge.py").write_text(code, encoding="utf-8")
+    listed = tmp_path / "kernels" / "laws" / "__init__.py"
+    source = listed.read_text(encoding="utf-8")
+    (laws,) = re.findall(r"^LAWS: .*?\((.*?)\)$", source, re.MULTILINE | re.DOTALL)
+    imported = "from balloon_warp.kernels.laws.charge import CHARGE\n"
+    first = source.index("from balloon_warp")
+    listed.write_text(source[:first] + imported + source[first:].replace(laws, laws + ", CHARGE"), encoding="utf-8")
+
+    def python(*arguments: str) -> str:
+        environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    without, with_it = (line.split() for line in python("-c", RUN).splitlines() if line.startswith("charge"))
+    assert without != with_it
+    tested = python("-m", "pytest", "tests/test_laws.py", "-k", "charge", "-v", "-p", "no:cacheprovider")
+    assert tested.count("[charge] PASSED") >= 3
