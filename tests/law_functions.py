@@ -29,9 +29,7 @@ def kernel_of(function: Any, types: tuple[str, ...], result: str) -> Any:
     arguments = ", ".join(f"{name}_: wp.array[wp.{kind}]" for name, kind in zip(names, types, strict=True))
     call = ", ".join(f"{name}_[i]" for name in names)
     name = f"call_{function.key.rpartition('.')[2]}"
-    source = (
-        f"def {name}({arguments}, out: wp.array[wp.{result}]):\n    i = wp.tid()\n    out[i] = function({call})\n"
-    )
+    source = f"def {name}({arguments}, out: wp.array[wp.{result}]):\n    i = wp.tid()\n    out[i] = function({call})\n"
     filename = f"<{name} {id(function)}>"
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
     space: dict[str, Any] = {"wp": wp, "function": function}
@@ -92,7 +90,7 @@ def adjoint(function: Any, samples: Samples, weights: NDArray, result: str) -> d
     return {
         name: array.grad.numpy().astype(np.float64)
         for name, array in zip(names, inputs, strict=True)
-        if array.requires_grad
+        if array.grad is not None
     }
 
 

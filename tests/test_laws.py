@@ -25,7 +25,9 @@ def samples_of(law: Law) -> dict[str, NDArray]:
     random = np.random.default_rng(5)
     sizes = {"float": (), "vec3": (3,), "vec4": (4,)}
     samples: dict[str, NDArray] = {
-        each.name: random.uniform(-1.0, 1.0, (COUNT, *sizes[each.type])) for each in GIVEN[law.kind] if each.type != "int"
+        each.name: random.uniform(-1.0, 1.0, (COUNT, *sizes[each.type]))
+        for each in GIVEN[law.kind]
+        if each.type != "int"
     }
     lengths, rest_lengths, constants = random.uniform(0.5, 1.5, (3, COUNT))
     unit = random.normal(size=(COUNT, 3))
@@ -54,9 +56,7 @@ def samples_of(law: Law) -> dict[str, NDArray]:
         if name not in samples:
             factors = random.uniform(0.8, 1.2, (COUNT, *((rows[name].size,) if rows[name].size > 1 else ())))
             samples[name] = factors * value_of(rows[name])
-    return {
-        name: values if values.dtype.kind == "i" else values.astype(np.float32) for name, values in samples.items()
-    }
+    return {name: values if values.dtype.kind == "i" else values.astype(np.float32) for name, values in samples.items()}
 
 
 def told_to(law: Law) -> list[str]:
