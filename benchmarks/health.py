@@ -12,11 +12,13 @@ from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.device import pick_device
-from balloon_warp.kernels import block_resident
+from balloon_warp.kernels.schedules import block_resident
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
 from balloon_warp.schedules import block
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.tables import make_tables
+from balloon_warp.schedules.traits import model_traits
 from balloon_warp.simulator import KEPT_FRAMES
 
 GPU_FRAMES = 100
@@ -33,7 +35,7 @@ class Launches:
     capturable = True
 
     def __init__(self, model: Model):
-        self.model, self._check = model, HealthCheck(model)
+        self.model, self._check = model, HealthCheck(model, make_tables(model, model_traits(model)))
 
     def advance_frame(self, state: State) -> None:
         for _ in range(REPEATS):
@@ -68,7 +70,7 @@ def count_frame(frame: Any):
 
 
 @wp.func
-def look_away(bodies: Any, health: Any, first_bad: Any, world: Any, particle: Any, point: Any, points: Any, first: Any):
+def look_away(health: Any, first_bad: Any, world: Any, particle: Any, balloon: Any, mass_share: Any, points: Any):
     """Stands in for the look at a particle."""
 
 

@@ -1,6 +1,7 @@
 """Newton's `SolverSemiImplicit` on the same balloons: its springs and its integrator, with our gravity, damping and
 inflation written into its particle forces, since it has no inflation."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,15 @@ import warp as wp
 
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.kernels.laws.hooke import KINDS
-from balloon_warp.kernels.motion import set_body_forces
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.substep import inflation_of, ramp_at
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.refresh import AimRefresher, refresh_ramp
+from balloon_warp.model.memory import Allocating
+from balloon_warp.schedules.pieces import AimRefresher, refresh_ramp
+from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.traits import model_traits
 
 
 class NewtonPeer:
@@ -33,26 +40,27 @@ class NewtonPeer:
         self._solver = newton.solvers.SolverSemiImplicit(self._newton)
         self._states = self._newton.state(), self._newton.state()
         self._control = self._newton.control()
-        self._aims = AimRefresher(model)
+        self._traits = model_traits(model)
+        self._tables, room = make_tables(model, self._traits), Allocating(model.device)
+        self._refresher = AimRefresher(model, self._tables, room)
+        self._aims = room.array((model.world_count, model.particle_count), wp.vec3)
 
     def advance_frame(self, state: State) -> None:
-        """One frame, of Newton's own state; the aims and ramp of `state` serve as working memory."""
+        """One frame, of Newton's own state; the ramp of `state` serves as working memory."""
         model = self.model
         refresh_ramp(model, state)
         now, after = self._states
         for substep in range(model.substeps):
             if substep == 0 or model.scene.normals == "fresh":
-                self._aims.refresh(self._rows(now.particle_q), state.inflation_aims)
+                self._refresher.refresh(self._rows(now.particle_q), self._aims)
             wp.launch(
-                set_body_forces,
+                outer_force_kernel(self._traits),
                 (model.world_count, model.particle_count),
                 inputs=[
-                    *(model.particle_balloon, model.particle_mass_share),
-                    *(model.parameters[name] for name in ("mass", "helium", "damping", "gravity")),
-                    *(model.inflation_kind, model.up, substep * model.step_seconds),
-                    *(self._rows(now.particle_qd), state.inflation_aims, state.inflation_ramp),
-                    self._rows(now.particle_f),
+                    *(self._tables, substep * model.step_seconds, self._rows(now.particle_qd)),
+                    *(world_state(state), self._aims),
                 ],
+                outputs=[self._rows(now.particle_f)],
                 device=model.device,
             )
             self._solver.step(now, after, self._control, None, model.step_seconds)
@@ -68,6 +76,36 @@ class NewtonPeer:
 
     def _rows(self, array: wp.array) -> wp.array:
         return array.reshape((self.model.world_count, self.model.particle_count))
+
+
+@cache
+def outer_force_kernel(traits: Traits) -> Any:
+    """The kernel of what Newton lacks: laws on particles, and the inflation."""
+    _, read_own = own_functions(traits.columns)
+    particle_laws = traits.laws_on("particle")
+    inflation = inflation_of(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def set_outer_forces(
+        t: Tables,
+        time_in_frame: float,
+        velocities: wp.array2d[wp.vec3],
+        state: WorldState,
+        aims: wp.array2d[wp.vec3],
+        # out
+        forces: wp.array2d[wp.vec3],
+    ):
+        """A thread a (world, particle)."""
+        world, particle = wp.tid()
+        own = read_own(t, world, particle)
+        value = ramp_at(state, world, own.balloon, time_in_frame)
+        push = inflation(own.kind, value, 0.0, 0.0, t.up, wp.vec3(), aims[world, particle], wp.vec3())
+        forces[world, particle] = push + particle_laws(
+            wp.vec3(), velocities[world, particle], own.mass, own.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds,
+            time_in_frame, own.n,
+        )  # fmt: skip
+
+    return set_outer_forces
 
 
 def _newton_model(newton: Any, model: Model) -> Any:

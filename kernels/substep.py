@@ -140,14 +140,21 @@ def load_function(columns: Columns) -> Any:
 
     @wp.func
     def load_of_balloon(
-        kind: wp.int32, given: float, swelling: Swelling, amount: wp.float64, step_seconds: float, n: Any
+        kind: wp.int32, given: float, swelling: Swelling, amount: float, step_seconds: float, n: Any
     ):
         """`given` is the pressure of what is no gas [Pa]."""
         if kind == GAS:
-            return load_of_gas(swelling, float(amount), step_seconds, n)
+            return load_of_gas(swelling, amount, step_seconds, n)
         return wp.vec3(given, given, 0.0)
 
     return load_of_balloon
+
+
+@wp.func
+def pumped_amount(amount: wp.float64, ramp: wp.vec2, time_in_frame: float, step_seconds: float):
+    """Gas after a substep in which it is pumped in or let out [mol], `ramp[0]` mol/s at the start of the frame."""
+    pumped = step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * step_seconds))
+    return wp.max(amount + wp.float64(pumped), wp.float64(0.0))
 
 
 @cache
@@ -168,9 +175,7 @@ def flow_function(columns: Columns) -> Any:
         """By one thread of a world, whose rows the arrays are: what is pumped, and flows through tubes, in a substep."""
         for balloon in range(t.inflation_kind.shape[0]):
             if t.inflation_kind[balloon] == GAS:
-                ramp = ramps[balloon]
-                pumped = t.step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * t.step_seconds))
-                amounts[balloon] = wp.max(amounts[balloon] + wp.float64(pumped), wp.float64(0.0))
+                amounts[balloon] = pumped_amount(amounts[balloon], ramps[balloon], time_in_frame, t.step_seconds)
         for tube in range(t.tubes.balloons.shape[0]):
             first = t.tubes.balloons[tube][0]
             second = t.tubes.balloons[tube][1]

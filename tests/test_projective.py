@@ -57,8 +57,8 @@ class ImplicitStep:
         self.start = state.points.numpy()[0].astype(np.float64)
         self.share = model.particle_mass_share.numpy().astype(np.float64)
         self.inertia = self.share * (balloon.mass + self.h * balloon.damping)
-        simulator.read_frame()  # refreshes the aims
-        force = 10.0 * state.inflation_aims.numpy()[0] - self.share[:, None] * balloon.mass * [0.0, scene.gravity, 0.0]
+        inflation = np.concatenate(simulator.read_frame().inflation_forces)
+        force = inflation - self.share[:, None] * balloon.mass * [0.0, scene.gravity, 0.0]
         impulse = self.share[:, None] * balloon.mass * state.velocities.numpy()[0] + self.h * force
         moves = self.inertia > 0.0
         self.free = np.zeros_like(self.start)

@@ -7,21 +7,14 @@ import pytest
 import warp as wp
 from meshes import cube, grid, prism, quad_sphere, torus
 
-from balloon_warp.kernels.gas import area_vector_in_face, area_vector_in_quad
+from balloon_warp.kernels.loops.areas import area_vector_of_quad_corner
+from balloon_warp.kernels.schedules.scatter import add_area_vectors
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.tables import spring_ends
-
-
-@wp.kernel
-def _by_faces(points: wp.array[wp.vec3], corners: wp.array[wp.int32], area_vectors: wp.array[wp.vec3]):
-    face = wp.tid()
-    for corner in range(4):
-        p = corners[4 * face + corner]
-        part = area_vector_in_face(points, 0, corners, 4 * face, 4 * face + 4, p, points[p])
-        wp.atomic_add(area_vectors, p, part)
+from balloon_warp.schedules.tables import make_tables, spring_ends
+from balloon_warp.schedules.traits import model_traits
 
 
 @wp.kernel
@@ -39,7 +32,7 @@ def _by_rings(
         before = points[along[slot, p]] - points[p]
         opposite = points[across[slot, p]] - points[p]
         after = points[along[(slot + 1) % count, p]] - points[p]
-        area_vectors[p] = area_vectors[p] + area_vector_in_quad(before, opposite, after)
+        area_vectors[p] = area_vectors[p] + area_vector_of_quad_corner(before, opposite, after)
 
 
 def model_of(mesh: PolygonMesh) -> Model:
@@ -54,12 +47,14 @@ def test_rings_of_quads_that_are_not_flat(mesh):
     rings = quad_rings(model, spring_ends(model))
     assert rings is not None
     points = wp.array(bent.points, dtype=wp.vec3, device="cpu")
-    expected, found = (wp.zeros(len(bent.points), dtype=wp.vec3, device="cpu") for _ in range(2))
-    wp.launch(_by_faces, model.face_count, [points, model.face_particles], [expected], device="cpu")
+    expected = wp.zeros((1, len(bent.points)), dtype=wp.vec3, device="cpu")
+    found = wp.zeros(len(bent.points), dtype=wp.vec3, device="cpu")
+    tables = make_tables(model, model_traits(model))
+    wp.launch(add_area_vectors, (1, model.face_count), [tables, points.reshape((1, -1))], [expected], device="cpu")
     along, across = (wp.array(part, dtype=wp.int32, device="cpu") for part in rings)
     wp.launch(_by_rings, len(bent.points), [points, along, across], [found], device="cpu")
-    assert np.linalg.norm(expected.numpy(), axis=1).min() > 1e-3
-    np.testing.assert_allclose(found.numpy(), expected.numpy(), rtol=0, atol=1e-6)
+    assert np.linalg.norm(expected.numpy()[0], axis=1).min() > 1e-3
+    np.testing.assert_allclose(found.numpy(), expected.numpy()[0], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("mesh", [grid(3, 3), prism(5)], ids=["open", "pentagons"])

@@ -160,10 +160,3 @@ def test_water_may_differ_between_worlds(schedule, device):
 def test_water_cannot_differ_where_there_is_none():
     with pytest.raises(InputError, match=r"^water\.level: cannot differ between worlds, the scene has no water$"):
         Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", 2, {"water.level": [0.0, 1.0]})
-
-
-def test_octets_leaves_water_to_gather():
-    scene = limp(cube(), Water())
-    with pytest.raises(InputError, match=r"^--schedule octets: does not simulate water; use gather$"):
-        Simulator(scene, "cpu", schedule="octets")
-    assert Simulator(scene, "cpu").schedule.name == "gather"

@@ -19,6 +19,7 @@ class ForceReader:
     def __init__(self, model: Model):
         self.model, self._traits = model, model_traits(model)
         self._tables = make_tables(model, self._traits)
+        self._tables.step_seconds = 0.0  # forces as they are now, not on average over a step
         room = Allocating(model.device)
         shape = model.world_count, model.particle_count
         self._forces, self._aims = room.array(shape, wp.vec3), room.array(shape, wp.vec3)

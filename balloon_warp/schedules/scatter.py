@@ -36,7 +36,9 @@ class ScatterSchedule:
         self._tables = make_tables(model, self._traits)
         room = Allocating(model.device)
         self._pieces = Pieces(model, self._traits, self._tables, room)
-        self._forces, self._new_velocities = _vectors(model, room)
+        self.forces, self._new_velocities = _vectors(model, room)
+        """on each particle but the inflation [N], shape (world_count, particle_count), vec3; and what they make of its
+        velocity"""
         self._health = HealthCheck(model, self._tables)
 
     @staticmethod
@@ -62,7 +64,7 @@ class ScatterSchedule:
                 pieces.refresh(state.points)
             pieces.roll(state)
             pieces.flow(state, time)
-            self._pull(state, time)
+            self.sum_forces(state, time)
             pieces.swell(state, time, state.points, self._new_velocities)
             pieces.push(state, time, (state.points, state.velocities), (state.points, self._new_velocities))
             wp.copy(state.velocities, self._new_velocities)
@@ -71,23 +73,23 @@ class ScatterSchedule:
         pieces.end_frame(state)
         self._health.end_frame(state)
 
-    def _pull(self, state: State, time_in_frame: float) -> None:
-        """All forces but the inflation, and the velocities after them."""
+    def sum_forces(self, state: State, time_in_frame: float = 0.0) -> None:
+        """Fill `forces` with all but the inflation."""
         t, traits, working = self._tables, self._traits, self._pieces.working
         now = t, state.frame, time_in_frame
         moving = state.points, state.velocities
-        self._forces.zero_()
-        self._launch(spring_kernel(traits), self.model.spring_count, *now, *moving, self._forces)
+        self.forces.zero_()
+        self._launch(spring_kernel(traits), self.model.spring_count, *now, *moving, self.forces)
         if traits.has("string"):
-            self._launch(string_kernel(traits), self.model.string_count, *now, *moving, self._forces)
+            self._launch(string_kernel(traits), self.model.string_count, *now, *moving, self.forces)
         if traits.has("hinge"):
-            self._launch(hinge_kernel(traits), t.hinges.ends.shape[0], t, state.points, self._forces)
+            self._launch(hinge_kernel(traits), t.hinges.ends.shape[0], t, state.points, self.forces)
         if traits.has("face"):
-            self._launch(face_kernel(traits), self.model.face_count, *now, *moving, self._forces)
+            self._launch(face_kernel(traits), self.model.face_count, *now, *moving, self.forces)
         if traits.measures_areas:
             working.area_vectors.zero_()
             self._launch(add_area_vectors, self.model.face_count, t, state.points, working.area_vectors)
-        own = *now, *moving, working, self._forces, self._new_velocities
+        own = *now, *moving, working, self.forces, self._new_velocities
         self._launch(particle_kernel(traits), self.model.particle_count, *own)
 
     def _launch(self, kernel: Any, count: int, *arguments: Any) -> None:

@@ -52,13 +52,15 @@ def board_of(traits: Traits, layout: Layout) -> Board:
     """For the warps of a block.
 
     Entries of the board, of four words: two rows of posts, a post a warp and sphere, with the force and the stamp; two
-    rows of centers and radii; two of velocities and inverse masses.
+    rows of centers and radii; two of velocities and inverse masses; and of the world gravity, and the ground's height
+    and restitution.
     """
     count, warps = max(traits.spheres, 1), layout.warps
     rolls_by_warps = layout.resident and not traits.gas
     posts = 2 * warps * count
     motions = posts + 2 * count
-    board = shared_words("spheres", 4 * (motions + 2 * count))
+    surroundings = motions + 2 * count
+    board = shared_words("spheres", 4 * (surroundings + 1))
     split = traits.columns.balloon_width
     gravity, height, restitution = (
         traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
@@ -89,6 +91,12 @@ def board_of(traits: Traits, layout: Layout) -> Board:
         if thread < writers:
             for post in range(thread, posts, writers):
                 write_entry(board(), post, wp.vec3(), float(NEVER))
+            if thread == 0:
+                row = row_of_world(world, t.world_numbers.shape[0])
+                of_world = wp.vec3(
+                    t.world_numbers[row, gravity], t.world_numbers[row, height], t.world_numbers[row, restitution]
+                )
+                write_entry(board(), surroundings, of_world, 0.0)
             for sphere in range(count):
                 if thread == post_of(-1, 0, sphere) % writers:  # the thread that has just written it
                     write_entry(board(), post_of(-1, 0, sphere), state.sphere_forces[world, sphere], -1.0)
@@ -104,11 +112,10 @@ def board_of(traits: Traits, layout: Layout) -> Board:
         force = posted_force(substep - 1, sphere)
         place = read_entry(board(), place_of(substep - 1, sphere))
         motion = read_entry(board(), motion_of(substep - 1, sphere))
-        row = row_of_world(world, t.world_numbers.shape[0])
+        around = read_entry(board(), surroundings)
         center, velocity = move_sphere(
             wp.vec3(place[0], place[1], place[2]), wp.vec3(motion[0], motion[1], motion[2]), motion[3] * force,
-            place[3], t.world_numbers[row, gravity], t.up, t.world_numbers[row, height],
-            t.world_numbers[row, restitution], t.step_seconds,
+            place[3], around[0], t.up, around[1], around[2], t.step_seconds,
         )  # fmt: skip
         writes = thread % WARP_THREADS == 0
         if wp.static(rolls_by_warps):

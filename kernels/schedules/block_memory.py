@@ -128,6 +128,8 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         springs: springs_type
         ramp: wp.vec2  # what is keyframed, at the start of the frame, and its slope [1/s]
         load: wp.vec2  # with gas: the pressure at height 0 [Pa], and its rise with height [Pa/m]
+        amount: wp.float64  # of gas in its balloon, where a world has but one [mol]
+        inertia: float  # its mass, and with gas its share of that [kg]
         point: wp.vec3
         velocity: wp.vec3
         aim: wp.vec3
@@ -146,6 +148,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
             member.own.mass = 0.0
         member.springs = read_springs(t, slots, member.own)
         member.ramp = state.inflation_ramp[seat.world, member.own.balloon]
+        member.inertia = member.own.mass
         return member
 
     return Member, seat_member

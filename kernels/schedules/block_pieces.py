@@ -7,14 +7,14 @@ import warp as wp
 
 from balloon_warp.kernels.laws.contact import leave_ground
 from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
 from balloon_warp.kernels.loops.obstacles import sphere_rule
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warps import any_in_warp
-from balloon_warp.kernels.substep import drift_of, inflation_of, kick, swell_function
+from balloon_warp.kernels.substep import drift_of, inflation_of, kick, pumped_amount, swell_function
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -22,6 +22,8 @@ from balloon_warp.kernels.traits import Traits
 class Pieces(NamedTuple):
     """Functions of one particle, or of two that one thread has."""
 
+    fill: Any
+    """(t, seat, member): what it moves, gas too, which is pumped here where a world has one balloon"""
     pull: Any
     """(t, seat, points, velocities, member, time): all forces but the inflation, and the area vector"""
     free: Any
@@ -49,15 +51,19 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
     spheres, two = traits.spheres, layout.two
     rolls = board.rolls_by_warps
     height_column = traits.columns.places["ground_height"]
+    molar_mass_column = traits.columns.places["molar_mass"]
     friction_column = traits.columns.places["ground_friction"]
 
     @wp.func
-    def inertia(seat: Seat, member: Member):
-        """A particle's mass and its share of the gas [kg]."""
+    def fill(t: Tables, seat: Seat, member: Member):
         if wp.static(traits.gas):
-            return member.own.mass + member.own.share * gas.mass_at(seat.substep, member.own.balloon)
-        else:
-            return member.own.mass
+            amount = gas.amount_at(seat.substep, member.own.balloon)
+            if wp.static(not gas.shared):
+                if member.own.kind == GAS:
+                    member.amount = pumped_amount(member.amount, member.ramp, seat.time_in_frame, t.step_seconds)
+                amount = float(member.amount)
+            member.inertia = member.own.mass + member.own.share * (amount * member.own.n[molar_mass_column])
+        return member
 
     @wp.func
     def pull(t: Tables, seat: Seat, points: Any, velocities: Any, member: Member):
@@ -68,14 +74,14 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
 
     @wp.func
     def free(t: Tables, seat: Seat, member: Member, force: wp.vec3):
-        return kick(member.velocity, force, inertia(seat, member), t.step_seconds)
+        return kick(member.velocity, force, member.inertia, t.step_seconds)
 
     @wp.func
     def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
         part = Swelling()
         if member.active and member.own.kind != NORMAL_FORCE:
             part = swell_of_particle(
-                t, seat.substep, seat.world, member.own.n[height_column], member.own.share, inertia(seat, member),
+                t, seat.substep, seat.world, member.own.n[height_column], member.own.share, member.inertia,
                 member.load, member.point - origin, member.point, member.free_velocity,
                 member.area_vector,
             )  # fmt: skip
@@ -91,7 +97,7 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
             member.own.kind, value, load[0], load[1], t.up, member.point, member.aim, member.area_vector
         )
         old_velocity = member.velocity
-        member.velocity = kick(velocity, force + member.push, inertia(seat, member), t.step_seconds)
+        member.velocity = kick(velocity, force + member.push, member.inertia, t.step_seconds)
         member.point = drift(member.point, old_velocity, member.velocity, t.step_seconds)
         return member
 
@@ -122,7 +128,7 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
                 force = wp.vec3()
                 if meets:
                     out, after, pushed = leave_one_sphere(
-                        t, seat.world, sphere, center, motion, radius, member.own.share, inertia(seat, member),
+                        t, seat.world, sphere, center, motion, radius, member.own.share, member.inertia,
                         member.point, member.velocity, member.push,
                     )  # fmt: skip
                     member.point = out
@@ -131,7 +137,7 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
                 if wp.static(two):
                     if other_meets:
                         out, after, pushed = leave_one_sphere(
-                            t, seat.world, sphere, center, motion, radius, other.own.share, inertia(seat, other),
+                            t, seat.world, sphere, center, motion, radius, other.own.share, other.inertia,
                             other.point, other.velocity, other.push,
                         )  # fmt: skip
                         other.point = out
@@ -151,5 +157,5 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
             member.velocity = slowed
         return member
 
-    return Pieces(pull, free, swell, push, leave, stand)
+    return Pieces(fill, pull, free, swell, push, leave, stand)
 

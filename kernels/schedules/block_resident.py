@@ -64,6 +64,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         """The particle at a place, with a frame's beginning; its point into the tile."""
         member = seat_member(t, slots, state, seat, place)
         member.load = state.inflation_loads[seat.world, member.own.balloon]
+        member.amount = state.gas_amounts[seat.world, member.own.balloon]
         member.point = state.points[seat.world, member.own.number]
         member.velocity = velocities[member.own.number]
         put_in_tile(points, place, member.point)
@@ -85,11 +86,11 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             gas.add(seat, also.own.balloon, pieces.swell(t, seat, also, other_origin), True)
         block_barrier()
         gas.find_loads(t, state, memory, seat)
-        mine.load = gas.own_load(t, state, memory, seat, mine.own.balloon)
+        mine.load = gas.own_load(t, state, seat, mine)
         if wp.static(two and traits.balloons == 1):
             also.load = mine.load
         elif wp.static(two):
-            also.load = gas.own_load(t, state, memory, seat, also.own.balloon)
+            also.load = gas.own_load(t, state, seat, also)
         gas.flow(t, state, memory, seat)
         return mine, also
 
@@ -153,6 +154,9 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
             board.roll(t, seat.world, seat.thread, seat.substep)
             block_barrier()
+        mine = pieces.fill(t, seat, mine)
+        if wp.static(two):
+            also = pieces.fill(t, seat, also)
         force, area = pieces.pull(t, seat, source, velocities, mine)
         mine.area_vector = area
         other_force = wp.vec3()
@@ -274,6 +278,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             end_member(t, state, seat, mine, even)
             if wp.static(two):
                 end_member(t, state, seat, also, even)
+        if wp.static(traits.gas):
+            gas.end(state, seat, mine)
         if wp.static(traits.spheres > 0):
             board.end(t, state, world, thread, t.substeps - 1)
         count_frame(state, world, thread)

@@ -65,6 +65,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             member.aim = memory.aims[seat.world, member.own.number]
         if wp.static(traits.gas):
             member.load = gas.load_at(member.own.balloon)
+            member = pieces.fill(t, seat, member)
         return member
 
     @wp.func

@@ -120,7 +120,7 @@ def load_in_lanes(traits: Traits, layout: Layout) -> Any:
         """The load at height 0 and its rise, noted in the state."""
         load = load_of_balloon(
             t.all.inflation_kind[balloon], ramp_at(state, world, balloon, time_in_frame), swelling,
-            state.gas_amounts[world, balloon], t.step_seconds, read_numbers(t.all, world, balloon),
+            float(state.gas_amounts[world, balloon]), t.step_seconds, read_numbers(t.all, world, balloon),
         )  # fmt: skip
         state.pressures[world, balloon] = load[0]
         state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])

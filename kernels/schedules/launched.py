@@ -273,8 +273,8 @@ def load_kernel(traits: Traits) -> Any:
         swelling = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
         if thread == 0 and kind != NORMAL_FORCE:
             load = load_of_balloon(
-                kind, ramp_at(state, world, balloon, time_in_frame), swelling, state.gas_amounts[world, balloon],
-                t.step_seconds, read_numbers(t, world, balloon),
+                kind, ramp_at(state, world, balloon, time_in_frame), swelling,
+                float(state.gas_amounts[world, balloon]), t.step_seconds, read_numbers(t, world, balloon),
             )  # fmt: skip
             state.pressures[world, balloon] = load[0]
             state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
