@@ -20,6 +20,14 @@ def device(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.fixture(params=["gather", "lanes", "octets", "block"])
+def schedule(request: pytest.FixtureRequest, device: str) -> str:
+    """Each schedule that is tested against `scatter`, where it runs."""
+    if request.param in ("lanes", "octets") and device != "cpu":
+        pytest.skip(f"{request.param} is for the CPU")
+    return request.param
+
+
 @pytest.fixture(scope="session", autouse=True)
 def package_of_this_process() -> Iterator[None]:
     """Every process that a test starts imports the package that the tests import, wherever it starts: an installed

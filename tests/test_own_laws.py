@@ -179,8 +179,10 @@ def test_bounds_count_in_the_step():
     loose = scene(balloon=[Balloon(mesh=cube(), stiffness=slack, damping=0.0)])
     pulled = override_scene(loose, [("balloon.law.magnet.strength", 1.0e6)])
     assert bw.advise_step(pulled, [MAGNET]).stable_step == pytest.approx(2.0e-3)
-    soft, hard = bw.advise_step(scene()), bw.advise_step(scene(), [HARDENING])
+    hardened = override_scene(scene(), [("balloon.law.hardening.hardness", 8.0 / 3.0)])
+    soft, hard = bw.advise_step(scene(), [HARDENING]), bw.advise_step(hardened, [HARDENING])
     assert hard.stable_step < 0.55 * soft.stable_step  # four times the constant
+    assert soft == bw.advise_step(scene())
     unbound = bw.particle_law(magnet, MAGNET.parameters, name="unbound")
     assert bw.advise_step(scene(), [unbound]) == soft
 

@@ -27,12 +27,14 @@ def scene_of(mesh: PolygonMesh, stiffness: Stiffness = TORSION, **fields) -> Sce
 
 
 def forces_at(scene: Scene, points: np.ndarray, device: str) -> list[np.ndarray]:
-    """As scatter sums them, and as a gathering schedule does."""
-    model = build_model(scene, device)
-    state, scatter = initial_state(model), ScatterSchedule(model)
+    """As scatter has them, which moves particles at rest by them in a short step, and as a gathering schedule does."""
+    model = replace(build_model(scene, device), substeps=1, frame_seconds=1e-3)
+    state = initial_state(model)
     wp.copy(state.points, wp.array(points[None], dtype=wp.vec3, device=device))
-    scatter.sum_forces(state)
-    return [scatter.forces.numpy()[0], ForceReader(model).net_forces(state).numpy()[0]]
+    gathered = ForceReader(model).net_forces(state).numpy()[0].copy()
+    ScatterSchedule(model).advance_frame(state)
+    masses = scene.balloon[0].mass * model.shapes[0].mass_share[:, None]
+    return [masses * state.velocities.numpy()[0] / model.frame_seconds, gathered]
 
 
 def energy(mesh: PolygonMesh, points: np.ndarray) -> float:

@@ -1,0 +1,132 @@
+"""Which schedule and solver simulates which method, asked of each: python -m balloon_warp.benchmarks.matrix
+
+The tests hold the table of docs/MATRIX.md to this, and run every method in every schedule.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import Law
+from balloon_warp.laws import face_law, particle_law, spring_law
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import Model, build_model
+from balloon_warp.scene import Balloon, Scene
+from balloon_warp.scene.overrides import override_scene, parse_override
+from balloon_warp.schedules import SCHEDULES
+from balloon_warp.solvers.choose import PROJECTIVE, solver_named
+
+
+@wp.func
+def hold(position: wp.vec3):
+    """A pull to the origin, as a law of one's own on particles."""
+    return -position
+
+
+@wp.func
+def tighten(stiffness: float):
+    """A pull of springs without a rest length, as a law of one's own on springs."""
+    return stiffness
+
+
+@wp.func
+def blow(area_vector: wp.vec3):
+    """A push outward, as a law of one's own on faces."""
+    return area_vector
+
+
+BALL = quad_sphere(2, 0.5)
+PYRAMID = PolygonMesh(
+    points=np.array([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1), (0.5, 1, 0.5)], dtype=np.float64),
+    face_vertex_counts=np.array([4, 3, 3, 3, 3], dtype=np.int32),
+    face_vertex_indices=np.array([0, 1, 2, 3, 1, 0, 4, 2, 1, 4, 3, 2, 4, 0, 3, 4], dtype=np.int32),
+)
+
+
+class Method(NamedTuple):
+    """One line of the table."""
+
+    name: str
+    overrides: tuple[str, ...] = ()
+    """of a scene with nothing but balloons and the paper's step"""
+    meshes: tuple[PolygonMesh, ...] = (BALL,)
+    """of the balloons"""
+    laws: tuple[Law, ...] = ()
+    """of one's own"""
+
+    def scene(self) -> Scene:
+        """The least that has it."""
+        scene = Scene(balloon=[Balloon(mesh=mesh) for mesh in self.meshes])
+        return override_scene(scene, map(parse_override, self.overrides))
+
+    def model(self) -> Model:
+        """The same, laid out on the CPU."""
+        return build_model(self.scene(), "cpu", laws=self.laws)
+
+
+GAS = "balloon.inflation={kind='gas', start_pressure=9, pump=[[0, 0.1], [1, 0]]}"
+METHODS = (
+    Method("the paper's step"),
+    Method("fresh normals", ("normals=fresh",)),
+    Method("given pressure", ("balloon.inflation={kind='pressure', pressure=5}",)),
+    Method("sealed gas, pumped", (GAS,)),
+    Method("tubes between balloons", (GAS, "tube=[{balloons=[0, 1], conductance=1e-6}]"), (BALL, BALL)),
+    Method("drag in air, wind", ("balloon.drag_coefficient=0.4", "atmosphere.wind=[1, 0, 0]")),
+    Method("water", ("water={}",)),
+    Method("viscous springs", ("balloon.stiffness.viscosity=1e-3",)),
+    Method("overextended springs stop pulling", ("balloon.stiffness.yield_stretch=2",)),
+    Method("torsion springs", ("balloon.stiffness.torsion=0.01",)),
+    Method("stiffness that varies", ("balloon.stiffness.variation=0.3",)),
+    Method("Provot's correction", ("correction=provot",)),
+    Method("Tarantino's correction", ("correction=tarantino",)),
+    Method("forward Euler", ("solver=forward_euler",)),
+    Method("spheres, penalty", ("sphere=[{position=[0, 2, 0]}]",)),
+    Method("spheres, impulse", ("sphere=[{position=[0, 2, 0]}]", "contact=impulse")),
+    Method("ground", ("ground={}",)),
+    Method("strings", ("string=[{anchor=[0, 0, 0]}]",)),
+    Method("fixed particles", ("balloon.fixed=[0]",)),
+    Method("faces of any size", meshes=(PYRAMID,)),
+    Method("several balloons", meshes=(BALL, PYRAMID)),
+    Method("a particle law of one's own", laws=(particle_law(hold),)),
+    Method("a spring law of one's own", laws=(spring_law(tighten),)),
+    Method("a face law of one's own", laws=(face_law(blow),)),
+)
+
+
+def simulates(name: str, model: Model) -> bool:
+    """Whether a schedule, or the projective solver, takes a model."""
+    try:
+        solver_named(name, model)(model)
+    except InputError:
+        return False
+    return True
+
+
+def as_markdown(methods: Sequence[Method] = METHODS) -> str:
+    """The table; a method that is itself a solver has no other."""
+    lines = [f"| method | {' | '.join(f'`{name}`' for name in (*SCHEDULES, PROJECTIVE))} |"]
+    lines.append("|---" * (2 + len(SCHEDULES)) + "|")
+    for method in methods:
+        model = method.model()
+        cells = ["yes" if simulates(name, model) else "no" for name in SCHEDULES]
+        implicit = replace(model, scene=model.scene.model_copy(update={"solver": PROJECTIVE}))
+        other = "-" if model.scene.solver != Scene.model_fields["solver"].default else None
+        cells.append(other or ("yes" if simulates(PROJECTIVE, implicit) else "no"))
+        lines.append(f"| {method.name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table."""
+    quiet_warp()
+    print(as_markdown())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""Functions of Warp called for many samples, their slopes by Warp's adjoint and by differences."""
+
+import inspect
+import linecache
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+COUNT = 64
+"""of samples"""
+STEP = 0.01
+"""of differences, over the size of what is moved: of the fourth order, they are off by some STEP^4 = 1e-8, and by a
+float32's 1e-7 / STEP = 1e-5, of the function's size over the argument's"""
+Samples = Mapping[str, NDArray]
+"""by argument, shape (COUNT,) or (COUNT, size)"""
+
+TYPES = {1: wp.float32, 3: wp.vec3, 4: wp.vec4}
+"""by the count of numbers"""
+
+
+@cache
+def kernel_of(function: Any, types: tuple[str, ...], result: str) -> Any:
+    """The kernel that calls a function of arguments of these types for each sample."""
+    names = list(inspect.signature(function.func).parameters)
+    arguments = ", ".join(f"{name}_: wp.array[wp.{kind}]" for name, kind in zip(names, types, strict=True))
+    call = ", ".join(f"{name}_[i]" for name in names)
+    name = f"call_{function.key.rpartition('.')[2]}"
+    source = f"def {name}({arguments}, out: wp.array[wp.{result}]):\n    i = wp.tid()\n    out[i] = function({call})\n"
+    filename = f"<{name} {id(function)}>"
+    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
+    space: dict[str, Any] = {"wp": wp, "function": function}
+    exec(compile(source, filename, "exec"), space)
+    return wp.kernel(space[name], module="unique")
+
+
+def _arrays(samples: Samples, names: Sequence[str], gradients: bool) -> list[wp.array]:
+    arrays = []
+    for name in names:
+        values = samples[name]
+        if values.dtype.kind == "i":
+            arrays.append(wp.array(values, dtype=wp.int32, device="cpu"))
+        else:
+            size = values.shape[1] if values.ndim > 1 else 1
+            arrays.append(wp.array(values, dtype=TYPES[size], device="cpu", requires_grad=gradients))
+    return arrays
+
+
+def called(function: Any, samples: Samples, result: str = "float32") -> NDArray[np.float64]:
+    """What the function returns, shape (COUNT,) or (COUNT, 3)."""
+    out, _ = _launched(function, samples, result, False)
+    return out.numpy().astype(np.float64)
+
+
+def _launched(function: Any, samples: Samples, result: str, gradients: bool) -> tuple[Any, list[wp.array]]:
+    inputs = _arrays(samples, list(inspect.signature(function.func).parameters), gradients)
+    out = wp.zeros(COUNT, dtype=getattr(wp, result), device="cpu", requires_grad=gradients)
+    types = tuple(array.dtype.__name__.removesuffix("f") for array in inputs)  # vec3f is vec3
+    kernel = kernel_of(function, types, result)
+    wp.launch(kernel, COUNT, [*inputs, out], device="cpu")
+    return out, inputs
+
+
+def difference(
+    function: Any, samples: Samples, name: str, axis: int | None = None, result: str = "float32"
+) -> NDArray[np.float64]:
+    """The function's derivative by an argument, or by a component of it."""
+    size, total = size_of(samples[name]), 0.0
+    for steps, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
+        moved = np.array(samples[name], dtype=np.float64)
+        moved[... if axis is None else (slice(None), axis)] += steps * STEP * size
+        total = total + weight * called(function, {**samples, name: moved.astype(np.float32)}, result)
+    return total / (12.0 * STEP * size)
+
+
+def size_of(values: NDArray) -> float:
+    """By which an argument is measured."""
+    return float(np.sqrt(np.mean(np.square(values)))) or 1.0
+
+
+def adjoint(function: Any, samples: Samples, weights: NDArray, result: str) -> dict[str, NDArray[np.float64]]:
+    """By argument, Warp's derivative of the sum of what the function returns times the weights."""
+    with wp.Tape() as tape:
+        out, inputs = _launched(function, samples, result, True)
+    tape.backward(grads={out: wp.array(weights, dtype=out.dtype, device="cpu")})
+    names = inspect.signature(function.func).parameters
+    return {
+        name: array.grad.numpy().astype(np.float64)
+        for name, array in zip(names, inputs, strict=True)
+        if array.grad is not None
+    }
+
+
+def most_agree(found: NDArray, expected: NDArray, scale: float) -> None:
+    """Nine samples of ten do, to a thousandth: far above what `STEP` is off by, and far below a wrong term. The others
+    may have a kink between them and where the differences were taken."""
+    apart = np.abs(found - expected).reshape(COUNT, -1).max(axis=1)
+    assert np.mean(apart <= 1e-3 * scale) >= 0.9, (float(np.median(apart)), scale)

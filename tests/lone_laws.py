@@ -1,0 +1,139 @@
+"""A batch in which each world has one law alone. All laws are in its kernels, so that these are compiled once: in the
+other worlds a law's parameters are zero, or neutral."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+from meshes import mesh_of
+from numpy.typing import NDArray
+from own_laws import GUST, HARDENING, MAGNET
+
+from balloon_warp.kernels.laws import LAWS, Law, Parameter
+from balloon_warp.model import Model, lay_out, plan_model
+from balloon_warp.model.plan import ModelPlan
+from balloon_warp.model.stability import Network
+from balloon_warp.scene import Balloon, Inflation, Scene, String, Water
+
+OWN = (MAGNET, HARDENING, GUST)
+TESTED: tuple[Law, ...] = (*LAWS, *OWN)
+"""what is listed is tested"""
+NAMES = [law.name for law in TESTED]
+
+OF_SPRINGS = ("structural", "shear", "flexion")
+ZERO = ("gravity", "helium", "water_density", "string_stiffness", *OF_SPRINGS)
+"""without which laws do nothing that do not say when they are neutral"""
+VALUES: dict[str, Any] = {
+    "structural": 0.0,
+    "shear": 10.0,
+    "flexion": 0.0,
+    "yield_stretch": 3.0,
+    "correction_limit": 0.5,
+    "water_level": 0.1 / 3.0,
+    "water_density": 3.0,
+    "viscosity": 0.01,
+    "torsion": 0.1,
+    "gravity": 9.81,
+    "string_stiffness": 20.0,
+}
+"""what tells more than the default, or than `value_of` makes of it: each spring is the only one of its ends, and
+a raft of 0.1 kg and 1 m^2 floats"""
+
+
+def value_of(row: Parameter) -> Any:
+    """A value with which a parameter does something."""
+    if row.name in VALUES:
+        return VALUES[row.name]
+    if row.default:
+        return row.default
+    return np.array([0.7, 0.3, -0.5])[: row.size] if row.size > 1 else np.clip(0.4, row.least, row.most)
+
+
+def values_of(law: Law) -> dict[str, Any]:
+    """Of all that a law is told by name, with which it acts."""
+    values = {row.name: value_of(row) for row in law.parameters}
+    pulled = {"spring": OF_SPRINGS, "string": ("string_stiffness",)}.get(law.kind, ())
+    return values | {name: VALUES[name] for name in pulled}
+
+
+def tent() -> Any:
+    """Two triangles that share an edge, at an angle."""
+    return mesh_of([(0, 0, 0), (1, 0, 0), (0.5, 0.8, 0.4), (0.5, -0.8, 0.4)], [[0, 1, 2], [1, 0, 3]])
+
+
+def square() -> Any:
+    """A raft, face down. Its diagonals are its only shear springs."""
+    return mesh_of([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)], [[0, 1, 2, 3]])
+
+
+def body_of(law: Law) -> Scene:
+    """A square and a tent without inflation, and a particle between two taut strings; and what the law wants."""
+    still = Inflation(kind="pressure", pressure=0.0)
+    scene = Scene(
+        balloon=[
+            Balloon(mesh=square(), inflation=still),
+            Balloon(mesh=tent(), inflation=still, position=(0.1, 3.0, 0.2)),
+        ],
+        string=[
+            String(anchor=(-2.0, 0.0, 0.0), particle=0, length=1.0),
+            String(anchor=(2.0, 0.0, 0.0), particle=0, length=1.0),
+        ],
+        water=Water(),
+    )
+    if law.wants is None or law.wants(scene):
+        return scene
+    return scene.model_copy(update={"correction": "tarantino"})
+
+
+def plan_of_each(laws: Sequence[Law]) -> ModelPlan:
+    """A world for each of the laws, which must want the same scene, with that law alone."""
+    plan = plan_model(body_of(laws[0]), len(laws), laws=OWN)
+    parameters = {name: np.repeat(values, len(laws) // len(values), axis=0) for name, values in plan.parameters.items()}
+    for name in ZERO:
+        parameters[name][:] = 0.0
+    for law in TESTED:
+        for name, value in law.neutral.items():
+            parameters[name][:] = value
+    for world, law in enumerate(laws):
+        for name, value in values_of(law).items():
+            parameters[name][world] = value
+    parameters["helium"][:, 1] = parameters["gravity"]  # the tent weighs nothing, and stays out of the water
+    return replace(plan, parameters=parameters)
+
+
+def plan_of_all(law: Law) -> tuple[ModelPlan, int]:
+    """The plan in which the law is, and its world."""
+    same = [other for other in TESTED if body_of(other).correction == body_of(law).correction]
+    return plan_of_each(same), same.index(law)
+
+
+def model_of_all(law: Law, device: str, step_seconds: float | None = None, substeps: int = 1) -> tuple[Model, int]:
+    """The model, with a frame of so many substeps, and the law's world."""
+    plan, world = plan_of_all(law)
+    model = lay_out(plan, device)
+    if step_seconds is None:
+        return model, world
+    return replace(model, substeps=substeps, frame_seconds=substeps * step_seconds), world
+
+
+def stable_step(law: Law) -> float:
+    """What the bounds allow [s]."""
+    plan, world = plan_of_all(law)
+    alone = plan.of_worlds(np.array([world]))
+    return Network(alone.shapes, alone.held, alone.laws).stable_step(alone.scene, alone.parameters)
+
+
+def particle_masses(model: Model) -> NDArray[np.float64]:
+    """[kg]"""
+    balloons = zip(model.scene.balloon, model.shapes, strict=True)
+    return np.concatenate([balloon.mass * shape.mass_share for balloon, shape in balloons])
+
+
+def shake(state: Any, points: float = 0.0, velocities: float = 0.0, seed: int = 0) -> None:
+    """Move all particles and give them velocities, at random by so much, alike in all worlds."""
+    random = np.random.default_rng(seed)
+    for array, size in ((state.points, points), (state.velocities, velocities)):
+        aside = random.uniform(-size, size, (*array.shape[1:], 3))
+        wp.copy(array, wp.array(array.numpy() + aside, dtype=wp.vec3, device=array.device))

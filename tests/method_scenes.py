@@ -1,0 +1,145 @@
+"""Scenes that have all methods between them, for tests of schedules."""
+
+from typing import Literal
+
+from meshes import cube, mesh_of, prism, quad_sphere
+
+from balloon_warp.scene import (
+    Atmosphere,
+    Balloon,
+    Ground,
+    Inflation,
+    Scene,
+    Sphere,
+    Stiffness,
+    String,
+    Tube,
+    Water,
+)
+
+
+def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
+    """Two balloons, with all that a scene can have: n-gons, fixed and unused particles, springs that vary."""
+    ball = quad_sphere(4, radius=0.5)
+    ball = mesh_of([*ball.points, (9.0, 9.0, 9.0)], ball.face_vertex_indices.reshape(-1, 4).tolist())
+    return Scene(
+        normals=normals,
+        substeps=48,
+        balloon=[
+            Balloon(
+                mesh=ball,
+                position=(0.0, 0.49, 0.0),
+                helium=3.0,
+                damping=0.2,
+                stiffness=Stiffness(variation=0.3),
+                inflation=Inflation(k_normal=[(0.0, 0.1), (0.03, 0.5), (0.1, 0.2)]),
+                fixed=[3, 17],
+            ),
+            Balloon(mesh=prism(5), position=(3.0, 0.85, 0.0), rotation=(20.0, 30.0, 0.0), mass=0.2),
+        ],
+        sphere=[
+            Sphere(position=(0.1, 1.13, 0.0), radius=0.2, mass=0.4, velocity=(0.0, -1.0, 0.0)),
+            Sphere(position=(3.2, 2.1, 0.4), radius=0.5, mass=2.0, penalty=2.0, velocity=(0.0, -3.0, 0.0)),
+            Sphere(position=(-2.0, 0.3, 0.0), radius=0.29),
+        ],
+        string=[
+            String(anchor=(0.0, 0.0, 0.0), particle="highest", length=0.8),
+            String(anchor=(5.0, 1.0, 0.0), balloon=1, particle=4, length=0.5),
+            String(anchor=(5.0, 2.0, 0.0), balloon=1, particle=4, length=30.0),
+        ],
+        ground=Ground(),
+    )
+
+
+def bare() -> Scene:
+    """A balloon and nothing else."""
+    return Scene(balloon=[Balloon(mesh=quad_sphere(3), helium=12.0)], substeps=33)
+
+
+def afloat() -> Scene:
+    """Everything in a light liquid that cuts through both balloons."""
+    return everything().model_copy(update={"water": Water(level=0.7, density=3.0)})
+
+
+def with_rubber() -> Scene:
+    """Everything, and springs that are viscous and stop pulling, the second balloon's sooner."""
+    rubber = Stiffness(variation=0.3, viscosity=2e-3, yield_stretch=1.4, gradient=(0.5, 1.5))
+    other = Stiffness(viscosity=5e-3, yield_stretch=1.02, torsion=0.05)
+    return _with_stiffness(everything(), rubber, other)
+
+
+def _with_stiffness(scene: Scene, *of_balloons: Stiffness) -> Scene:
+    balloons = [
+        balloon.model_copy(update={"stiffness": stiffness})
+        for balloon, stiffness in zip(scene.balloon, of_balloons, strict=True)
+    ]
+    return scene.model_copy(update={"balloon": balloons})
+
+
+IMPULSE = {"contact": "impulse"}
+CORRECTED = {"correction": "provot", "correction_limit": 0.01, "correction_sweeps": 2}
+
+
+def corrected(correction: Literal["provot", "tarantino"]) -> Scene:
+    """Everything, with springs that reach their limit soon."""
+    return everything().model_copy(update=CORRECTED | {"correction": correction})
+
+
+def with_torsion() -> Scene:
+    """Everything, and angles that are kept, of quads and of pentagons."""
+    return _with_stiffness(everything(), Stiffness(variation=0.3, torsion=0.02), Stiffness(torsion=0.05))
+
+
+def by_forward_euler() -> Scene:
+    """Everything, for so short a time that it does not gain much energy."""
+    return everything().model_copy(update={"solver": "forward_euler"})
+
+
+def in_air() -> Scene:
+    """Gas that is pumped and flows through a tube, pressure and normal forces, beside all that a scene can have."""
+    scene = everything("fresh")
+    ball, pentagon = scene.balloon
+    gas = Inflation(kind="gas", start_pressure=30.0, pump=[(0.0, 0.02), (0.05, -0.01)], gamma=1.3)
+    less_gas = gas.model_copy(update={"start_pressure": 9.0})
+    balloons = [
+        ball.model_copy(update={"helium": 0.0, "inflation": gas, "drag_coefficient": 0.4}),
+        pentagon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=[(0.0, 5.0), (0.1, 20.0)])}),
+        Balloon(mesh=cube(), position=(6.0, 0.3, 0.0), drag_coefficient=1.0, helium=9.0),
+        Balloon(mesh=quad_sphere(3), position=(-6.0, 2.0, 0.0), inflation=less_gas),
+    ]
+    surroundings = {
+        "tube": [Tube(balloons=(0, 3), conductance=1e-4)],
+        "atmosphere": Atmosphere(wind=(3.0, 0.0, -1.0)),
+        "water": Water(level=0.3, density=3.0),
+    }
+    return scene.model_copy(update={"balloon": balloons, **surroundings})
+
+
+def in_air_with_rubber() -> Scene:
+    """The same, with springs that look at velocities."""
+    return _with_stiffness(in_air(), *[Stiffness(viscosity=2e-3, yield_stretch=1.4)] * 4)
+
+
+def in_air_by_forward_euler() -> Scene:
+    """The same, with points that move by the old velocities."""
+    return in_air().model_copy(update={"solver": "forward_euler"})
+
+
+SCENES = {
+    "everything": everything(),
+    "fresh": everything("fresh"),
+    "bare": bare(),
+    "afloat": afloat(),
+    "rubber": with_rubber(),
+    "torsion": with_torsion(),
+    "provot": corrected("provot"),
+    "tarantino": corrected("tarantino"),
+    "forward Euler": by_forward_euler(),
+    "in air": in_air(),
+    "rubber in air": in_air_with_rubber(),
+    "corrected in air": in_air().model_copy(update=CORRECTED),
+    "forward Euler in air": in_air_by_forward_euler(),
+    "impulse": everything().model_copy(update=IMPULSE),
+    "impulse in air": in_air().model_copy(update=IMPULSE),
+    "corrected impulse in air": in_air().model_copy(update=CORRECTED | IMPULSE),
+}

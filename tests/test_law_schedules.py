@@ -1,0 +1,73 @@
+"""Every law that is listed, alone in a world: the same motion in every schedule, and no momentum of its own where its
+forces are between particles."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from lone_laws import TESTED, model_of_all, particle_masses, shake
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws import Law
+from balloon_warp.model import initial_state
+from balloon_warp.schedules import make_schedule
+
+STEPS, STEP_SECONDS = 8, 0.02
+ROUNDING = 1e-5
+"""[m], and over the step [m/s]: a body 3 m away is rounded by up to 2e-7 each step, and its springs pass that on"""
+
+
+@cache
+def moved(schedule: str, device: str, correction: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points [m] and velocities [m/s] of all worlds that want this correction, shaken, after some steps."""
+    law = next(law for law in TESTED if scene_correction(law) == correction)
+    model, _ = model_of_all(law, device, STEP_SECONDS, STEPS)
+    state = initial_state(model)
+    shake(state, points=0.1, velocities=1.0)
+    make_schedule(model, schedule).advance_frame(state)
+    return state.points.numpy().astype(np.float64), state.velocities.numpy().astype(np.float64)
+
+
+@cache
+def scene_correction(law: Law) -> str:
+    return model_of_all(law, "cpu")[0].scene.correction
+
+
+def of_law(law: Law, schedule: str, device: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of its world."""
+    world = model_of_all(law, "cpu")[1]
+    points, velocities = moved(schedule, device, scene_correction(law))
+    return points[world], velocities[world]
+
+
+def without_laws(law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where its world would be."""
+    model, world = model_of_all(law, "cpu")
+    state = initial_state(model)
+    shake(state, points=0.1, velocities=1.0)
+    velocities = state.velocities.numpy()[world].astype(np.float64)
+    return state.points.numpy()[world] + STEPS * STEP_SECONDS * velocities, velocities
+
+
+each_law = pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
+
+
+@each_law
+def test_a_law_moves_particles_alike_in_every_schedule(law: Law, schedule: str, device: str):
+    points, velocities = of_law(law, schedule, device)
+    expected_points, expected_velocities = of_law(law, "scatter", device)
+    np.testing.assert_allclose(points, expected_points, atol=ROUNDING)
+    np.testing.assert_allclose(velocities, expected_velocities, atol=ROUNDING / STEP_SECONDS)
+    free, _ = without_laws(law)
+    assert np.abs(expected_points - free).max() > 100 * ROUNDING  # there is something to compare
+
+
+@pytest.mark.parametrize("law", [law for law in TESTED if law.kind in ("spring", "hinge")], ids=lambda law: law.name)
+def test_what_acts_between_particles_gives_a_body_no_momentum(law: Law, device: str):
+    """Each of eight substeps rounds the velocities by up to 6e-8 of themselves, in either direction."""
+    masses = particle_masses(model_of_all(law, "cpu")[0])
+    _, before = without_laws(law)
+    _, velocities = of_law(law, "scatter", device)
+    gained = masses @ (velocities - before)
+    assert np.abs(masses[:, None] * (velocities - before)).max() > 1e-4
+    np.testing.assert_allclose(gained, 0.0, atol=STEPS * 6e-8 * masses.sum() * np.abs(velocities).max())

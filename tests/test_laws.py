@@ -1,0 +1,205 @@
+"""Every law that is listed, as a function: its force is the slope of its energy, its bounds hold, and Warp can
+differentiate it. What is listed is tested, and so are laws of the tests' own."""
+
+import inspect
+from typing import Any
+
+import numpy as np
+import pytest
+from law_functions import COUNT, adjoint, called, difference, most_agree, size_of
+from lone_laws import TESTED, value_of
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws import PARAMETERS, Law
+from balloon_warp.kernels.laws.gas import gas_energy, gas_pressure
+from balloon_warp.kernels.laws.law import GIVEN, RESULT
+from balloon_warp.kernels.laws.torsion import angle_beyond
+from balloon_warp.model.bounds import told_what_it_names
+
+PLACES = {"particle": ("position",), "hinge": ("a", "b", "first", "second")}
+"""by which the energy's slope is a force; of pairs it is the squared length"""
+
+
+def samples_of(law: Law) -> dict[str, NDArray]:
+    """What a law may be told, and its parameters about what is usual: values of every sign that they may have."""
+    random = np.random.default_rng(5)
+    sizes = {"float": (), "vec3": (3,), "vec4": (4,)}
+    samples: dict[str, NDArray] = {
+        each.name: random.uniform(-1.0, 1.0, (COUNT, *sizes[each.type]))
+        for each in GIVEN[law.kind]
+        if each.type != "int"
+    }
+    lengths, rest_lengths, constants = random.uniform(0.5, 1.5, (3, COUNT))
+    unit = random.normal(size=(COUNT, 3))
+    told = {
+        "squared_length": lengths**2,
+        "rest_length": rest_lengths,
+        "stiffness": 20.0 * constants,
+        "stiffness_times_length": 20.0 * constants * rest_lengths,
+        "mass": random.uniform(0.5, 1.5, COUNT),
+        "mass_share": random.uniform(0.1, 0.3, COUNT),
+        "step_seconds": random.uniform(1e-3, 2e-3, COUNT),
+        "time": random.uniform(0.1, 0.9, COUNT),
+        "up": unit / np.linalg.norm(unit, axis=1, keepdims=True),
+        "role": np.arange(COUNT, dtype=np.int32) % 4,
+        # a hinge that is folded by up to a right angle to either side
+        "a": random.uniform(-0.1, 0.1, (COUNT, 3)),
+        "b": (1.0, 0.0, 0.0) + random.uniform(-0.1, 0.1, (COUNT, 3)),
+        "first": (0.5, 1.0, 0.0) + random.uniform(-0.5, 0.5, (COUNT, 3)) * (1.0, 0.2, 1.0),
+        "second": (0.5, -1.0, 0.0) + random.uniform(-0.5, 0.5, (COUNT, 3)) * (1.0, 0.2, 1.0),
+    }
+    samples |= {name: values for name, values in told.items() if name in samples or name == "role"}
+    if "water_load" in samples:
+        samples["water_load"][:, 3] = np.abs(samples["water_load"][:, 3])
+    rows = PARAMETERS | {row.name: row for row in law.parameters}
+    for name in told_to(law):
+        if name not in samples:
+            factors = random.uniform(0.8, 1.2, (COUNT, *((rows[name].size,) if rows[name].size > 1 else ())))
+            samples[name] = factors * value_of(rows[name])
+    return {name: values if values.dtype.kind == "i" else values.astype(np.float32) for name, values in samples.items()}
+
+
+def told_to(law: Law) -> list[str]:
+    """What its force names."""
+    return list(inspect.signature(law.force.func).parameters)
+
+
+def forces(law: Law, samples: dict[str, NDArray]) -> NDArray[np.float64]:
+    return called(law.force, samples, RESULT[law.kind].replace("float", "float32"))
+
+
+def with_role(samples: dict[str, NDArray], role: int) -> dict[str, NDArray]:
+    return samples | {"role": np.full(COUNT, role, dtype=np.int32)}
+
+
+with_energy = pytest.mark.parametrize("law", [law for law in TESTED if law.energy], ids=lambda law: law.name)
+each_law = pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
+
+
+@with_energy
+def test_the_force_is_the_slope_of_the_energy(law: Law):
+    samples = samples_of(law)
+    if law.kind in ("spring", "string"):  # F = c d, and the slope of E(d . d) by the other end's place is 2 E' d
+        expected = 2.0 * difference(law.energy, samples, "squared_length")
+        assert size_of(expected) > 1e-3
+        most_agree(forces(law, samples), expected, size_of(expected))
+        return
+    for role, place in enumerate(PLACES[law.kind]):
+        expected = -np.stack([difference(law.energy, samples, place, axis) for axis in range(3)], axis=1)
+        assert size_of(expected) > 1e-3
+        most_agree(forces(law, with_role(samples, role)), expected, size_of(expected))
+
+
+@pytest.mark.parametrize("gamma", [1.0, 1.4])
+def test_the_pressure_is_the_slope_of_a_gas_s_energy(gamma: float):
+    random = np.random.default_rng(2)
+    samples = {
+        "air_pressure": random.uniform(0.9e5, 1.1e5, COUNT),
+        "free_volume": random.uniform(0.5, 2.0, COUNT),
+        "volume": random.uniform(0.5, 2.0, COUNT),
+        "gamma": np.full(COUNT, gamma),
+    }
+    samples = {name: values.astype(np.float32) for name, values in samples.items()}
+    pressure = called(gas_pressure, samples)
+    most_agree(pressure, -difference(gas_energy, samples, "volume"), size_of(pressure))
+    balanced = samples | {"volume": samples["free_volume"]}
+    np.testing.assert_allclose(called(gas_energy, balanced), 0.0, atol=0.05)  # a float32's 1e-7 of 1e5 J, twice over
+    np.testing.assert_allclose(called(gas_pressure, balanced), 0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("law", [law for law in TESTED if law.kind == "hinge"], ids=lambda law: law.name)
+def test_the_forces_at_a_hinge_have_neither_a_sum_nor_a_moment(law: Law):
+    samples = samples_of(law)
+    at = [forces(law, with_role(samples, role)) for role in range(4)]
+    moments = [np.cross(samples[place], force) for place, force in zip(PLACES["hinge"], at, strict=True)]
+    rounding = 1e-5 * size_of(np.array(at))  # of some ten roundings of 1e-7, between sides of 1 to 10
+    np.testing.assert_allclose(sum(at), 0.0, atol=rounding)
+    np.testing.assert_allclose(sum(moments), 0.0, atol=rounding)
+
+
+def bound_of(law: Law, which: str, samples: dict[str, NDArray], **told: Any) -> NDArray[np.float64]:
+    """A law's bound for each sample; 0 when missing."""
+    bound = getattr(law, which)
+    return np.broadcast_to(told_what_it_names(bound)(**{**samples, **told}), COUNT) if bound else np.zeros(COUNT)
+
+
+@pytest.mark.parametrize("law", [law for law in TESTED if law.kind in ("spring", "string")], ids=lambda law: law.name)
+def test_a_pair_is_no_stiffer_than_its_bound(law: Law):
+    """Along itself: d(c |d|)/d|d| = c + 2 c' d . d at rest, and c' by d . d' times d . d."""
+    samples = samples_of(law) | {"opening": np.zeros(COUNT, dtype=np.float32)}
+    squared = samples["squared_length"].astype(np.float64)
+    pull, slope = forces(law, samples), difference(law.force, samples, "squared_length")
+    stiffness = pull + 2.0 * slope * squared
+    kept = 1e-3 * size_of(samples["stiffness"])  # see `most_agree`
+    within = stiffness <= bound_of(law, "stiffness", samples) + kept
+    assert within.mean() >= 0.9
+    if "opening" in told_to(law):
+        opened = samples | {"opening": np.full(COUNT, 0.1, dtype=np.float32)}
+        drag = (forces(law, opened) - pull) / 0.1 * squared
+        assert (drag <= bound_of(law, "drag", samples) + kept).mean() >= 0.9
+
+
+@pytest.mark.parametrize(
+    ("law", "which", "by"),
+    [
+        pytest.param(law, which, by, id=f"{law.name} {which}")
+        for law in TESTED
+        for which, by in (("stiffness", "position"), ("drag", "velocity"))
+        if law.kind in ("particle", "face") and by in told_to(law) and law.name != "water"
+    ],
+)
+def test_a_force_gives_way_no_faster_than_its_bound(law: Law, which: str, by: str):
+    """The largest eigenvalue of minus its derivative, by the place or by the velocity; water's drag looks after its
+    steps itself."""
+    samples = samples_of(law)
+    columns = [-difference(law.force, samples, by, axis, "vec3") for axis in range(3)]
+    slope = np.stack(columns, axis=2)
+    steepest = np.linalg.eigvalsh(0.5 * (slope + slope.swapaxes(1, 2)))[:, -1]
+    area = np.linalg.norm(samples["area_vector"], axis=1)
+    told = {name: values.astype(np.float64) for name, values in samples.items() if values.dtype.kind == "f"}
+    bound = bound_of(law, which, told, area=area)
+    assert (steepest <= bound + 1e-3 * max(size_of(bound), size_of(slope))).mean() >= 0.9
+
+
+def test_a_hinge_s_moment_is_its_constant_times_the_angle():
+    """As its bound says, of the hinges that there are."""
+    (law,) = [law for law in TESTED if law.kind == "hinge"]
+    samples = samples_of(law)
+    angle = called(angle_beyond, samples)
+    energy = called(law.energy, samples)
+    bound = bound_of(law, "stiffness", samples)
+    np.testing.assert_allclose(energy, 0.5 * bound * angle**2, rtol=1e-5)
+
+
+@pytest.mark.parametrize("law", [law for law in TESTED if law.neutral], ids=lambda law: law.name)
+def test_a_law_that_is_neutral_neither_acts_nor_asks_for_a_step(law: Law):
+    samples = samples_of(law)
+    acting = forces(law, samples)
+    for name, value in law.neutral.items():
+        samples[name] = np.full_like(samples[name], value)
+    assert np.abs(forces(law, samples)).max() <= 1e-6 * np.abs(acting).max()
+    told = {"area": np.ones(COUNT)}
+    for which in ("stiffness", "drag"):
+        assert np.abs(bound_of(law, which, samples, **told)).max() == 0.0
+
+
+@each_law
+def test_warp_differentiates_a_law(law: Law):
+    """Its force and its energy, by all that they are told."""
+    samples = samples_of(law)
+    result = RESULT[law.kind].replace("float", "float32")
+    for function, kind in ((law.force, result), (law.energy, "float32")):
+        if function is None:
+            continue
+        weights = np.random.default_rng(7).normal(size=(COUNT, 3) if kind == "vec3" else COUNT).astype(np.float32)
+        values = called(function, samples, kind)
+        found = adjoint(function, samples, weights, kind)
+        assert found
+        for name, gradient in found.items():
+            axes = [None] if gradient.ndim == 1 else range(gradient.shape[1])
+            expected = []
+            for axis in axes:
+                slope = difference(function, samples, name, axis, kind)
+                expected.append((slope * weights).reshape(COUNT, -1).sum(axis=1))
+            scale = max(size_of(values) / size_of(samples[name]), size_of(np.array(expected)))
+            most_agree(gradient.reshape(COUNT, -1), np.stack(expected, axis=1), scale)

@@ -1,0 +1,103 @@
+"""Every method in every schedule gives the trajectory of `scatter`, and the table in the docs says which there are."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lone_laws import TESTED, model_of_all
+from method_scenes import SCENES, corrected, everything
+from trajectories import ROUNDING, advance_both, after_frames, arrays, assert_close, tolerance_of
+
+from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
+from balloon_warp.kernels.laws import LAWS
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, build_model
+from balloon_warp.scene.load import bundled_scenes, load_scene
+from balloon_warp.schedules.traits import model_traits
+
+PAGE = Path(__file__).parent.parent / "docs" / "MATRIX.md"
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_a_schedule_gives_scatters_trajectory(scene, schedule, device):
+    frames = 3 if scene.correction == "none" else 1
+    found, expected, start = advance_both(scene, schedule, device, settled=2, frames=frames)
+    assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING  # there is something to compare
+    assert_close(found, expected, tolerance_of(scene))
+
+
+@pytest.mark.parametrize("correction", ["provot", "tarantino"])
+def test_corrections_show_in_the_scene_with_everything(correction, device):
+    """Within a frame, or the test above would say nothing about them."""
+    plain, with_it = (
+        arrays(after_frames(scene, "scatter", device, 1))["points"] for scene in (everything(), corrected(correction))
+    )
+    assert np.abs(plain - with_it).max() > 100 * tolerance_of(corrected(correction))
+
+
+def test_the_scene_with_everything_has_contacts(device):
+    """Or the test above would say nothing about them."""
+    state = arrays(after_frames(everything(), "scatter", device, frames=4))
+    assert (np.abs(state["sphere_forces"]).sum(axis=-1) > 0.0)[0, :2].all()
+    assert state["points"][..., 1].min() == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule, device):
+    """A frame in the thick of the action."""
+    scene = load_scene(name)
+    found, expected, start = advance_both(scene, schedule, device, settled=30, frames=1)
+    assert np.abs(expected["points"] - start["points"]).max() > 500 * ROUNDING
+    # On a GPU scatter adds in another order every time, and whether a particle touches an obstacle may hang on that.
+    assert_close(found, expected, tolerance_of(scene), outliers=0.0 if device == "cpu" else 0.001)
+
+
+def features(model: Model) -> set[str]:
+    """What schedules have to do for a model, in words: its laws, its traits, and what stands in tables."""
+    traits = model_traits(model)
+    found = {law.name if law in LAWS else f"own {law.kind} law" for law in traits.laws}
+    found |= {
+        f"{law.name} by {name}"
+        for law in traits.laws
+        for name, neutral in law.neutral.items()
+        if (model.parameters[name].numpy() != np.float32(neutral)).any()
+    }
+    found |= {f"{name} {bool(value > 1 if name == 'balloons' else value)}" for name, value in switches(traits).items()}
+    found |= {"tube"} if model.scene.tube else set()
+    return found | ({"fixed"} if any(balloon.fixed for balloon in model.scene.balloon) else set())
+
+
+def switches(traits: Traits) -> dict[str, int]:
+    """All but the laws, on or off, or how many."""
+    return {name: value for name, value in traits._asdict().items() if isinstance(value, int)}
+
+
+@cache
+def simulated() -> set[str]:
+    """The features of the scenes that are run above, and of those of test_law_schedules.py."""
+    scenes = [*SCENES.values(), *map(load_scene, bundled_scenes())]
+    models = [build_model(scene, "cpu") for scene in scenes] + [model_of_all(law, "cpu")[0] for law in TESTED]
+    return set().union(*map(features, models))
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+def test_every_method_of_the_table_is_run_in_every_schedule(method: Method):
+    assert features(method.model()) <= simulated()
+
+
+def test_methods_ask_for_different_things():
+    """Or the test above would say nothing about some."""
+    assert len({frozenset(features(method.model())) for method in METHODS}) == len(METHODS)
+
+
+def test_every_law_and_every_trait_is_run_on_and_off():
+    names = {law.name for law in LAWS}
+    switched = {f"{name} {value}" for name in switches(Traits((), None)) for value in (True, False)}
+    assert simulated() >= names | switched
+
+
+def test_the_table_in_the_docs_is_what_schedules_say():
+    (table,) = re.findall(r"<!-- matrix -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert table == as_markdown(), "python -m balloon_warp.benchmarks.matrix makes it anew"
