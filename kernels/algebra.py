@@ -213,15 +213,18 @@ def squared_length(d: wp.vec3):
     return d[0] * d[0] + (d[1] * d[1] + (d[2] * d[2] + NOT_QUITE_ZERO))
 
 
-@wp.func
-def squared_length(d: Lanes3):  # noqa: F811 - an overload
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&d.data[0][0]);
+    wp::vec_t<8, wp::float32> result;
+    *reinterpret_cast<eight*>(&result.c[0]) = p[0] * p[0] + (p[1] * p[1] + (p[2] * p[2] + 1.0e-20f));
+    return result;
+    """
+)
+def squared_length(d: Lanes3) -> Lanes:  # noqa: F811 - an overload
     """The squared length in each lane, and a little more, so that its root can be divided by."""
-    squared = Lanes()
-    for lane in range(LANE_COUNT):
-        squared[lane] = d[0, lane] * d[0, lane] + (
-            d[1, lane] * d[1, lane] + (d[2, lane] * d[2, lane] + NOT_QUITE_ZERO)
-        )
-    return squared
+    ...
 
 
 @wp.func_native(

@@ -18,7 +18,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, reach_along, scaled, times
+from balloon_warp.kernels.algebra import Lanes, reach_along, scaled, times
 from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.gas import Swelling, gas_load, swelling_of_particle, tube_flow
@@ -34,13 +34,17 @@ def response(mass: float, step_seconds: float):
     return wp.where(mass > 0.0, step_seconds / mass, 0.0)
 
 
-@wp.func
-def response(mass: Lanes, step_seconds: float):  # noqa: F811 - an overload
+@wp.func_native(
+    """
+    wp::vec_t<8, wp::float32> gains;
+    for (int lane = 0; lane < 8; ++lane)
+        gains.c[lane] = mass.c[lane] > 0.0f ? step_seconds / mass.c[lane] : 0.0f;
+    return gains;
+    """
+)
+def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an overload
     """Of eight particles."""
-    gains = Lanes()
-    for lane in range(LANE_COUNT):
-        gains[lane] = wp.where(mass[lane] > 0.0, step_seconds / mass[lane], 0.0)
-    return gains
+    ...
 
 
 @wp.func

@@ -5,16 +5,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.schedules.frame import (
-    aim_inflation,
+from balloon_warp.kernels.schedules.between import (
     correct_color,
-    measure_faces,
     move_spheres,
-    ramp_inflation,
     read_sphere_forces,
-    sum_face_areas,
     write_sphere_forces,
 )
+from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, ramp_inflation, sum_face_areas
 from balloon_warp.kernels.schedules.launched import (
     Working,
     flow_kernel,

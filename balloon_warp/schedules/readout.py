@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.gather import force_kernel, inflation_kernel
+from balloon_warp.kernels.schedules.frame import add_inflation_forces
+from balloon_warp.kernels.schedules.gather import force_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.pieces import AimRefresher, refresh_ramp
@@ -57,8 +58,9 @@ class ForceReader:
 
     def _add_inflation(self, state: State, time_in_frame: float) -> None:
         self._launch(
-            inflation_kernel(self._traits),
-            *(self._tables, time_in_frame, world_state(state), self._aims, self._area_vectors, self._forces),
+            add_inflation_forces,
+            *(self._tables, not self._traits.gas, time_in_frame),
+            *(world_state(state), self._aims, self._area_vectors, self._forces),
         )
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:

@@ -9,7 +9,7 @@ from balloon_warp.kernels.loops.net_force import net_force_function, scalar_loop
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function, pushing_function
-from balloon_warp.kernels.substep import inflation_of, kick, ramp_at, time_of
+from balloon_warp.kernels.substep import kick, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -117,36 +117,3 @@ def force_kernel(traits: Traits) -> Any:
         forces[world, particle] = force
 
     return sum_forces
-
-
-@cache
-def inflation_kernel(traits: Traits) -> Any:
-    """The kernel that shows the inflation's forces."""
-    _, read_own = own_functions(traits.columns)
-    inflation = inflation_of(traits)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def add_inflation_forces(
-        # model
-        t: Tables,
-        time_in_frame: float,
-        # state in
-        state: WorldState,
-        aims: wp.array2d[wp.vec3],
-        area_vectors: wp.array2d[wp.vec3],
-        # out
-        forces: wp.array2d[wp.vec3],
-    ):
-        """A thread a (world, particle)."""
-        world, particle = wp.tid()
-        own = read_own(t, world, particle)
-        value = ramp_at(state, world, own.balloon, time_in_frame)
-        load = state.inflation_loads[world, own.balloon]
-        if wp.static(not traits.gas):
-            load = wp.vec2(value, 0.0)
-        forces[world, particle] += inflation(
-            own.kind, value, load[0], load[1], t.up, state.points[world, particle], aims[world, particle],
-            area_vectors[world, particle],
-        )  # fmt: skip
-
-    return add_inflation_forces

@@ -56,7 +56,7 @@ def read_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
         for item in range(lanes.velocities.shape[1]):
             point = Lanes3()
             velocity = Lanes3()
-            for lane in range(LANE_COUNT):
+            for lane in range(t.lane_count):
                 world = places.world(group, lane, t.world_count)
                 particle = particle_in_lane(t, item, lane)
                 point = set_lane(point, lane, state.points[world, particle])
@@ -91,7 +91,7 @@ def write_function(traits: Traits, layout: Layout) -> Any:
         for item in range(lanes.velocities.shape[1]):
             point = of_item(points, item)
             velocity = lanes.velocities[group, item]
-            for lane in range(LANE_COUNT):
+            for lane in range(t.lane_count):
                 particle = item
                 if wp.static(not layout.worlds):
                     particle = t.particles[LANE_COUNT * item + lane]

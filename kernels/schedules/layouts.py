@@ -101,11 +101,16 @@ def of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an over
     return near(vectors, numbers)
 
 
-@wp.func
+@wp.func_native(
+    """
+    for (int lane = 0; lane < 8; ++lane)
+        vectors.data[8 * item + lane] = wp::vec_t<4, float>(
+            value.data[0][lane], value.data[1][lane], value.data[2][lane], 0.0f);
+    """
+)
 def put_item(vectors: wp.array[wp.vec4], item: wp.int32, value: Lanes3):  # noqa: F811 - an overload
     """Into an octet."""
-    for lane in range(LANE_COUNT):
-        vectors[LANE_COUNT * item + lane] = wp.vec4(value[0, lane], value[1, lane], value[2, lane], 0.0)
+    ...
 
 
 @wp.func
