@@ -133,7 +133,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "area_vectors": vectors(streaming and traits.gas),
         "free_velocities": vectors(streaming and traits.gas),
         "other_velocities": vectors(traits.looks_at_velocities or (streaming and traits.keeps_velocities)),
-        "inflations": vectors(streaming and traits.corrected and traits.obstacles),
+        "inflations": vectors(streaming and traits.corrected and traits.obstacles and traits.pressures),
         "amounts": room.array((GAS_ROWS * worlds, model.balloon_count if traits.gas else 0), wp.float64),
         "frame": room.array((1,), wp.int32),
     }

@@ -55,6 +55,14 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
     friction_column = traits.columns.places["ground_friction"]
 
     @wp.func
+    def inertia(member: Member):
+        """What a particle moves [kg]."""
+        if wp.static(traits.gas):
+            return member.inertia
+        else:
+            return member.own.mass
+
+    @wp.func
     def fill(t: Tables, seat: Seat, member: Member):
         if wp.static(traits.gas):
             amount = gas.amount_at(seat.substep, member.own.balloon)
@@ -74,7 +82,7 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
 
     @wp.func
     def free(t: Tables, seat: Seat, member: Member, force: wp.vec3):
-        return kick(member.velocity, force, member.inertia, t.step_seconds)
+        return kick(member.velocity, force, inertia(member), t.step_seconds)
 
     @wp.func
     def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
@@ -88,16 +96,32 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
         return part
 
     @wp.func
-    def push(t: Tables, seat: Seat, member: Member, velocity: wp.vec3, force: wp.vec3):
+    def inflation_now(t: Tables, seat: Seat, member: Member):
+        """Its force [N], where the particle is."""
         value = member.ramp[0] + member.ramp[1] * seat.time_in_frame
         load = wp.vec2(value, 0.0)  # a given pressure
         if wp.static(traits.gas):
             load = member.load
-        member.push = inflation(
+        return inflation(
             member.own.kind, value, load[0], load[1], t.up, member.point, member.aim, member.area_vector
         )
+
+    @wp.func
+    def last_push(t: Tables, seat: Seat, member: Member):
+        """The inflation of this substep [N]: kept, if it depends on where the particle was, or else found again, since
+        few particles touch and registers are few."""
+        if wp.static(traits.pressures):
+            return member.push
+        else:
+            return inflation_now(t, seat, member)
+
+    @wp.func
+    def push(t: Tables, seat: Seat, member: Member, velocity: wp.vec3, force: wp.vec3):
+        pushed = inflation_now(t, seat, member)
+        if wp.static(traits.pressures):
+            member.push = pushed
         old_velocity = member.velocity
-        member.velocity = kick(velocity, force + member.push, member.inertia, t.step_seconds)
+        member.velocity = kick(velocity, force + pushed, inertia(member), t.step_seconds)
         member.point = drift(member.point, old_velocity, member.velocity, t.step_seconds)
         return member
 
@@ -128,8 +152,8 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
                 force = wp.vec3()
                 if meets:
                     out, after, pushed = leave_one_sphere(
-                        t, seat.world, sphere, center, motion, radius, member.own.share, member.inertia,
-                        member.point, member.velocity, member.push,
+                        t, seat.world, sphere, center, motion, radius, member.own.share, inertia(member),
+                        member.point, member.velocity, last_push(t, seat, member),
                     )  # fmt: skip
                     member.point = out
                     member.velocity = after
@@ -137,8 +161,8 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
                 if wp.static(two):
                     if other_meets:
                         out, after, pushed = leave_one_sphere(
-                            t, seat.world, sphere, center, motion, radius, other.own.share, other.inertia,
-                            other.point, other.velocity, other.push,
+                            t, seat.world, sphere, center, motion, radius, other.own.share, inertia(other),
+                            other.point, other.velocity, last_push(t, seat, other),
                         )  # fmt: skip
                         other.point = out
                         other.velocity = after

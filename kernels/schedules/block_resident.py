@@ -199,15 +199,15 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         return mine, also
 
     @wp.func
-    def end_member(t: Tables, state: WorldState, seat: Seat, member: Member, points: Any):
-        """What a frame ends with."""
-        if member.active:
-            state.points[seat.world, member.own.number] = member.point
-            state.velocities[seat.world, member.own.number] = member.velocity
+    def end_member(t: Tables, state: WorldState, seat: Seat, place: wp.int32, member: Member, points: Any):
+        """What a frame ends with; what the substeps do not need is read again, so that it takes no register."""
+        if place < seat.count:
+            state.points[seat.world, place] = member.point
+            state.velocities[seat.world, place] = member.velocity
             if is_past(member.point, t.health.near):  # few are
                 look_at_particle(
-                    t.health, state.first_bad, seat.world, member.own.number, member.own.balloon, member.own.share,
-                    points,
+                    t.health, state.first_bad, seat.world, place, t.particles.balloon[place],
+                    t.particles.mass_share[place], points,
                 )  # fmt: skip
 
     @wp.kernel(
@@ -247,6 +247,10 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         also = Member()
         if wp.static(two):
             also = take_place(t, slots, state, seat, thread + threads, even, velocities)
+            if wp.static(traits.balloons == 1):  # in the same registers
+                also.own.n = mine.own.n
+                also.own.kind = mine.own.kind
+                also.ramp = mine.ramp
         block_barrier()
         if wp.static(traits.aims and not traits.fresh_normals):
             refresh.measure(t, seat, even, centers, areas)
@@ -271,13 +275,13 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             )
             mine = fifth
             also = sixth
-            end_member(t, state, seat, mine, odd)
+            end_member(t, state, seat, thread, mine, odd)
             if wp.static(two):
-                end_member(t, state, seat, also, odd)
+                end_member(t, state, seat, thread + threads, also, odd)
         else:
-            end_member(t, state, seat, mine, even)
+            end_member(t, state, seat, thread, mine, even)
             if wp.static(two):
-                end_member(t, state, seat, also, even)
+                end_member(t, state, seat, thread + threads, also, even)
         if wp.static(traits.gas):
             gas.end(state, seat, mine)
         if wp.static(traits.spheres > 0):

@@ -152,7 +152,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 force, area = pieces.pull(t, seat, source, velocities, member)
                 member.area_vector = area
                 member = pieces.push(t, seat, member, member.velocity, force)
-            if wp.static(traits.corrected and traits.obstacles):
+            if wp.static(traits.corrected and traits.obstacles and traits.pressures):
                 if member.active:
                     memory.inflations[seat.world, member.own.number] = member.push
             if wp.static(not traits.corrected):
@@ -175,7 +175,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.obstacles):
             for turn in range(rounds):
                 member = member_in_turn(t, state, memory, seat, turn, points, velocities)
-                member.push = memory.inflations[seat.world, member.own.number]
+                if wp.static(traits.pressures):
+                    member.push = memory.inflations[seat.world, member.own.number]
                 put_member(seat, leave(t, seat, member), points, velocities)
 
     @wp.func
