@@ -143,9 +143,7 @@ def load_function(columns: Columns) -> Any:
     load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})
 
     @wp.func
-    def load_of_balloon(
-        kind: wp.int32, given: float, swelling: Swelling, amount: float, step_seconds: float, n: Any
-    ):
+    def load_of_balloon(kind: wp.int32, given: float, swelling: Swelling, amount: float, step_seconds: float, n: Any):
         """`given` is the pressure of what is no gas [Pa]."""
         if kind == GAS:
             return load_of_gas(swelling, amount, step_seconds, n)
@@ -176,7 +174,7 @@ def flow_function(columns: Columns) -> Any:
         world: wp.int32,
         time_in_frame: float,
     ):
-        """By one thread of a world, whose rows the arrays are: what is pumped, and flows through tubes, in a substep."""
+        """By one thread of a world, whose rows the arrays are: what is pumped, and what flows through tubes."""
         for balloon in range(t.inflation_kind.shape[0]):
             if t.inflation_kind[balloon] == GAS:
                 amounts[balloon] = pumped_amount(amounts[balloon], ramps[balloon], time_in_frame, t.step_seconds)

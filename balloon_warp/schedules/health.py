@@ -31,12 +31,14 @@ class HealthCheck:
     Args:
         model: what is simulated.
         tables: that the schedule has made of it.
+        threads: that share a world; as many as suit the device, when missing.
     """
 
-    def __init__(self, model: Model, tables: Any):
-        threads = 1 if model.device.is_cpu else model.particle_count
+    def __init__(self, model: Model, tables: Any, threads: int | None = None):
+        if threads is None:
+            threads = 1 if model.device.is_cpu else model.particle_count
         self._shape = (model.world_count, threads)
-        self._inputs = [tables, threads]
+        self._inputs = [tables.particles, tables.health, threads]
 
     def look(self, state: State) -> None:
         """Lower `state.first_bad` of each world to its first bad particle or sphere."""

@@ -63,16 +63,17 @@ class AimRefresher:
         """Fill `aims` for `points`, both of shape (world_count, particle_count)."""
         m, t = self.model, self._tables
         measured = [self._centers, self._area_vectors]
-        wp.launch(measure_faces, (m.world_count, m.face_count), [t, points], measured, device=m.device)
+        wp.launch(measure_faces, (m.world_count, m.face_count), [t.faces, points], measured, device=m.device)
         wp.launch_tiled(
             sum_face_areas,
             dim=(m.world_count, m.balloon_count),
-            inputs=[t, self._area_vectors],
+            inputs=[t.faces, self._area_vectors],
             outputs=[self._areas],
             block_dim=SUM_THREADS if m.device.is_cuda else 1,
             device=m.device,
         )
-        wp.launch(aim_inflation, points.shape, [t, points, *measured, self._areas], [aims], device=m.device)
+        inputs = [t.particles, t.faces, points, *measured, self._areas]
+        wp.launch(aim_inflation, points.shape, inputs, [aims], device=m.device)
 
 
 class Pieces:

@@ -59,7 +59,8 @@ class ForceReader:
     def _add_inflation(self, state: State, time_in_frame: float) -> None:
         self._launch(
             add_inflation_forces,
-            *(self._tables, not self._traits.gas, time_in_frame),
+            *(self._tables.particles, self._tables.inflation_kind, self._tables.up),
+            *(not self._traits.gas, time_in_frame),
             *(world_state(state), self._aims, self._area_vectors, self._forces),
         )
 

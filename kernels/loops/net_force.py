@@ -38,9 +38,7 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
     others = traits.has("string") or traits.has("hinge") or traits.has("face")
 
     @wp.func
-    def net_force(
-        t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float
-    ):
+    def net_force(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
         """The force [N], and the particle's area vector [m^2] where it is needed.
 
         Args:
@@ -85,9 +83,7 @@ def scalar_loops(traits: Traits, at: Any, springs: Any = None, area_vector: Any 
     level_column = traits.columns.places.get("water_level", 0)
 
     @wp.func
-    def other_pulls(
-        t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float
-    ):
+    def other_pulls(t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float):
         """Net force of strings, hinges and faces [N]."""
         force = wp.vec3()
         if wp.static(traits.has("string")):

@@ -1,4 +1,4 @@
-"""What a liquid puts on the faces around a particle: of each, the fan of triangles about its center, cut at the level."""
+"""What a liquid puts on the faces around a particle, each the fan of triangles about its center, cut at the level."""
 
 from functools import cache
 from typing import Any

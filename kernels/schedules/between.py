@@ -1,5 +1,4 @@
-"""What comes between the particles' pieces of a substep, for schedules that launch a kernel for each: spheres move, springs
-are corrected."""
+"""What comes between the pieces of a substep, where each is a launch: spheres move, springs are corrected."""
 
 import warp as wp
 

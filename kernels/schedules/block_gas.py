@@ -117,7 +117,9 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
     def clear(seat: Seat):
         """By each warp, its own rows."""
         if wp.static(balloons > 1):
-            for word in range(seat.thread % WARP_THREADS, balloons * NUMBERS_OF_WARP, wp.min(WARP_THREADS, wp.block_dim())):
+            for word in range(
+                seat.thread % WARP_THREADS, balloons * NUMBERS_OF_WARP, wp.min(WARP_THREADS, wp.block_dim())
+            ):
                 balloon = word // NUMBERS_OF_WARP
                 put_word(sums(), row_of(balloon, seat.thread // WARP_THREADS) + word % NUMBERS_OF_WARP, 0.0)
 
@@ -166,9 +168,7 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
         else:
             given = member.ramp[0] + member.ramp[1] * seat.time_in_frame
             swelling = sum_of_warp_sums(sums(), row_of(0, 0), warps)
-            load = load_of_balloon(
-                member.own.kind, given, swelling, float(member.amount), t.step_seconds, member.own.n
-            )
+            load = load_of_balloon(member.own.kind, given, swelling, float(member.amount), t.step_seconds, member.own.n)
             if seat.thread == 0:
                 note(state, seat.world, 0, load)
             return wp.vec2(load[1], load[2])

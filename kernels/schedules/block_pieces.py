@@ -102,9 +102,7 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
         load = wp.vec2(value, 0.0)  # a given pressure
         if wp.static(traits.gas):
             load = member.load
-        return inflation(
-            member.own.kind, value, load[0], load[1], t.up, member.point, member.aim, member.area_vector
-        )
+        return inflation(member.own.kind, value, load[0], load[1], t.up, member.point, member.aim, member.area_vector)
 
     @wp.func
     def last_push(t: Tables, seat: Seat, member: Member):
@@ -174,12 +172,9 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
     def stand(t: Tables, member: Member):
         height = member.own.n[height_column]
         if wp.dot(member.point, t.up) < height and member.own.mass > 0.0:
-            stood, slowed = leave_ground(
-                member.point, member.velocity, t.up, height, member.own.n[friction_column]
-            )
+            stood, slowed = leave_ground(member.point, member.velocity, t.up, height, member.own.n[friction_column])
             member.point = stood
             member.velocity = slowed
         return member
 
     return Pieces(fill, pull, free, swell, push, leave, stand)
-

@@ -12,7 +12,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.measure.health import is_past, look_at_particle
 from balloon_warp.kernels.memory import in_tile, put_in_tile
@@ -108,9 +107,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         return mine, also
 
     @wp.func
-    def correct_together(
-        t: Tables, seat: Seat, mine: Member, also: Member, target: Any, velocities: wp.array[wp.vec3]
-    ):
+    def correct_together(t: Tables, seat: Seat, mine: Member, also: Member, target: Any, velocities: wp.array[wp.vec3]):
         """Springs shortened in the target, then out of obstacles."""
         if mine.active:
             velocities[mine.own.number] = mine.velocity

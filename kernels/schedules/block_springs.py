@@ -130,9 +130,7 @@ def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[An
         for slot in range(1, shear_begin):
             opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
             after = in_tile(points, springs.neighbors[slot]) - point
-            area_vector += area_vector_of_quad_corner(
-                before, opposite, wp.where(slot == springs.valence, first, after)
-            )
+            area_vector += area_vector_of_quad_corner(before, opposite, wp.where(slot == springs.valence, first, after))
             before = after
         opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
         return area_vector + area_vector_of_quad_corner(before, opposite, first)

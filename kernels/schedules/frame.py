@@ -1,15 +1,17 @@
-"""What every schedule needs around its frames: one module without adjoints, since every module and every adjoint adds to
-the time that a user waits for a first frame."""
+"""What every schedule needs around its frames.
+
+One module without adjoints: every module and every adjoint adds to the time that a user waits for a first frame.
+"""
 
 import warp as wp
 
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.loops.aims import aim_loop
 from balloon_warp.kernels.loops.areas import face_measures
-from balloon_warp.kernels.measure.health import look_at_particle, look_at_sphere
+from balloon_warp.kernels.measure.health import HealthTable, look_at_particle, look_at_sphere
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.substep import inflation_of, ramp_at
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.tables import FaceTable, ParticleTable, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 wp.set_module_options({"enable_backward": False})
@@ -59,7 +61,7 @@ def ramp_inflation(
 @wp.kernel
 def measure_faces(
     # model
-    t: Tables,
+    faces: FaceTable,
     # state in
     points: wp.array2d[wp.vec3],
     # out
@@ -68,15 +70,15 @@ def measure_faces(
 ):
     """A thread a (world, face): its center, and its area vector (area times unit normal)."""
     world, face = wp.tid()
-    center = center_of_face(t.faces, points[world], face)
+    center = center_of_face(faces, points[world], face)
     face_centers[world, face] = center
-    face_area_vectors[world, face] = area_vector_of_face(t.faces, points[world], face, center)
+    face_area_vectors[world, face] = area_vector_of_face(faces, points[world], face, center)
 
 
 @wp.kernel
 def sum_face_areas(
     # model
-    t: Tables,
+    faces: FaceTable,
     # state in
     face_area_vectors: wp.array2d[wp.vec3],
     # out
@@ -85,7 +87,7 @@ def sum_face_areas(
     """A block a (world, balloon): the area of the balloon, summed in the same order every time."""
     world, balloon, thread = wp.tid()
     part = float(0.0)
-    for face in range(t.faces.balloon_offsets[balloon] + thread, t.faces.balloon_offsets[balloon + 1], wp.block_dim()):
+    for face in range(faces.balloon_offsets[balloon] + thread, faces.balloon_offsets[balloon + 1], wp.block_dim()):
         part += wp.length(face_area_vectors[world, face])
     wp.tile_store(balloon_areas[world], wp.tile_sum(wp.tile(part)), offset=balloon)
 
@@ -93,7 +95,8 @@ def sum_face_areas(
 @wp.kernel
 def aim_inflation(
     # model
-    t: Tables,
+    particles: ParticleTable,
+    faces: FaceTable,
     # state in
     points: wp.array2d[wp.vec3],
     face_centers: wp.array2d[wp.vec3],
@@ -105,19 +108,21 @@ def aim_inflation(
     """A thread a (world, particle): (A_p / A_total) n."""
     world, particle = wp.tid()
     aims[world, particle] = aim_of_particle(
-        t.faces,
+        faces,
         face_centers[world],
         face_area_vectors[world],
         particle,
         points[world, particle],
-        balloon_areas[world, t.particles.balloon[particle]],
+        balloon_areas[world, particles.balloon[particle]],
     )
 
 
 @wp.kernel
 def add_inflation_forces(
     # model
-    t: Tables,
+    particles: ParticleTable,
+    inflation_kind: wp.array[wp.int32],
+    up: wp.vec3,
     given: bool,
     time_in_frame: float,
     # state in
@@ -129,13 +134,13 @@ def add_inflation_forces(
 ):
     """A thread a (world, particle): the force of its balloon's inflation, whose pressures are given, or the state's."""
     world, particle = wp.tid()
-    balloon = t.particles.balloon[particle]
+    balloon = particles.balloon[particle]
     value = ramp_at(state, world, balloon, time_in_frame)
     load = state.inflation_loads[world, balloon]
     if given:
         load = wp.vec2(value, 0.0)
     forces[world, particle] += inflation(
-        t.inflation_kind[balloon], value, load[0], load[1], t.up, state.points[world, particle],
+        inflation_kind[balloon], value, load[0], load[1], up, state.points[world, particle],
         aims[world, particle], area_vectors[world, particle],
     )  # fmt: skip
 
@@ -157,7 +162,8 @@ def place_balloons(
 @wp.kernel
 def end_frame(
     # model
-    t: Tables,
+    particles: ParticleTable,
+    health: HealthTable,
     threads: wp.int32,
     frames: wp.int32,
     # state in
@@ -171,10 +177,10 @@ def end_frame(
     of all counts the frames that have passed."""
     world, thread = wp.tid()
     for particle in range(thread, points.shape[1], threads):
-        balloon = t.particles.balloon[particle]
-        share = t.particles.mass_share[particle]
-        look_at_particle(t.health, first_bad, world, particle, balloon, share, points[world])
+        balloon = particles.balloon[particle]
+        share = particles.mass_share[particle]
+        look_at_particle(health, first_bad, world, particle, balloon, share, points[world])
     for sphere in range(thread, sphere_positions.shape[1], threads):
-        look_at_sphere(t.health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
+        look_at_sphere(health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
     if world == 0 and thread == 0:
         frame[0] = frame[0] + frames

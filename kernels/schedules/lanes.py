@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, times
+from balloon_warp.kernels.algebra import Lanes, Lanes3, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.schedules.lanes_contact import correct_function, leave_function, roll_function
@@ -74,9 +74,7 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             own = own_of(t, lanes, group, balloon, item)
             point = of_item(points, item)
             velocity = lanes.velocities[group, item]
-            force, area_vector = net_force(
-                t, points, lanes.shown_velocities[group], own, item, point, velocity, time
-            )
+            force, area_vector = net_force(t, points, lanes.shown_velocities[group], own, item, point, velocity, time)
             masses = times(own.share, lanes.masses[group, balloon])
             free = kick(velocity, force, masses, t.step_seconds)
             lanes.free_velocities[group, item] = free
@@ -118,9 +116,7 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                 area_vector = lanes.area_vectors[group, item]
                 masses = times(own.share, lanes.masses[group, balloon])
             else:
-                pull, area = net_force(
-                    t, points, lanes.shown_velocities[group], own, item, point, old_velocity, time
-                )
+                pull, area = net_force(t, points, lanes.shown_velocities[group], own, item, point, old_velocity, time)
                 force = pull
                 area_vector = area
             aim = area_vector

@@ -1,4 +1,4 @@
-"""Spheres, ground and corrections, eight lanes at a time. Touching is rare: only then is each lane looked at by itself."""
+"""Spheres, ground and corrections, eight lanes at a time. Touching is rare: only then is a lane looked at alone."""
 
 from functools import cache
 from typing import Any

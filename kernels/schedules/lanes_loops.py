@@ -173,9 +173,7 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
         loads = Lanes4()
         levels = own.n[level_column]
         for lane in range(t.lane_count):
-            load = load_of_particle(
-                t.seen.faces, view_of(points, lane), place_of(own.item, lane), levels[lane], t.up
-            )
+            load = load_of_particle(t.seen.faces, view_of(points, lane), place_of(own.item, lane), levels[lane], t.up)
             for number in range(4):
                 loads[number, lane] = load[number]
         return loads

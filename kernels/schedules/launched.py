@@ -8,7 +8,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.obstacles import obstacle_loop, sphere_in_state

@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, scaled
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, of_lane, scaled
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.schedules.warps import block_barrier
 

@@ -52,9 +52,7 @@ def push_function(traits: Traits) -> Any:
     inflation = inflation_of(traits)
 
     @wp.func
-    def push_of(
-        t: Tables, state: WorldState, working: Working, own: Any, point: wp.vec3, time_in_frame: float
-    ):
+    def push_of(t: Tables, state: WorldState, working: Working, own: Any, point: wp.vec3, time_in_frame: float):
         """[N]"""
         value = ramp_at(state, own.world, own.balloon, time_in_frame)
         aim = working.aims[own.world, own.number]
@@ -136,9 +134,7 @@ def local_step_kernel(traits: Traits) -> Any:
                 t, trial_points[world], displacements[world], own, own.number, point, displacement, 0.0
             )
             if wp.static(traits.has("string")):
-                pull += pull_of_strings(
-                    t.strings, world, particle, point, displacement, own.n, t.step_seconds, 0.0
-                )
+                pull += pull_of_strings(t.strings, world, particle, point, displacement, own.n, t.step_seconds, 0.0)
             lag = free_displacements[world, particle] - displacement
             residual = inertia(own, t.step_seconds) * lag + t.step_seconds * t.step_seconds * pull
         residuals[world, particle] = residual
