@@ -1,0 +1,58 @@
+"""Balloons that hold gas, and what they do."""
+
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+from meshes import mesh_of
+
+from balloon_warp.frame import Frame
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.scene import Balloon, Inflation, Stiffness
+from balloon_warp.simulator import Simulator
+
+NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
+AIR_PRESSURE, TEMPERATURE, GAS_CONSTANT = 101325.0, 293.15, 8.314462618
+PRESSURE_ROUNDING = 0.1
+"""[Pa]: a float32 volume is rounded by some 1e-7 of itself, and that moves the gas's 1e5 Pa so much"""
+
+
+def octahedron(radius: float = 1.0) -> PolygonMesh:
+    """All vertices alike."""
+    points = radius * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    return mesh_of(points, faces)
+
+
+def jittered(mesh: PolygonMesh, by: float = 0.1) -> PolygonMesh:
+    """Faces that are not flat."""
+    return replace(mesh, points=mesh.points + np.random.default_rng(0).uniform(-by, by, mesh.points.shape))
+
+
+def with_volume(mesh: PolygonMesh, volume: float) -> PolygonMesh:
+    return replace(mesh, points=mesh.points * np.cbrt(volume / signed_volume(mesh)))
+
+
+def gas_balloon(mesh: PolygonMesh, gas: dict | None = None, **fields) -> Balloon:
+    """Without springs and damping."""
+    inflation = Inflation(kind="gas", **(gas or {}))
+    return Balloon(**{"mesh": mesh, "stiffness": NO_SPRINGS, "damping": 0.0, "inflation": inflation} | fields)
+
+
+def volume_of(simulator: Simulator, frame: Frame, number: int = 0) -> float:
+    mesh = simulator.model.shapes[number].mesh
+    return signed_volume(replace(mesh, points=frame.points[number].astype(np.float64)))
+
+
+def set_state(simulator: Simulator, **arrays: np.ndarray) -> None:
+    """Of one world."""
+    for name, values in arrays.items():
+        array = getattr(simulator.state, name)
+        wp.copy(array, wp.array(np.asarray(values)[None], dtype=array.dtype, device=array.device))
+
+
+def advanced(simulator: Simulator, frames: int) -> Frame:
+    for _ in range(frames):
+        simulator.step()
+    return simulator.read_frame()
