@@ -1,5 +1,6 @@
 """Newton's `SolverSemiImplicit` on the same balloons: its springs and its integrator, with our gravity, damping and
 inflation written into its particle forces, since it has no inflation."""
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false, reportIndexIssue=false
 
 from functools import cache
 from typing import Any

@@ -201,7 +201,9 @@ def _by_places(model: Model, items: Items, tables: Any) -> Any:
     filled = items.particles >= 0
 
     def renumbered(particles: wp.array) -> wp.array:
-        return wp.array(places[particles.numpy()], dtype=particles.dtype, device=model.device)
+        return wp.array(
+            places[np.asarray(particles.numpy(), dtype=np.int64)], dtype=particles.dtype, device=model.device
+        )
 
     def offsets_by_place(offsets: wp.array) -> Any:
         """What is listed for particles stands as it did: places are in the same order."""
