@@ -73,8 +73,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     """By device, size and number of worlds.
 
     On a GPU, a block a world, if it fits in one: where each particle has a thread; where there are enough worlds to
-    give each multiprocessor one, or with spheres a quarter of them; and with gas or corrections, when a substep would be
-    many launches otherwise. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
+    give each multiprocessor one, or with spheres a quarter of them; and with gas or corrections, when a substep would
+    be many launches otherwise. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if model.device.is_cpu:
