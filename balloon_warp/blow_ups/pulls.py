@@ -32,7 +32,7 @@ class Pull:
 
 
 class Pulls:
-    """The forces in a world that is alone in its model, on the host in double precision.
+    """The forces in a world that is alone in its model, as its laws give them.
 
     Args:
         state: whose inflation is refreshed.
@@ -45,25 +45,23 @@ class Pulls:
         self._spheres = _row(state.sphere_positions)
         pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
         kinds = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
-        balloons = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
-        of_balloons = np.stack([_row(model.parameters[kind.name]) for kind in KINDS], axis=1)
-        constants = of_balloons[balloons[pairs[:, 0]], kinds] * model.spring_stiffness_scale.numpy()
         rest = np.asarray(model.spring_rest_length.numpy(), dtype=np.float64)
         lengths = np.linalg.norm(self._points[pairs[:, 1]] - self._points[pairs[:, 0]], axis=1)
         self._pairs, self._kinds = pairs, kinds
-        self._tensions = constants * (lengths - rest)
         self._stretches = lengths / np.maximum(rest, 1.0e-30)
         forces = ForceReader(model)
         forces.refresh(state)
-        ramp = state.inflation_ramp.numpy().copy()
-        ramp[..., 0] += ramp[..., 1] * time_in_frame
-        state.inflation_ramp.assign(ramp)
-        self._inflation = np.linalg.norm(_row(forces.inflation_forces(state)), axis=1)
+        time = float(state.frame.numpy()[0]) * model.frame_seconds + time_in_frame
+        self._tensions = _row(forces.spring_pulls(state, time))
+        self._strings = _row(forces.string_pulls(state, time)) if model.string_count else np.zeros(0)
+        inflation = np.linalg.norm(_row(forces.inflation_forces(state, time_in_frame)), axis=1)
+        by_law = {name: _row(pulls) for name, pulls in forces.pulls_by_law(state, time).items()}
+        self._pushes = {"inflation": inflation, **by_law}
 
     @property
     def strengths(self) -> NDArray[np.float64]:
-        """The hardest pull of a spring, or of the inflation, on each particle [N], shape (particle_count,)."""
-        strengths = self._inflation.copy()
+        """The hardest pull of a spring, the inflation or another law on each particle [N], shape (particle_count,)."""
+        strengths = np.max(list(self._pushes.values()), axis=0)
         for end in (0, 1):
             np.maximum.at(strengths, self._pairs[:, end], np.abs(self._tensions))
         return strengths
@@ -82,13 +80,14 @@ class Pulls:
         )
 
     def others_at(self, particle: int) -> list[Pull]:
-        """The inflation and taut strings."""
-        parameters, pulls = self.model.parameters, [Pull("inflation", float(self._inflation[particle]))]
+        """The inflation, other laws, and taut strings."""
+        parameters = self.model.parameters
+        pulls = [Pull(name.replace("_", " "), float(newtons[particle])) for name, newtons in self._pushes.items()]
         for number in np.flatnonzero(self.model.string_particle.numpy() == particle).tolist():
             distance = float(np.linalg.norm(_row(parameters["string_anchor"])[number] - self._points[particle]))
-            length, stiffness = (_row(parameters[f"string_{name}"])[number] for name in ("length", "stiffness"))
-            if distance > length:
-                pulls.append(Pull(f"string {number}", float(stiffness * (distance - length)), distance / length))
+            if self._strings[number] > 0.0:
+                stretch = distance / float(_row(parameters["string_length"])[number])
+                pulls.append(Pull(f"string {number}", float(self._strings[number]), stretch))
         return pulls
 
     def touched_by(self, particle: int) -> list[str]:
@@ -112,7 +111,7 @@ class Pulls:
             return None
         if self.model.scene.contact == "impulse":
             return Pull(f"what was in contact with it, {len(touching):,} particles,", newtons)
-        particle = int(touching[self._inflation[touching].argmax()])
+        particle = int(touching[self._pushes["inflation"][touching].argmax()])
         return Pull(f"particle {self._of_balloon(particle)} in contact with it", newtons)
 
     def _of_balloon(self, particle: int) -> str:

@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import Protocol
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.model import Model, State
 
 
@@ -71,13 +72,17 @@ def settled_schedule(name: str, model: Model, world_count: int) -> str:
 def fastest_schedule(model: Model, world_count: int) -> str:
     """By device, size and number of worlds.
 
-    On a GPU, blocks where a world fits in one and either each particle has a thread, or there are enough worlds to give
-    each multiprocessor one. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
+    On a GPU, a block a world, if it fits in one: where each particle has a thread; where there are enough worlds to
+    give each multiprocessor one, or with spheres a quarter of them; and with gas or corrections, when a substep would
+    be many launches otherwise. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
+    `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
     from balloon_warp.schedules.block import fits_in_block
     from balloon_warp.schedules.residence import thread_a_particle
 
-    enough = thread_a_particle(model) or world_count >= model.device.sm_count
-    return "block" if fits_in_block(model) and enough else "gather"
+    many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
+    enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
+    pays = thread_a_particle(model) or enough_worlds or many_launches
+    return "block" if fits_in_block(model) and pays else "gather"

@@ -18,7 +18,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
-from balloon_warp.schedules.pieces import note_given_loads, refresh_ramp
+from balloon_warp.schedules.pieces import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
 
@@ -85,7 +85,7 @@ class LanesSchedule:
         else:
             for done in [self._threads.submit(self._advance_groups, worlds, share) for share in self._shares]:
                 done.result()
-        note_given_loads(self.model, self._traits, self._tables, state)
+        note_pressures(self.model, self._traits, state)
         self._health.end_frame(state)
 
     def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:

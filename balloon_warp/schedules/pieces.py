@@ -11,11 +11,16 @@ from balloon_warp.kernels.schedules.between import (
     read_sphere_forces,
     write_sphere_forces,
 )
-from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, ramp_inflation, sum_face_areas
+from balloon_warp.kernels.schedules.frame import (
+    aim_inflation,
+    measure_faces,
+    note_given_loads,
+    ramp_inflation,
+    sum_face_areas,
+)
 from balloon_warp.kernels.schedules.launched import (
     Working,
     flow_kernel,
-    given_load_kernel,
     leave_kernel,
     load_kernel,
     push_kernel,
@@ -166,7 +171,7 @@ class Pieces:
     def end_frame(self, state: State) -> None:
         """What the last substep leaves on spheres, and the pressures that it had."""
         self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
-        note_given_loads(self.model, self.traits, self.tables, state)
+        note_pressures(self.model, self.traits, state)
 
     def over_particles(self, kernel: Any, *arguments: Any) -> None:
         """Launch a thread a (world, particle)."""
@@ -180,12 +185,12 @@ class Pieces:
             wp.launch(kernel, shape, inputs=list(arguments), device=model.device)
 
 
-def note_given_loads(model: Model, traits: Traits, tables: Any, state: State) -> None:
-    """The pressures of the last substep, where they are given and no gas's."""
+def note_pressures(model: Model, traits: Traits, state: State) -> None:
+    """Those of the last substep, where they are given and no gas's."""
     if traits.pressures and not traits.gas:
         time = (model.substeps - 1) * model.step_seconds
-        shape = (model.world_count, model.balloon_count)
-        wp.launch(given_load_kernel(traits), shape, inputs=[tables, time, world_state(state)], device=model.device)
+        inputs = [model.inflation_kind, time, world_state(state)]
+        wp.launch(note_given_loads, (model.world_count, model.balloon_count), inputs=inputs, device=model.device)
 
 
 def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:

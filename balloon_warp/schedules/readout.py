@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.measure.pulls import law_pull_kernel, spring_pull_kernel, string_pull_kernel
 from balloon_warp.kernels.schedules.frame import add_inflation_forces
 from balloon_warp.kernels.schedules.gather import force_kernel
 from balloon_warp.model import Model, State
@@ -46,6 +47,33 @@ class ForceReader:
         self._sum_forces(state)
         self._add_inflation(state, 0.0)
         return self._forces
+
+    def spring_pulls(self, state: State, time: float) -> wp.array:
+        """With which each spring pulls, or if negative pushes [N], shape (world_count, spring_count)."""
+        return self._measure(spring_pull_kernel(self._traits), state, time, self.model.spring_count)
+
+    def string_pulls(self, state: State, time: float) -> wp.array:
+        """With which each string pulls [N], shape (world_count, string_count)."""
+        return self._measure(string_pull_kernel(self._traits), state, time, self.model.string_count)
+
+    def pulls_by_law(self, state: State, time: float) -> dict[str, wp.array]:
+        """Of each law on particles, hinges or faces the force on each particle [N], shape (world_count,
+        particle_count)."""
+        model = self.model
+        laws = tuple(law for law in self._traits.laws if law.kind not in ("spring", "string"))
+        shape = model.world_count, len(laws), model.particle_count
+        pulls = wp.zeros(shape, dtype=float, device=model.device)
+        if laws:
+            kernel = law_pull_kernel(self._traits, laws)
+            inputs = [self._tables, time, state.points, state.velocities]
+            wp.launch(kernel, (model.world_count, model.particle_count), inputs, [pulls], device=model.device)
+        return {law.name: pulls[:, number] for number, law in enumerate(laws)}
+
+    def _measure(self, kernel: Any, state: State, time: float, count: int) -> wp.array:
+        pulls = wp.zeros((self.model.world_count, count), dtype=float, device=self.model.device)
+        inputs = [self._tables, time, state.points, state.velocities]
+        wp.launch(kernel, pulls.shape, inputs, [pulls], device=self.model.device)
+        return pulls
 
     @cached_property
     def _refresher(self) -> AimRefresher:

@@ -6,6 +6,7 @@ One module without adjoints: every module and every adjoint adds to the time tha
 import warp as wp
 
 from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.aims import aim_loop
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.measure.health import HealthTable, look_at_particle, look_at_sphere
@@ -143,6 +144,22 @@ def add_inflation_forces(
         inflation_kind[balloon], value, load[0], load[1], up, state.points[world, particle],
         aims[world, particle], area_vectors[world, particle],
     )  # fmt: skip
+
+
+@wp.kernel
+def note_given_loads(
+    # model
+    inflation_kind: wp.array[wp.int32],
+    time_in_frame: float,
+    # state in and out
+    state: WorldState,
+):
+    """A thread a (world, balloon): the pressures of the last substep of a frame, where they are given."""
+    world, balloon = wp.tid()
+    if inflation_kind[balloon] != NORMAL_FORCE:
+        given = ramp_at(state, world, balloon, time_in_frame)
+        state.pressures[world, balloon] = given
+        state.inflation_loads[world, balloon] = wp.vec2(given, 0.0)
 
 
 @wp.kernel

@@ -279,19 +279,3 @@ def load_kernel(traits: Traits) -> Any:
             state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
 
     return find_loads
-
-
-@cache
-def given_load_kernel(traits: Traits) -> Any:
-    """The kernel that notes the pressures that are given, where none is a gas's."""
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def note_given_loads(t: Tables, time_in_frame: float, state: WorldState):
-        """A thread a (world, balloon), for the last substep of a frame."""
-        world, balloon = wp.tid()
-        if t.inflation_kind[balloon] != NORMAL_FORCE:
-            given = ramp_at(state, world, balloon, time_in_frame)
-            state.pressures[world, balloon] = given
-            state.inflation_loads[world, balloon] = wp.vec2(given, 0.0)
-
-    return note_given_loads

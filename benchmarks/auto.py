@@ -1,0 +1,73 @@
+"""Whether `auto` takes the right schedule: every bundled scene, alone and in batches, with each schedule of the device.
+
+    python -m balloon_warp.benchmarks.auto [DEVICE [WORLDS,WORLDS,...]]
+
+ends with status 1 where another is faster by more than it may be.
+"""
+
+import sys
+from dataclasses import dataclass
+
+import warp as wp
+
+from balloon_warp.benchmarks.measure import seconds_a_frame
+from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.device import pick_device
+from balloon_warp.model import build_model
+from balloon_warp.scene.load import bundled_scenes, load_scene
+from balloon_warp.schedules.choose import fastest_schedule, make_schedule
+
+WORLDS = (1, 64, 1024)
+MOST = 1.05
+"""time of `auto` over that of the fastest"""
+ON_CPU, ON_GPU = ("gather", "lanes", "octets"), ("gather", "block")
+"""what is measured; `scatter` is for reading"""
+FRAME_SECONDS = 0.2
+"""about as long as what is timed together"""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Of one scene and number of worlds."""
+
+    scene: str
+    worlds: int
+    taken: str
+    rates: dict[str, float]
+    """particle-substeps a second, by schedule"""
+
+    @property
+    def loss(self) -> float:
+        """Rate of the fastest over that of what is taken."""
+        return max(self.rates.values()) / self.rates[self.taken]
+
+
+def measure(name: str, worlds: int, device: wp.Device) -> Choice:
+    """The schedules in turns."""
+    model = build_model(load_scene(name), device, worlds)
+    schedules = [make_schedule(model, schedule) for schedule in (ON_CPU if device.is_cpu else ON_GPU)]
+    work = model.world_count * model.particle_count * model.substeps
+    frames = max(1, min(20, int(FRAME_SECONDS * (3e7 if device.is_cpu else 5e9) / work)))
+    seconds = seconds_a_frame(schedules, frames)
+    rates = {schedule.name: work / each for schedule, each in zip(schedules, seconds, strict=True)}
+    return Choice(name, worlds, fastest_schedule(model, worlds), rates)
+
+
+def main() -> None:
+    """Print a table; status 1 where `auto` loses more than it may."""
+    quiet_warp()
+    device = pick_device(sys.argv[1] if len(sys.argv) > 1 else None)
+    counts = [int(count) for count in sys.argv[2].split(",")] if len(sys.argv) > 2 else WORLDS
+    names = ON_CPU if device.is_cpu else ON_GPU
+    print(f"| scene | worlds | {' | '.join(names)} | auto | the best over it |\n|{'---|' * (len(names) + 4)}")
+    choices = []
+    for name in bundled_scenes():
+        for worlds in counts:
+            choices.append(choice := measure(name, worlds, device))
+            rates = " | ".join(f"{choice.rates[each]:.3g}" for each in names)
+            print(f"| {name} | {worlds:,} | {rates} | {choice.taken} | {choice.loss:.2f} |", flush=True)
+    sys.exit(0 if all(choice.loss <= MOST for choice in choices) else 1)
+
+
+if __name__ == "__main__":
+    main()
