@@ -62,7 +62,7 @@ class ForceReader:
         model = self.model
         laws = tuple(law for law in self._traits.laws if law.kind not in ("spring", "string"))
         shape = model.world_count, len(laws), model.particle_count
-        pulls = wp.zeros(shape, dtype=float, device=model.device)
+        pulls: Any = wp.zeros(shape, dtype=float, device=model.device)
         if laws:
             kernel = law_pull_kernel(self._traits, laws)
             inputs = [self._tables, time, state.points, state.velocities]
