@@ -26,8 +26,9 @@ CPU_TILE_BYTES = 1 << 18
 """the CPU stands in for a GPU here: a block of one thread, a tile of a GPU's size"""
 CAPACITY_STEP = 512
 """capacities of the streaming kernel are multiples of this, so that few are compiled"""
-STREAMING_THREADS = 512
-"""at most: each then has registers enough"""
+FEW_THREADS, MOST_THREADS = 512, 1024
+"""of a block whose threads go through many particles: where a multiprocessor has memory for two such blocks, and where
+it has not"""
 STREAMING_REGISTERS = 64
 WARP_THREADS = 32
 
@@ -114,9 +115,17 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
             registers=home.registers,
         )
         return layout, home
-    threads = min(_round_up(model.particle_count, WARP_THREADS), STREAMING_THREADS) if model.device.is_cuda else 1
     capacity = _round_up(model.particle_count, CAPACITY_STEP)
-    return Layout(threads, capacity, resident=False, odd_substeps=odd, registers=STREAMING_REGISTERS), None
+    return Layout(
+        _streaming_threads(model), capacity, resident=False, odd_substeps=odd, registers=STREAMING_REGISTERS
+    ), None
+
+
+def _streaming_threads(model: Model) -> int:
+    if model.device.is_cpu:
+        return 1
+    alone = 2 * model.particle_count > _most_particles(model)
+    return min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS if alone else FEW_THREADS)
 
 
 def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:
