@@ -39,7 +39,7 @@ class ScatterSchedule:
         room = Allocating(model.device)
         self._pieces = Pieces(model, self._traits, self._tables, room)
         self.forces, self._free_velocities = _vectors(model, self._traits, room)
-        """on each particle but the inflation [N], shape (world_count, particle_count), vec3; with gas, the velocity then"""
+        """on each particle but the inflation [N], shape (world_count, particle_count), vec3; velocities, with gas"""
         self._health = HealthCheck(model, self._tables)
 
     @staticmethod

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.solvers.linear_systems import (
     PARTS,
-    ROW_LANES,
+    ROW_THREADS,
     InverseTable,
     multiply_own_inverse,
     shared_inverse_product,
@@ -66,15 +66,15 @@ class DenseInverse:
         inputs = [self._inverse, self._tiles, right_sides, solutions]
         if self._product:
             groups = -(-worlds // WORLDS)
-            wp.launch(self._product, (groups, tiles, int(ROW_LANES)), inputs=inputs, device=device, block_dim=THREADS)
+            wp.launch(self._product, (groups, tiles, int(ROW_THREADS)), inputs=inputs, device=device, block_dim=THREADS)
         else:
-            threads = int(PARTS * ROW_LANES) if device.is_cuda else 1
+            threads = int(PARTS * ROW_THREADS) if device.is_cuda else 1
             wp.launch_tiled(multiply_own_inverse, dim=(worlds, tiles), inputs=inputs, device=device, block_dim=threads)
 
 
 def _tiles(counts: NDArray[np.integer], rows: int) -> list[tuple[int, int]]:
     """Balloon and first row of each group of rows that threads beside each other multiply."""
-    tile = rows * int(ROW_LANES)
+    tile = rows * int(ROW_THREADS)
     return [(balloon, row) for balloon, count in enumerate(counts) for row in range(0, int(count), tile)]
 
 

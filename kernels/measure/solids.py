@@ -9,7 +9,7 @@ import warp as wp
 
 @wp.struct
 class SolidSums:
-    """Integrals over a balloon's inside, or a lane's part of it. Places are from one of the balloon's own points."""
+    """Integrals over a balloon's inside, or a thread's part of it. Places are from one of the balloon's own points."""
 
     volume: wp.float64
     """of 1 [m^3]"""
@@ -53,11 +53,11 @@ def sum_solids(
     # out
     sums: wp.array3d[SolidSums],
 ):
-    """A thread a (world, balloon, lane): every so-manyth face of the balloon."""
-    world, balloon, lane = wp.tid()
+    """A thread a (world, balloon, thread): every so-manyth face of the balloon."""
+    world, balloon, thread = wp.tid()
     part = SolidSums()
     origin = wp.vec3d(points[world, first_particle(balloon_faces, face_offsets, face_particles, balloon)])
-    for face in range(balloon_faces[balloon] + lane, balloon_faces[balloon + 1], sums.shape[2]):
+    for face in range(balloon_faces[balloon] + thread, balloon_faces[balloon + 1], sums.shape[2]):
         begin = face_offsets[face]
         end = face_offsets[face + 1]
         center = wp.vec3d()
@@ -69,7 +69,7 @@ def sum_solids(
             here = wp.vec3d(points[world, face_particles[corner]]) - origin
             part = add_tetrahedron(part, before, here, center)
             before = here
-    sums[world, balloon, lane] = part
+    sums[world, balloon, thread] = part
 
 
 @wp.kernel(enable_backward=False)
@@ -92,8 +92,8 @@ def measure_solids(
     """
     world, balloon = wp.tid()
     total = SolidSums()
-    for lane in range(sums.shape[2]):
-        part = sums[world, balloon, lane]
+    for thread in range(sums.shape[2]):
+        part = sums[world, balloon, thread]
         total.volume += part.volume
         total.first += part.first
         total.second += part.second

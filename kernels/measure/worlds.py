@@ -1,7 +1,7 @@
 """What a batch's table says of each world, reduced on the device in a fixed order: every run gives the same bits.
 
-Each balloon is summed by a number of lanes, threads that each take every so-manyth face, spring and particle; then a
-thread a world adds up the lanes, and the balloons.
+Each balloon is summed by a number of threads that each take every so-manyth face, spring and particle; then a
+thread a world adds up their parts, and the balloons.
 """
 
 import warp as wp
@@ -12,14 +12,14 @@ from balloon_warp.kernels.schedules.frame import keyframed_value
 
 @wp.struct
 class BalloonSums:
-    """A lane's part of one balloon. Places are from one of the balloon's own points, which keeps float32's digits."""
+    """A thread's part of one balloon. Places are from one of the balloon's own points, which keeps float32's digits."""
 
     volume: float
     """about that point [m^3]"""
     area: float
     """[m^2]"""
     area_vector: wp.vec3
-    """sum of the faces' area vectors [m^2]; over all lanes, zero for a closed balloon"""
+    """sum of the faces' area vectors [m^2]; over all threads, zero for a closed balloon"""
     corners: wp.vec3
     """sum of the faces' corners, from that point [m]"""
     stretch: float
@@ -46,12 +46,12 @@ def sum_balloons(
     # out
     sums: wp.array3d[BalloonSums],
 ):
-    """A thread a (world, balloon, lane). The `balloon_` arrays say where each balloon's items begin and end."""
-    world, balloon, lane = wp.tid()
-    lanes = sums.shape[2]
+    """A thread a (world, balloon, thread). The `balloon_` arrays say where each balloon's items begin and end."""
+    world, balloon, thread = wp.tid()
+    threads = sums.shape[2]
     part = BalloonSums()
     origin = points[world, face_particles[face_offsets[balloon_faces[balloon]]]]
-    for face in range(balloon_faces[balloon] + lane, balloon_faces[balloon + 1], lanes):
+    for face in range(balloon_faces[balloon] + thread, balloon_faces[balloon + 1], threads):
         begin = face_offsets[face]
         end = face_offsets[face + 1]
         corners = wp.vec3()
@@ -68,15 +68,15 @@ def sum_balloons(
         part.area += wp.length(area_vector)
         part.area_vector += area_vector
         part.corners += corners
-    for spring in range(balloon_springs[balloon] + lane, balloon_springs[balloon + 1], lanes):
+    for spring in range(balloon_springs[balloon] + thread, balloon_springs[balloon + 1], threads):
         ends = spring_particles[spring]
         length = wp.length(points[world, ends[1]] - points[world, ends[0]])
         if spring_rest_length[spring] > 0.0:
             part.stretch = wp.max(part.stretch, length / spring_rest_length[spring])
-    for particle in range(balloon_particles[balloon] + lane, balloon_particles[balloon + 1], lanes):
+    for particle in range(balloon_particles[balloon] + thread, balloon_particles[balloon + 1], threads):
         particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], balloon]
         part.kinetic_energy += 0.5 * particle_mass * wp.length_sq(velocities[world, particle])
-    sums[world, balloon, lane] = part
+    sums[world, balloon, thread] = part
 
 
 @wp.kernel(enable_backward=False)
@@ -121,8 +121,8 @@ def measure_worlds(
     finite = bool(True)
     for balloon in range(sums.shape[1]):
         total = BalloonSums()
-        for lane in range(sums.shape[2]):
-            part = sums[world, balloon, lane]
+        for thread in range(sums.shape[2]):
+            part = sums[world, balloon, thread]
             total.volume += part.volume
             total.area += part.area
             total.area_vector += part.area_vector

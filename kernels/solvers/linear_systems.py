@@ -88,7 +88,7 @@ class InverseTable:
     """the matrix of each world, shape (world_count,)"""
 
 
-ROW_LANES = wp.constant(32)
+ROW_THREADS = wp.constant(32)
 """threads beside each other, whose rows are, too, so that they load entries together"""
 PARTS = wp.constant(16)
 """of every sum, each summed by itself: by several threads, or by one in the same order"""
@@ -116,13 +116,13 @@ def multiply_own_inverse(
     first_row = tiles[tile][1]
     begin = inverse.particle_offsets[balloon]
     count = inverse.particle_offsets[balloon + 1] - begin
-    rows = wp.min(count - first_row, ROW_LANES)
+    rows = wp.min(count - first_row, ROW_THREADS)
     first_entry = inverse.entry_offsets[balloon] + first_row
     matrix = inverse.of_world[world]
-    parts = wp.tile_empty(shape=wp.static(int(PARTS * ROW_LANES)), dtype=wp.vec3, storage="shared")
-    for item in range(thread, PARTS * ROW_LANES, wp.block_dim()):
-        part = item // ROW_LANES
-        row = wp.min(item % ROW_LANES, rows - 1)
+    parts = wp.tile_empty(shape=wp.static(int(PARTS * ROW_THREADS)), dtype=wp.vec3, storage="shared")
+    for item in range(thread, PARTS * ROW_THREADS, wp.block_dim()):
+        part = item // ROW_THREADS
+        row = wp.min(item % ROW_THREADS, rows - 1)
         total = wp.vec3()
         for other in range(part_begin(count, part), part_begin(count, part + 1)):
             total += inverse.entries[matrix, first_entry + other * count + row] * right_sides[world, begin + other]
@@ -131,7 +131,7 @@ def multiply_own_inverse(
     for row in range(thread, rows, wp.block_dim()):
         total = wp.vec3()
         for part in range(PARTS):
-            total += parts[part * ROW_LANES + row]
+            total += parts[part * ROW_THREADS + row]
         solutions[world, begin + first_row + row] = total
 
 
@@ -156,10 +156,10 @@ def shared_inverse_product(rows: int, worlds: int) -> Any:
         # state out
         solutions: wp.array2d[wp.vec3],
     ):
-        """A thread a (group of worlds, tile, lane), which has every 32nd row of the tile."""
-        group, tile, lane = wp.tid()
+        """A thread a (group of worlds, tile, thread), which has every 32nd row of the tile."""
+        group, tile, thread = wp.tid()
         balloon = tiles[tile][0]
-        row = tiles[tile][1] + lane
+        row = tiles[tile][1] + thread
         begin = inverse.particle_offsets[balloon]
         count = inverse.particle_offsets[balloon + 1] - begin
         last_world = right_sides.shape[0] - 1
@@ -170,7 +170,7 @@ def shared_inverse_product(rows: int, worlds: int) -> Any:
             for other in range(part_begin(count, part), part_begin(count, part + 1)):
                 entries = Entries()
                 for each in range(rows):
-                    column = wp.min(row + each * ROW_LANES, count - 1)  # of the symmetric matrix
+                    column = wp.min(row + each * ROW_THREADS, count - 1)  # of the symmetric matrix
                     entries[each] = inverse.entries[0, inverse.entry_offsets[balloon] + other * count + column]
                 for turn in range(worlds):
                     right_side = right_sides[wp.min(group * worlds + turn, last_world), begin + other]
@@ -181,8 +181,8 @@ def shared_inverse_product(rows: int, worlds: int) -> Any:
         for each in range(rows):
             for turn in range(worlds):
                 world = group * worlds + turn
-                if world <= last_world and row + each * ROW_LANES < count:
-                    solutions[world, begin + row + each * ROW_LANES] = wp.vec3(
+                if world <= last_world and row + each * ROW_THREADS < count:
+                    solutions[world, begin + row + each * ROW_THREADS] = wp.vec3(
                         total[3 * each, turn], total[3 * each + 1, turn], total[3 * each + 2, turn]
                     )
 
