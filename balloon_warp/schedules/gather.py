@@ -55,7 +55,7 @@ class GatherSchedule:
                 pieces.flow(state, time)
                 self._pull(state, time, old, new[1])
                 pieces.swell(state, time, old[0], new[1])
-                pieces.push(state, time, old, new, free_velocities=new[1])
+                pieces.push(state, time, old, new)
             else:
                 self._pull_push_and_move(state, time, old, new)
             pieces.correct(state, *new)

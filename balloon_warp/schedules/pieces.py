@@ -144,19 +144,14 @@ class Pieces:
         time_in_frame: float,
         old: tuple[wp.array, wp.array],
         new: tuple[wp.array, wp.array],
-        free_velocities: wp.array | None = None,
-        forces: wp.array | None = None,
     ) -> None:
-        """The inflation, the movement, and obstacles.
-
-        Args:
-            free_velocities: with all other forces.
-            forces: or those, on particles whose velocities are the old ones.
-        """
+        """The inflation, the movement, and obstacles; the new velocities have all other forces."""
+        points, velocities = old
+        new_points, new_velocities = new
         self.over_particles(
-            push_kernel(self.traits, by_forces=forces is not None),
-            *(self.tables, time_in_frame, *old, free_velocities, forces),
-            *(world_state(state), self.working, *new),
+            push_kernel(self.traits),
+            *(self.tables, time_in_frame, points, velocities, world_state(state), self.working),
+            *(new_velocities, new_points),
         )
 
     def correct(self, state: State, points: wp.array, velocities: wp.array) -> None:

@@ -11,13 +11,11 @@ import warp as wp
 from balloon_warp.kernels.schedules.scatter import (
     add_area_vectors,
     face_kernel,
-    free_kernel,
     hinge_kernel,
     particle_kernel,
     spring_kernel,
     string_kernel,
 )
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
@@ -38,16 +36,17 @@ class ScatterSchedule:
         self._tables = make_tables(model, self._traits)
         room = Allocating(model.device)
         self._pieces = Pieces(model, self._traits, self._tables, room)
-        self.forces, self._free_velocities = _vectors(model, self._traits, room)
-        """on each particle but the inflation [N], shape (world_count, particle_count), vec3; velocities, with gas"""
+        self.forces, self._new_velocities = _vectors(model, room)
+        """on each particle but the inflation [N], shape (world_count, particle_count), vec3; and what they make of its
+        velocity"""
         self._health = HealthCheck(model, self._tables)
 
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        room, traits = Counting(), model_traits(model)
-        Pieces.allot(model, traits, room)
-        _vectors(model, traits, room)
+        room = Counting()
+        Pieces.allot(model, model_traits(model), room)
+        _vectors(model, room)
         return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:
@@ -66,14 +65,9 @@ class ScatterSchedule:
             pieces.roll(state)
             pieces.flow(state, time)
             self.sum_forces(state, time)
-            moving = state.points, state.velocities
-            if self._traits.gas:
-                freed = self._pieces.working, self.forces, self._free_velocities
-                pieces.over_particles(free_kernel(self._traits), self._tables, state.velocities, *freed)
-                pieces.swell(state, time, state.points, self._free_velocities)
-                pieces.push(state, time, moving, moving, free_velocities=self._free_velocities)
-            else:
-                pieces.push(state, time, moving, moving, forces=self.forces)
+            pieces.swell(state, time, state.points, self._new_velocities)
+            pieces.push(state, time, (state.points, state.velocities), (state.points, self._new_velocities))
+            wp.copy(state.velocities, self._new_velocities)
             pieces.correct(state, state.points, state.velocities)
             yield substep
         pieces.end_frame(state)
@@ -84,10 +78,7 @@ class ScatterSchedule:
         t, traits, working = self._tables, self._traits, self._pieces.working
         now = t, state.frame, time_in_frame
         moving = state.points, state.velocities
-        if traits.measures_areas:
-            working.area_vectors.zero_()
-            self._launch(add_area_vectors, self.model.face_count, t, state.points, working.area_vectors)
-        self._launch(particle_kernel(traits), self.model.particle_count, *now, *moving, working, self.forces)
+        self.forces.zero_()
         self._launch(spring_kernel(traits), self.model.spring_count, *now, *moving, self.forces)
         if traits.has("string"):
             self._launch(string_kernel(traits), self.model.string_count, *now, *moving, self.forces)
@@ -95,13 +86,18 @@ class ScatterSchedule:
             self._launch(hinge_kernel(traits), t.hinges.ends.shape[0], t, state.points, self.forces)
         if traits.has("face"):
             self._launch(face_kernel(traits), self.model.face_count, *now, *moving, self.forces)
+        if traits.measures_areas:
+            working.area_vectors.zero_()
+            self._launch(add_area_vectors, self.model.face_count, t, state.points, working.area_vectors)
+        own = *now, *moving, working, self.forces, self._new_velocities
+        self._launch(particle_kernel(traits), self.model.particle_count, *own)
 
     def _launch(self, kernel: Any, count: int, *arguments: Any) -> None:
         model = self.model
         wp.launch(kernel, (model.world_count, count), inputs=list(arguments), device=model.device)
 
 
-def _vectors(model: Model, traits: Traits, room: Room) -> tuple[Any, Any]:
-    """Forces on particles [N], and with gas velocities."""
-    worlds, count = model.world_count, model.particle_count
-    return room.array((worlds, count), wp.vec3), room.array((worlds, count if traits.gas else 0), wp.vec3)
+def _vectors(model: Model, room: Room) -> tuple[Any, Any]:
+    """Forces on particles [N], and velocities."""
+    shape = (model.world_count, model.particle_count)
+    return room.array(shape, wp.vec3), room.array(shape, wp.vec3)

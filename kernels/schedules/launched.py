@@ -137,12 +137,8 @@ def inertia_function(traits: Traits) -> Any:
 
 
 @cache
-def push_kernel(traits: Traits, by_forces: bool) -> Any:
-    """The kernel that ends a substep whose other forces are known.
-
-    Args:
-        by_forces: they are in an array; otherwise in the velocities already.
-    """
+def push_kernel(traits: Traits) -> Any:
+    """The kernel that ends a substep whose other forces are known."""
     _, read_own = own_functions(traits.columns)
     push_and_move = pushing_function(traits)
     inertia = inertia_function(traits)
@@ -155,34 +151,25 @@ def push_kernel(traits: Traits, by_forces: bool) -> Any:
         # state in
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
-        free_velocities: wp.array2d[wp.vec3],
-        forces: wp.array2d[wp.vec3],
         # state in and out
         state: WorldState,
         working: Working,
+        new_velocities: wp.array2d[wp.vec3],
         # state out
         new_points: wp.array2d[wp.vec3],
-        new_velocities: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, particle)."""
+        """A thread a (world, particle). The new velocities have all forces but the inflation."""
         world, particle = wp.tid()
         own = read_own(t, world, particle)
-        old_velocity = velocities[world, particle]
-        velocity = old_velocity
-        force = wp.vec3()
-        if wp.static(by_forces):
-            force = forces[world, particle]
-        else:
-            velocity = free_velocities[world, particle]
         area_vector = wp.vec3()
         if wp.static(traits.pressures):
             area_vector = working.area_vectors[world, particle]
-        point, new_velocity = push_and_move(
-            t, state, working, own, inertia(working, own), force, area_vector, points[world, particle],
-            old_velocity, velocity, time_in_frame,
+        point, velocity = push_and_move(
+            t, state, working, own, inertia(working, own), wp.vec3(), area_vector, points[world, particle],
+            velocities[world, particle], new_velocities[world, particle], time_in_frame,
         )  # fmt: skip
         new_points[world, particle] = point
-        new_velocities[world, particle] = new_velocity
+        new_velocities[world, particle] = velocity
 
     return push_particles
 

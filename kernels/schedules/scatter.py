@@ -182,14 +182,15 @@ def add_area_vectors(
 
 @cache
 def particle_kernel(traits: Traits) -> Any:
-    """The kernel of what acts on particles by themselves, which comes first."""
+    """The kernel of what acts on particles by themselves, which comes last."""
     _, read_own = own_functions(traits.columns)
     particle_laws = traits.laws_on("particle")
+    inertia = inertia_function(traits)
     load_of_particle = wetness_loop(vector_at)
     level_column = traits.columns.places.get("water_level", 0)
 
     @wp.kernel(module="unique")
-    def set_particle_forces(
+    def add_particle_forces(
         # model
         t: Tables,
         frame: wp.array[wp.int32],
@@ -200,8 +201,9 @@ def particle_kernel(traits: Traits) -> Any:
         working: Working,
         # out
         forces: wp.array2d[wp.vec3],
+        new_velocities: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, particle): overwrites the forces, which the others add to."""
+        """A thread a (world, particle): the last forces but the inflation, and the velocity after all of them."""
         world, particle = wp.tid()
         time = time_of(t, frame, time_in_frame)
         own = read_own(t, world, particle)
@@ -212,37 +214,11 @@ def particle_kernel(traits: Traits) -> Any:
         water_load = wp.vec4()
         if wp.static(traits.in_water):
             water_load = load_of_particle(t.faces, points[world], particle, own.n[level_column], t.up)
-        forces[world, particle] = particle_laws(
+        force = forces[world, particle] + particle_laws(
             points[world, particle], velocity, own.mass, own.share, area_vector, water_load,
             t.up, t.step_seconds, time, own.n,
         )  # fmt: skip
+        forces[world, particle] = force
+        new_velocities[world, particle] = kick(velocity, force, inertia(working, own), t.step_seconds)
 
-    return set_particle_forces
-
-
-@cache
-def free_kernel(traits: Traits) -> Any:
-    """The kernel that makes velocities of forces, before the inflation is known."""
-    _, read_own = own_functions(traits.columns)
-    inertia = inertia_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def find_free_velocities(
-        # model
-        t: Tables,
-        # state in
-        velocities: wp.array2d[wp.vec3],
-        working: Working,
-        # in
-        forces: wp.array2d[wp.vec3],
-        # out
-        free_velocities: wp.array2d[wp.vec3],
-    ):
-        """A thread a (world, particle)."""
-        world, particle = wp.tid()
-        own = read_own(t, world, particle)
-        free_velocities[world, particle] = kick(
-            velocities[world, particle], forces[world, particle], inertia(working, own), t.step_seconds
-        )
-
-    return find_free_velocities
+    return add_particle_forces
