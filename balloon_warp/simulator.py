@@ -17,7 +17,17 @@ from balloon_warp.frame import Frame, FrameReader
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.schedules.timeline import hold_spheres
-from balloon_warp.model import Model, State, Turn, Vary, build_model, copy_of, initial_state, overwrite, world_bytes
+from balloon_warp.model import (
+    DueChange,
+    Model,
+    State,
+    Vary,
+    build_model,
+    copy_of,
+    initial_state,
+    overwrite,
+    world_bytes,
+)
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene
@@ -242,7 +252,7 @@ class Simulator:
         while self._turns and self._turns[0].frame <= self.frame_number:
             self._take_turn(self._turns.popleft())
 
-    def _take_turn(self, turn: Turn) -> None:
+    def _take_turn(self, turn: DueChange) -> None:
         """Change what the scene says changes at this frame."""
         for name in turn.values:
             rows = self.model.parameters[name].numpy().copy()

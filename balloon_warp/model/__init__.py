@@ -4,14 +4,14 @@ from balloon_warp.model.build import build_model, lay_out
 from balloon_warp.model.model import Model
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.state import State, copy_of, initial_state, overwrite, world_bytes
-from balloon_warp.model.timeline import Turn
+from balloon_warp.model.timeline import DueChange
 from balloon_warp.model.vary import Vary
 
 __all__ = [
+    "DueChange",
     "Model",
     "ModelPlan",
     "State",
-    "Turn",
     "Vary",
     "build_model",
     "copy_of",

@@ -12,7 +12,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.packing import views_of
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.timeline import Turn
+from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
 
@@ -32,7 +32,7 @@ class Model:
     device: wp.Device
     world_count: int
     substeps: int
-    turns: list[Turn]
+    turns: list[DueChange]
     """what changes during the simulation, in order"""
     laws: tuple[Law, ...]
     """the built-in ones and the user's own"""

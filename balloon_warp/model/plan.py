@@ -22,7 +22,7 @@ from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
 from balloon_warp.model.strings import held_particle, string_lengths
-from balloon_warp.model.timeline import Turn, turns
+from balloon_warp.model.timeline import DueChange, turns
 from balloon_warp.model.vary import Vary, vary_parameters
 from balloon_warp.scene import Scene
 
@@ -41,7 +41,7 @@ class ModelPlan:
     parameters: Parameters
     substeps: int
     """at the start: as many as the stiffest world asks"""
-    turns: list[Turn]
+    turns: list[DueChange]
     """what changes during the simulation"""
 
     @property
@@ -145,7 +145,7 @@ def _settled(
     return parameters | settle_gas(scene, shapes, parameters)
 
 
-def _substeps(scene: Scene, network: Network, parameters: Parameters, changes: Sequence[Turn]) -> int:
+def _substeps(scene: Scene, network: Network, parameters: Parameters, changes: Sequence[DueChange]) -> int:
     """Substeps at the start. Left to us, they are enough for all that follows; else the scene's, which must be enough
     until they change.
 

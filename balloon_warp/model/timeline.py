@@ -17,7 +17,7 @@ from balloon_warp.scene.timeline import scenes_over_time
 
 
 @dataclass(frozen=True)
-class Turn:
+class DueChange:
     """A frame at whose start parameters change, alike in all worlds."""
 
     frame: int
@@ -32,7 +32,7 @@ class Turn:
         rows[:, which] = values[which]
 
 
-def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[Turn]:
+def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
     """What changes in a scene, in order.
 
     Raises:
@@ -55,5 +55,5 @@ def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[Turn]:
             for name, array in after.items()
             if (different := (array[0] != before[name][0]) & ~np.isnan(array[0])).any()
         }
-        yield Turn(frame, now, values)
+        yield DueChange(frame, now, values)
         before = after

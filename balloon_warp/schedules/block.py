@@ -92,29 +92,29 @@ class Recipe:
 
 def _recipe(model: Model, traits: Traits) -> Recipe:
     ends = spring_ends(model)
-    layout, home = _layout(model, traits, ends)
-    if home:
-        return Recipe(resident_kernel(traits, layout), layout, [slot_table(model, ends, home.rings)])
+    layout, residing = _layout(model, traits, ends)
+    if residing:
+        return Recipe(resident_kernel(traits, layout), layout, [slot_table(model, ends, residing.rings)])
     return Recipe(streaming_kernel(traits, layout), layout, [])
 
 
 def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Residence | None]:
     """How a world lies on a block, and, where its particles stay in registers, how."""
-    home = residence(model, traits, ends)
+    residing = residence(model, traits, ends)
     odd = model.substeps % 2 == 1
-    if home:
+    if residing:
         layout = Layout(
-            threads=home.threads,
-            capacity=home.threads * home.particles_a_thread,
+            threads=residing.threads,
+            capacity=residing.threads * residing.particles_a_thread,
             resident=True,
-            two=home.particles_a_thread == 2,
+            two=residing.particles_a_thread == 2,
             faces=model.face_count if traits.aims else 1,
             kind_slots=kind_slots(ends),
-            rings=home.rings is not None,
+            rings=residing.rings is not None,
             odd_substeps=odd,
-            registers=home.registers,
+            registers=residing.registers,
         )
-        return layout, home
+        return layout, residing
     capacity = _round_up(model.particle_count, CAPACITY_STEP)
     return Layout(
         _streaming_threads(model), capacity, resident=False, odd_substeps=odd, registers=STREAMING_REGISTERS
