@@ -7,11 +7,13 @@ def magnet(position: wp.vec3, mass: float, strength: float):
 Simulator(scene, laws=[particle_law(magnet, [Parameter("strength", "1/s^2", 1.0)])])
 """
 
+import ast
 import inspect
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from textwrap import dedent
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
@@ -114,20 +116,6 @@ def require_law(law: Law) -> None:
             raise InputError(f"{whose}: neutral says {name}; expected one of its parameters, {', '.join(rows)}")
 
 
-def acting_laws(laws: Sequence[Law], scene: Any, parameters: Mapping[str, Any]) -> tuple[Law, ...]:
-    """Those that act: the scene wants them, and their parameters, arrays of all worlds by name, are not neutral."""
-
-    def is_neutral(name: str, value: float) -> bool:
-        return bool((np.asarray(parameters[name], dtype=np.float32) == np.float32(value)).all())
-
-    return tuple(
-        law
-        for law in laws
-        if (law.wants is None or law.wants(scene))
-        and not (law.neutral and all(is_neutral(name, value) for name, value in law.neutral.items()))
-    )
-
-
 def _law(kind: Kind, function: Any, parameters: Sequence[Parameter], more: Mapping[str, Any]) -> Law:
     _require_own_function(f"{kind} law", function)
     try:
@@ -165,10 +153,34 @@ def _require_function(whose: str, function: Any, types: Mapping[str, str], resul
         if annotations.get(name, Any) not in (Any, *TYPES[types[name]]):
             expected = TYPES[types[name]][0].__name__
             raise InputError(f"{whose}: its argument {name} is of another type; expected {expected}")
-    try:
-        returned = function.func(*(SAMPLES[types[name]] for name in arguments))
-    except Exception:  # not everything in a kernel is there on the host
-        return
-    if not isinstance(returned, TYPES[result]):
+    returned = _tried(whose, function, [SAMPLES[types[name]] for name in arguments])
+    if returned is not None and not isinstance(returned, TYPES[result]):
         expected = TYPES[result][0].__name__
         raise InputError(f"{whose}: returns a {type(returned).__name__}; expected a {expected}")
+
+
+def _tried(whose: str, function: Any, samples: Sequence[Any]) -> Any:
+    """What a function returns on the host; None where the host cannot tell, for not everything in a kernel is there."""
+    try:
+        returned = function.func(*samples)
+    except ArithmeticError:  # with these numbers
+        return None
+    except Exception as mistake:  # whatever somebody else's function lets through
+        if _is_for_kernels(mistake):
+            return None
+        raise InputError(f"{whose}: cannot be called: {str(mistake).splitlines()[0]}") from None
+    if returned is None and not any(node.value for node in ast.walk(_tree(function)) if isinstance(node, ast.Return)):
+        raise InputError(f"{whose}: returns nothing; expected a return with a value")
+    return returned
+
+
+def _is_for_kernels(mistake: Exception) -> bool:
+    """Whether a function of Warp's is missed that only kernels have, or what a native function returns only there."""
+    if isinstance(mistake, AttributeError) and mistake.obj is wp:
+        stubs = files("warp").joinpath("__init__.pyi").read_text(encoding="utf-8")
+        return f"def {mistake.name}(" in stubs
+    return "function is undefined" in str(mistake) or "NoneType" in str(mistake)
+
+
+def _tree(function: Any) -> ast.AST:
+    return ast.parse(dedent(inspect.getsource(function.func)))

@@ -10,9 +10,11 @@ from meshes import cube
 from own_laws import HARDENING, MAGNET, magnet
 
 import balloon_warp as bw
+from balloon_warp.kernels.algebra import inverse_root
 from balloon_warp.kernels.laws import LAWS
-from balloon_warp.laws import acting_laws, require_laws
+from balloon_warp.laws import require_laws
 from balloon_warp.model import build_model, plan_model
+from balloon_warp.model.acting import acting_laws
 from balloon_warp.provenance import describe_laws
 from balloon_warp.scene import Balloon, Change, Scene, Stiffness
 from balloon_warp.scene.overrides import override_scene
@@ -30,6 +32,51 @@ def lost(position: wp.vec3, distance: float):
 @wp.func
 def of_whole_numbers(position: wp.vec3, strength: int):
     return float(strength) * position
+
+
+@wp.func
+def misspelt(position: wp.vec3):
+    return wp.lenght(position) * position
+
+
+@wp.func
+def without_helper(position: wp.vec3):
+    return helper_that_is_not_there(position)  # noqa: F821
+
+
+@wp.func
+def out_of_range(position: wp.vec3):
+    return position[3] * position
+
+
+@wp.func
+def of_too_many(position: wp.vec3):
+    return wp.length(position, position) * position
+
+
+@wp.func
+def silent(position: wp.vec3):
+    twice = 2.0 * position  # noqa: F841
+
+
+@wp.func
+def native(squared_length: float):
+    return inverse_root(squared_length)
+
+
+@wp.func
+def by_a_choice(position: wp.vec3):
+    return wp.where(position[0] > 0.0, position, inverse_root(2.0) * position)
+
+
+@wp.func
+def by_a_mesh(position: wp.vec3):
+    return wp.mesh_query_point_no_sign(wp.uint64(0), position, 1.0).u * position
+
+
+@wp.func
+def beyond_numbers(position: wp.vec3, strength: float):
+    return position * (1.0 // (strength - strength))
 
 
 @wp.func
@@ -63,6 +110,11 @@ def scene(**fields) -> Scene:
             r"^law of_whole_numbers: its argument strength is of another type; expected float$",
         ),
         (lambda: bw.particle_law(a_number, [STRENGTH]), r"^law a_number: returns a float; expected a vec3f$"),
+        (lambda: bw.particle_law(misspelt), r"^law misspelt: cannot be called: module 'warp' has no .* 'lenght'$"),
+        (lambda: bw.particle_law(without_helper), r"^law without_helper: cannot be called: name 'helper_that_is_not_"),
+        (lambda: bw.particle_law(out_of_range), r"^law out_of_range: cannot be called: .*index"),
+        (lambda: bw.particle_law(of_too_many), r"^law of_too_many: cannot be called: .*'length' compatible with"),
+        (lambda: bw.particle_law(silent), r"^law silent: returns nothing; expected a return with a value$"),
         (lambda: bw.particle_law(magnet, energy=plain), r"^law magnet: there is nothing that is called strength"),
         (
             lambda: bw.particle_law(magnet, MAGNET.parameters, stiffness=lambda height: height),
@@ -90,6 +142,14 @@ def scene(**fields) -> Scene:
 def test_a_bad_law_gets_one_sentence(make, sentence):
     with pytest.raises(bw.InputError, match=sentence):
         make()
+
+
+def test_what_only_kernels_have_is_no_mistake():
+    """Native functions, some of Warp's, and numbers that the trial on the host happens to divide by."""
+    assert bw.spring_law(native).name == "native"
+    for function in (by_a_choice, by_a_mesh):
+        assert bw.particle_law(function).force is function
+    assert bw.particle_law(beyond_numbers, [STRENGTH]).force is beyond_numbers
 
 
 @pytest.mark.parametrize(
@@ -195,18 +255,18 @@ def test_a_change_of_what_bounds_name_counts_too():
 def test_what_is_neutral_or_not_wanted_does_not_act():
     def acting(**overrides: float) -> list[str]:
         said = override_scene(scene(), [(f"balloon.{path.replace('__', '.')}", v) for path, v in overrides.items()])
-        plan = plan_model(said, laws=[MAGNET, HARDENING])
-        return [law.name for law in acting_laws(plan.laws, plan.scene, plan.parameters)]
+        return [law.name for law in acting_laws(plan_model(said, laws=[MAGNET, HARDENING]))]
 
-    assert acting(damping=0.0) == ["weight", "hooke", "string", "magnet"]
-    assert acting(law__magnet__strength=0.0, stiffness__viscosity=0.1) == [
-        "weight",
-        "damping",
-        "hooke",
-        "rubber",
-        "string",
-    ]
+    assert acting(damping=0.0) == ["weight", "hooke", "magnet"]
+    assert acting(law__magnet__strength=0.0, stiffness__viscosity=0.1) == ["weight", "damping", "hooke", "rubber"]
     assert "hardening" in acting(law__hardening__hardness=1.0)
+
+
+def test_a_law_that_changes_from_neutral_acts_from_the_start():
+    """Kernels are made once."""
+    later = scene(change=[Change(time=0.5, set={"balloon.0.law.hardening.hardness": 1.0})])
+    assert HARDENING in acting_laws(plan_model(later, laws=[MAGNET, HARDENING]))
+    assert HARDENING in acting_laws(build_model(later, "cpu", laws=[MAGNET, HARDENING]))
 
 
 def test_a_law_travels_as_its_global_name():

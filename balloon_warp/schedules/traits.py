@@ -1,19 +1,19 @@
 """Which physics a model uses, for all its worlds and all its time."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
+from balloon_warp.model.acting import acting_laws
 
 
 def model_traits(model: Model) -> Traits:
     """What kernels of the model have to do."""
     kinds = {int(kind) for kind in model.inflation_kind.numpy()}
     scene = model.scene
-    laws = tuple(law for law in model.laws if _acts(law, model))
+    laws = acting_laws(model)
     return Traits(
         laws=laws,
         columns=model.columns,
@@ -31,21 +31,3 @@ def model_traits(model: Model) -> Traits:
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
         ground=scene.ground is not None,
     )
-
-
-def _acts(law: Law, model: Model) -> bool:
-    """Whether a law does anything in any world at any time."""
-    if law.kind == "string" and not model.string_count:
-        return False
-    if law.wants and not law.wants(model.scene):
-        return False
-    return not law.neutral or any(
-        (values != np.float32(neutral)).any()
-        for name, neutral in law.neutral.items()
-        for values in _values_over_time(model, name)
-    )
-
-
-def _values_over_time(model: Model, name: str) -> list[NDArray]:
-    changes = [turn.values[name][1] for turn in model.turns if name in turn.values]
-    return [model.parameters[name].numpy(), *(np.asarray(values, dtype=np.float32) for values in changes)]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.laws import acting_laws
 from balloon_warp.model import build_model, lay_out, plan_model
+from balloon_warp.model.acting import acting_laws
 from balloon_warp.model.plan import ModelPlan
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene, Sphere, String
@@ -95,8 +95,7 @@ class Playground:
         self._take_over()
         scene = override_scene(self.live, [(path, value)])
         plan, model = self._plan(scene), self.simulator.model
-        acting = acting_laws(model.laws, model.scene, {name: rows.numpy() for name, rows in model.parameters.items()})
-        if path in METHODS or acting_laws(plan.laws, scene, plan.parameters) != acting:  # then other kernels run
+        if path in METHODS or acting_laws(plan) != acting_laws(model):  # then other kernels run
             self._rebuild(scene, list(range(len(scene.sphere))))
         else:
             self.live = scene

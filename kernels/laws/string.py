@@ -20,4 +20,10 @@ def string_energy(squared_length: float, rest_length: float, stiffness: float):
     )
 
 
-STRING = Law("string", string, energy=string_energy, stiffness=lambda stiffness: stiffness)
+STRING = Law(
+    "string",
+    string,
+    energy=string_energy,
+    wants=lambda scene: bool(scene.string),
+    stiffness=lambda stiffness: stiffness,
+)
