@@ -11,9 +11,10 @@ from trajectories import ROUNDING, after_frames, arrays, assert_close
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, initial_state, lay_out, plan_model
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Water
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
+from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.schedules.tables import spring_ends
 from balloon_warp.simulator import Simulator
 
@@ -109,6 +110,30 @@ def test_parameters_of_worlds_may_differ(name, schedule, device):
     for world, factor in enumerate(factors):
         for of_batch, of_one in zip(batch, states_of_worlds(name, [factor], schedule, device), strict=True):
             np.testing.assert_array_equal(of_batch[world], of_one[0])
+
+
+@pytest.mark.parametrize(
+    ("scene", "kernels"),
+    [
+        (bare(), ["add_forces", "advance_particles"]),
+        (SCENES["torsion"].model_copy(update={"sphere": []}), ["add_forces", "advance_particles"]),
+        (
+            bare().model_copy(update={"water": Water()}),
+            ["add_forces", "advance_particles", "advance_particles"],
+        ),
+    ],
+    ids=["springs", "strings and hinges", "water"],
+)
+def test_a_substep_of_scatter_is_few_launches(scene, kernels, monkeypatch):
+    """Each costs a single balloon on a GPU as much time as its work. In water none may move before all have been looked
+    at. Nothing is copied."""
+    model = build_model(scene, "cpu")
+    state, scatter = initial_state(model), ScatterSchedule(model)
+    launched = []
+    monkeypatch.setattr(wp, "launch", lambda kernel, *args, **more: launched.append(kernel.func.__name__))
+    monkeypatch.setattr(wp, "copy", lambda *args: launched.append("copy"))
+    scatter.advance_substep(state, 0.0, (state.points, state.velocities))
+    assert launched == kernels
 
 
 def test_an_unknown_schedule_is_refused():

@@ -8,6 +8,7 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
@@ -36,10 +37,10 @@ def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> 
     """Simulate a world from the start of the frame in which it blew up, in place, by the readable reference, which can
     be watched. None if it does not blow up there: its state was written to meanwhile."""
     # The implicit solver can be watched itself, and takes steps at which the reference would not be stable.
-    substeps = getattr(schedule, "substeps", None) or ScatterSchedule(model).substeps
+    watched = schedule if isinstance(schedule, LaunchedSchedule) and schedule.watchable else ScatterSchedule(model)
     check, before = HealthCheck(model, make_tables(model, model_traits(model))), copy_of(state)
     for number in range(frame, frame + FRAMES):
-        for substep in substeps(state):
+        for substep in watched.substeps(state):
             check.look(state)
             bad = int(state.first_bad.numpy()[0])
             if bad != HEALTHY or not _is_finite(state):

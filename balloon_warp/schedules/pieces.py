@@ -18,13 +18,7 @@ from balloon_warp.kernels.schedules.frame import (
     ramp_inflation,
     sum_face_areas,
 )
-from balloon_warp.kernels.schedules.launched import (
-    Working,
-    flow_kernel,
-    leave_kernel,
-    load_kernel,
-    push_kernel,
-)
+from balloon_warp.kernels.schedules.launched import Working, flow_kernel, leave_kernel, load_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -137,22 +131,6 @@ class Pieces:
                 block_dim=SWELL_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )
-
-    def push(
-        self,
-        state: State,
-        time_in_frame: float,
-        old: tuple[wp.array, wp.array],
-        new: tuple[wp.array, wp.array],
-    ) -> None:
-        """The inflation, the movement, and obstacles; the new velocities have all other forces."""
-        points, velocities = old
-        new_points, new_velocities = new
-        self.over_particles(
-            push_kernel(self.traits),
-            *(self.tables, time_in_frame, points, velocities, world_state(state), self.working),
-            *(new_velocities, new_points),
-        )
 
     def correct(self, state: State, points: wp.array, velocities: wp.array) -> None:
         """Springs that are too long are shortened; then particles leave obstacles."""

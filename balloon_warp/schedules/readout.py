@@ -5,9 +5,10 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.measure.pulls import law_pull_kernel, spring_pull_kernel, string_pull_kernel
+from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_measure, string_measure
+from balloon_warp.kernels.schedules.advance import advance_kernel, gathering_loops
 from balloon_warp.kernels.schedules.frame import add_inflation_forces
-from balloon_warp.kernels.schedules.gather import force_kernel
+from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.pieces import AimRefresher, refresh_ramp
@@ -22,57 +23,54 @@ class ForceReader:
         self.model, self._traits = model, model_traits(model)
         self._tables = make_tables(model, self._traits)
         self._tables.step_seconds = 0.0  # forces as they are now, not on average over a step
-        room = Allocating(model.device)
-        shape = model.world_count, model.particle_count
-        self._forces, self._aims = room.array(shape, wp.vec3), room.array(shape, wp.vec3)
-        self._area_vectors = room.array(shape, wp.vec3)
+        self._working = Working()
+        room, shape = Allocating(model.device), (model.world_count, model.particle_count)
+        for name in ("forces", "aims", "area_vectors"):
+            setattr(self._working, name, room.array(shape, wp.vec3))
 
     def refresh(self, state: State) -> None:
         """What a frame begins with: its ramp, such as of k_normal, each particle's aim, and its area vector."""
         refresh_ramp(self.model, state)
         if self._traits.aims:
-            self._refresher.refresh(state.points, self._aims)
+            self._refresher.refresh(state.points, self._working.aims)
         if self._traits.measures_areas:
             self._sum_forces(state)
 
     def inflation_forces(self, state: State, time_in_frame: float = 0.0) -> wp.array:
         """On each particle [N], shape (world_count, particle_count), vec3, once it is refreshed."""
-        self._forces.zero_()
+        self._working.forces.zero_()
         self._add_inflation(state, time_in_frame)
-        return self._forces
+        return self._working.forces
 
     def net_forces(self, state: State) -> wp.array:
         """On each particle at the start of a frame [N], shape (world_count, particle_count), vec3, once it is
         refreshed."""
         self._sum_forces(state)
         self._add_inflation(state, 0.0)
-        return self._forces
+        return self._working.forces
 
     def spring_pulls(self, state: State, time: float) -> wp.array:
         """With which each spring pulls, or if negative pushes [N], shape (world_count, spring_count)."""
-        return self._measure(spring_pull_kernel(self._traits), state, time, self.model.spring_count)
+        return self._measure(spring_measure(self._traits), state, time, 1, self.model.spring_count)[:, 0]
 
     def string_pulls(self, state: State, time: float) -> wp.array:
         """With which each string pulls [N], shape (world_count, string_count)."""
-        return self._measure(string_pull_kernel(self._traits), state, time, self.model.string_count)
+        return self._measure(string_measure(self._traits), state, time, 1, self.model.string_count)[:, 0]
 
     def pulls_by_law(self, state: State, time: float) -> dict[str, wp.array]:
         """Of each law on particles, hinges or faces the force on each particle [N], shape (world_count,
         particle_count)."""
-        model = self.model
         laws = tuple(law for law in self._traits.laws if law.kind not in ("spring", "string"))
-        shape = model.world_count, len(laws), model.particle_count
-        pulls: Any = wp.zeros(shape, dtype=float, device=model.device)
-        if laws:
-            kernel = law_pull_kernel(self._traits, laws)
-            inputs = [self._tables, time, state.points, state.velocities]
-            wp.launch(kernel, (model.world_count, model.particle_count), inputs, [pulls], device=model.device)
+        if not laws:
+            return {}
+        pulls = self._measure(law_measure(self._traits, laws), state, time, len(laws), self.model.particle_count)
         return {law.name: pulls[:, number] for number, law in enumerate(laws)}
 
-    def _measure(self, kernel: Any, state: State, time: float, count: int) -> wp.array:
-        pulls = wp.zeros((self.model.world_count, count), dtype=float, device=self.model.device)
+    def _measure(self, measure: Any, state: State, time: float, measured: int, count: int) -> Any:
+        worlds, device = self.model.world_count, self.model.device
+        pulls = wp.zeros((worlds, measured, count), dtype=float, device=device)
         inputs = [self._tables, time, state.points, state.velocities]
-        wp.launch(kernel, pulls.shape, inputs, [pulls], device=self.model.device)
+        wp.launch(pull_kernel(measure), (worlds, count), inputs, [pulls], device=device)
         return pulls
 
     @cached_property
@@ -81,16 +79,17 @@ class ForceReader:
 
     def _sum_forces(self, state: State) -> None:
         """All but the inflation's, and the area vectors."""
-        moving = state.points, state.velocities, state.frame
-        self._launch(force_kernel(self._traits), self._tables, 0.0, *moving, self._area_vectors, self._forces)
+        kernel = advance_kernel(self._traits, gathering_loops(self._traits), "forces")
+        moving = state.points, state.velocities, world_state(state)
+        self._launch(kernel, self._tables, 0.0, *moving, self._working, None, None, None)
 
     def _add_inflation(self, state: State, time_in_frame: float) -> None:
         self._launch(
             add_inflation_forces,
             *(self._tables.particles, self._tables.inflation_kind, self._tables.up),
             *(not self._traits.gas, time_in_frame),
-            *(world_state(state), self._aims, self._area_vectors, self._forces),
+            *(world_state(state), self._working.aims, self._working.area_vectors, self._working.forces),
         )
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
-        wp.launch(kernel, self._forces.shape, inputs=list(arguments), device=self.model.device)
+        wp.launch(kernel, self._working.forces.shape, inputs=list(arguments), device=self.model.device)

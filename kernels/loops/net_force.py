@@ -23,7 +23,8 @@ class Loops(NamedTuple):
     springs: Any
     """(t, points, velocities, own, springs, point, velocity, time) to their net force"""
     others: Any
-    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and faces"""
+    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and faces; None if the springs'
+    has it already"""
     area_vector: Any
     """(t, points, own, springs, point)"""
     water_load: Any
@@ -35,7 +36,7 @@ class Loops(NamedTuple):
 @cache
 def net_force_function(traits: Traits, loops: Loops) -> Any:
     """The function that sums the forces on a particle."""
-    others = traits.has("string") or traits.has("hinge") or traits.has("face")
+    others = loops.others is not None and (traits.has("string") or traits.has("hinge") or traits.has("face"))
 
     @wp.func
     def net_force(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
@@ -43,7 +44,7 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
 
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
-            springs: what the particle keeps of its springs, if it does.
+            springs: what the loop over springs goes by, beside the tables.
         """
         force = loops.springs(t, points, velocities, own, springs, point, velocity, time)
         if wp.static(others):

@@ -1,4 +1,4 @@
-"""A particle's springs."""
+"""Springs: one by one, and those of a particle."""
 
 from functools import cache
 from typing import Any
@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.memory import float_at, int_at, vector_at
+from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import CHUNK, SLICE, Tables, first_entry
 from balloon_warp.kernels.traits import Traits
 
@@ -15,6 +16,29 @@ from balloon_warp.kernels.traits import Traits
 def constant_of_kind(n: Any, kind: wp.int32):
     """A spring constant, which stand first among a balloon's numbers; without the memory that an index needs."""
     return wp.where(kind == 0, n[0], wp.where(kind == 1, n[1], n[2]))
+
+
+@cache
+def pair_pull(traits: Traits) -> Any:
+    """The function that looks at one spring, as the table of pairs has it."""
+    coefficient = traits.laws_on("spring")
+    read_numbers = numbers_reader(traits.columns)
+
+    @wp.func
+    def pull_of_pair(t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float):
+        """From its first end to its second [m], and what that is to be multiplied with for the first's force [N/m]."""
+        p = t.pairs.particles[spring][0]
+        q = t.pairs.particles[spring][1]
+        n = read_numbers(t, world, t.particles.balloon[p])
+        stiffness = constant_of_kind(n, t.pairs.kinds[spring]) * t.pairs.scales[spring]
+        length = t.pairs.rest_lengths[spring]
+        d = points[q] - points[p]
+        opening = wp.dot(velocities[q] - velocities[p], d)
+        return d, coefficient(
+            squared_length(d), opening, length, stiffness, stiffness * length, t.step_seconds, time, n
+        )
+
+    return pull_of_pair
 
 
 @cache

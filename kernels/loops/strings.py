@@ -1,4 +1,4 @@
-"""The strings that hold a particle."""
+"""Strings: one by one, and those that hold a particle."""
 
 from functools import cache
 from typing import Any
@@ -6,7 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
-from balloon_warp.kernels.tables import StringTable, row_of_world
+from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.tables import StringTable, Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 
@@ -35,6 +36,23 @@ def string_pull(traits: Traits) -> Any:
         )
 
     return pull_of_string
+
+
+@cache
+def held_string_pull(traits: Traits) -> Any:
+    """The function that gives the pull of one string, in the order of the particles that they hold."""
+    pull_of_string = string_pull(traits)
+    read_numbers = numbers_reader(traits.columns)
+
+    @wp.func
+    def pull_of_held_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float):
+        """[N]"""
+        p = t.strings.particles[held]
+        n = read_numbers(t, world, t.particles.balloon[p])
+        string = t.strings.order[held]
+        return pull_of_string(t.strings, world, string, points[p], velocities[p], n, t.step_seconds, time)
+
+    return pull_of_held_string
 
 
 @cache

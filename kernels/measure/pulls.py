@@ -8,22 +8,24 @@ import warp as wp
 from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.laws.law import Law
 from balloon_warp.kernels.loops.net_force import net_force_function, scalar_loops
-from balloon_warp.kernels.loops.springs import constant_of_kind
-from balloon_warp.kernels.loops.strings import string_pull
+from balloon_warp.kernels.loops.springs import pair_pull
+from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
-from balloon_warp.kernels.own import numbers_reader, own_functions
+from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def spring_pull_kernel(traits: Traits) -> Any:
-    """The kernel that measures springs."""
-    coefficient = traits.laws_on("spring")
-    read_numbers = numbers_reader(traits.columns)
+def pull_kernel(measure: Any) -> Any:
+    """The kernel that writes down pulls.
+
+    Args:
+        measure: the function that does so, one of those that are made below.
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
-    def measure_springs(
+    def measure_pulls(
         # model
         t: Tables,
         time: float,
@@ -31,100 +33,65 @@ def spring_pull_kernel(traits: Traits) -> Any:
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
         # out
-        pulls: wp.array2d[float],
+        pulls: wp.array3d[float],
     ):
-        """A thread a (world, spring): the force with which it pulls, or if negative pushes, its ends [N]."""
-        world, spring = wp.tid()
-        p = t.pairs.particles[spring][0]
-        q = t.pairs.particles[spring][1]
-        n = read_numbers(t, world, t.particles.balloon[p])
-        stiffness = constant_of_kind(n, t.pairs.kinds[spring]) * t.pairs.scales[spring]
-        length = t.pairs.rest_lengths[spring]
-        d = points[world, q] - points[world, p]
-        opening = wp.dot(velocities[world, q] - velocities[world, p], d)
-        squared = squared_length(d)
-        pulls[world, spring] = wp.sqrt(squared) * coefficient(
-            squared, opening, length, stiffness, stiffness * length, t.step_seconds, time, n
-        )
+        """A thread a (world, item)."""
+        world, item = wp.tid()
+        measure(t, world, item, points[world], velocities[world], time, pulls[world])
 
-    return measure_springs
+    return measure_pulls
 
 
 @cache
-def string_pull_kernel(traits: Traits) -> Any:
-    """The kernel that measures strings."""
-    pull_of_string = string_pull(traits)
-    read_numbers = numbers_reader(traits.columns)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def measure_strings(
-        # model
-        t: Tables,
-        time: float,
-        # state in
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # out
-        pulls: wp.array2d[float],
-    ):
-        """A thread a (world, string as it is held): the force on its particle [N]."""
-        world, held = wp.tid()
-        p = t.strings.particles[held]
-        n = read_numbers(t, world, t.particles.balloon[p])
-        string = t.strings.order[held]
-        pulls[world, string] = wp.length(
-            pull_of_string(t.strings, world, string, points[world, p], velocities[world, p], n, t.step_seconds, time)
-        )
-
-    return measure_strings
-
-
-@cache
-def _measure_laws(traits: Traits, laws: tuple[Law, ...]) -> Any:
-    """The function that writes down what each of some laws does to a particle, one after the other."""
-    alone = traits._replace(laws=laws[:1], pressures=False)
-    net_force = net_force_function(alone, scalar_loops(alone, vector_at))
-    others = _measure_laws(traits, laws[1:]) if len(laws) > 1 else None
+def spring_measure(traits: Traits) -> Any:
+    """The function that measures a spring."""
+    pull_of_pair = pair_pull(traits)
 
     @wp.func
-    def measure(
-        t: Tables,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-        own: Any,
-        time: float,
-        number: wp.int32,
-        pulls: wp.array3d[float],
+    def measure_spring(
+        t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, pulls: Any
     ):
-        point = points[own.number]
-        force, _area = net_force(t, points, velocities, own, own.number, point, velocities[own.number], time)
-        pulls[own.world, number, own.number] = wp.length(force)
-        if wp.static(others is not None):
-            others(t, points, velocities, own, time, number + 1, pulls)
+        """The force with which it pulls, or if negative pushes, its ends [N]."""
+        d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
+        pulls[0, spring] = wp.sqrt(squared_length(d)) * coefficient
 
-    return measure
+    return measure_spring
 
 
 @cache
-def law_pull_kernel(traits: Traits, laws: tuple[Law, ...]) -> Any:
-    """The kernel that measures laws on particles, hinges and faces."""
-    _, read_own = own_functions(traits.columns)
-    measure = _measure_laws(traits, laws)
+def string_measure(traits: Traits) -> Any:
+    """The function that measures a string."""
+    pull_of_held_string = held_string_pull(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def measure_laws(
-        # model
-        t: Tables,
-        time: float,
-        # state in
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # out
-        pulls: wp.array3d[float],
+    @wp.func
+    def measure_string(
+        t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, pulls: Any
     ):
-        """A thread a (world, particle): the force of each law on it [N]."""
-        world, particle = wp.tid()
+        """The force on its particle [N]."""
+        pull = pull_of_held_string(t, world, held, points, velocities, time)
+        pulls[0, t.strings.order[held]] = wp.length(pull)
+
+    return measure_string
+
+
+@cache
+def law_measure(traits: Traits, laws: tuple[Law, ...], number: int = 0) -> Any:
+    """The function that measures what each law on particles, hinges or faces does to a particle, one by one."""
+    alone = traits._replace(laws=laws[:1], pressures=False)
+    _, read_own = own_functions(traits.columns)
+    net_force = net_force_function(alone, scalar_loops(alone, vector_at))
+    others = law_measure(traits, laws[1:], number + 1) if len(laws) > 1 else None
+
+    @wp.func
+    def measure_laws(
+        t: Tables, world: wp.int32, particle: wp.int32, points: Any, velocities: Any, time: float, pulls: Any
+    ):
+        """The force of each [N]."""
         own = read_own(t, world, particle)
-        measure(t, points[world], velocities[world], own, time, 0, pulls)
+        point = points[particle]
+        force, _area = net_force(t, points, velocities, own, particle, point, velocities[particle], time)
+        pulls[number, particle] = wp.length(force)
+        if wp.static(others is not None):
+            others(t, world, particle, points, velocities, time, pulls)
 
     return measure_laws

@@ -34,6 +34,8 @@ class Working:
 
     aims: wp.array2d[wp.vec3]
     """(A_p / A_total) n of each particle"""
+    forces: wp.array2d[wp.vec3]
+    """on each particle, where they are added up or shown [N]"""
     area_vectors: wp.array2d[wp.vec3]
     """of each particle [m^2]"""
     inflations: wp.array2d[wp.vec3]
@@ -134,44 +136,6 @@ def inertia_function(traits: Traits) -> Any:
             return own.mass
 
     return inertia
-
-
-@cache
-def push_kernel(traits: Traits) -> Any:
-    """The kernel that ends a substep whose other forces are known."""
-    _, read_own = own_functions(traits.columns)
-    push_and_move = pushing_function(traits)
-    inertia = inertia_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def push_particles(
-        # model
-        t: Tables,
-        time_in_frame: float,
-        # state in
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # state in and out
-        state: WorldState,
-        working: Working,
-        new_velocities: wp.array2d[wp.vec3],
-        # state out
-        new_points: wp.array2d[wp.vec3],
-    ):
-        """A thread a (world, particle). The new velocities have all forces but the inflation."""
-        world, particle = wp.tid()
-        own = read_own(t, world, particle)
-        area_vector = wp.vec3()
-        if wp.static(traits.pressures):
-            area_vector = working.area_vectors[world, particle]
-        point, velocity = push_and_move(
-            t, state, working, own, inertia(working, own), wp.vec3(), area_vector, points[world, particle],
-            velocities[world, particle], new_velocities[world, particle], time_in_frame,
-        )  # fmt: skip
-        new_points[world, particle] = point
-        new_velocities[world, particle] = velocity
-
-    return push_particles
 
 
 @cache

@@ -1,0 +1,113 @@
+"""What schedules share that launch a kernel for each piece of a substep: `gather`, `scatter`, and the projective
+solver."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.advance import advance_kernel
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Allocating, Counting, Room
+from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.pieces import Pieces
+from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.traits import model_traits
+
+Moving = tuple[wp.array, wp.array]
+"""points and velocities, shape (world_count, particle_count), vec3"""
+
+
+class LaunchedSchedule(ABC):
+    """Advances a state by whole frames, in place, piece by piece."""
+
+    name: ClassVar[str]
+    capturable = True
+    depends_on: frozenset[str] = frozenset()
+    watchable: ClassVar[bool] = True
+    """whether each substep ends in the state"""
+
+    def __init__(self, model: Model):
+        self.model, self.traits = model, model_traits(model)
+        self.tables = make_tables(model, self.traits)
+        room = Allocating(model.device)
+        self.pieces = Pieces(model, self.traits, self.tables, room)
+        self.vectors = self.allot(model, self.traits, room)
+        """its own memory"""
+        self._health = HealthCheck(model, self.tables)
+
+    @staticmethod
+    @abstractmethod
+    def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
+        """Ask for its own memory, beside what the pieces share."""
+
+    @classmethod
+    def world_bytes(cls, model: Model) -> int:
+        """Device memory that it keeps for each world, beside the state."""
+        room, traits = Counting(), model_traits(model)
+        Pieces.allot(model, traits, room)
+        cls.allot(model, traits, room)
+        return room.bytes // model.world_count
+
+    @abstractmethod
+    def advance_substep(self, state: State, time_in_frame: float, now: Moving) -> Moving:
+        """Where particles are then; spheres have moved, and normal forces have their aims."""
+
+    def advance_frame(self, state: State) -> None:
+        """One frame."""
+        for _ in self.substeps(state):
+            pass
+
+    def substeps(self, state: State) -> Iterator[int]:
+        """One frame that pauses after each substep, with its number from 0."""
+        pieces, kept = self.pieces, (state.points, state.velocities)
+        now = kept
+        pieces.begin_frame(state)
+        for substep in range(self.model.substeps):
+            if substep == 0 or self.traits.fresh_normals:
+                pieces.refresh(now[0])
+            pieces.roll(state)
+            now = self.advance_substep(state, substep * self.model.step_seconds, now)
+            yield substep
+        for source, target in zip(now, kept, strict=True):
+            if source is not target:
+                wp.copy(target, source)
+        pieces.end_frame(state)
+        self._health.end_frame(state)
+
+
+class ExplicitSchedule(LaunchedSchedule):
+    """One whose particles advance by `advance_kernel`."""
+
+    fast_math: ClassVar[bool]
+
+    @abstractmethod
+    def loops(self) -> Any:
+        """What a particle goes through for its forces."""
+
+    def step_particles(
+        self, state: State, time_in_frame: float, old: Moving, new: Moving, free_velocities: wp.array | None
+    ) -> None:
+        """From the old to the new; given an array for free velocities, all particles get those before any goes on."""
+        if free_velocities is None:
+            self._launch(state, time_in_frame, old, None, new)
+        else:
+            self.pieces.flow(state, time_in_frame)
+            self._launch(state, time_in_frame, old, free_velocities, None)
+            self.pieces.swell(state, time_in_frame, old[0], free_velocities)
+            self._launch(state, time_in_frame, old, free_velocities, new)
+        self.pieces.correct(state, *new)
+
+    def _launch(
+        self, state: State, time_in_frame: float, old: Moving, free_velocities: wp.array | None, new: Moving | None
+    ) -> None:
+        """A thread a particle: a whole substep, or as far as its free velocity, or, with both, from there on."""
+        pulls = free_velocities is None or new is None
+        loops, until = self.loops() if pulls else None, "end" if new else "free velocities"
+        self.pieces.over_particles(
+            advance_kernel(self.traits, loops, until, self.fast_math and pulls),
+            *(self.tables, time_in_frame, *old, world_state(state), self.pieces.working),
+            *(free_velocities, *(new or (None, None))),
+        )
