@@ -1,6 +1,8 @@
 """A frame on the host."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -8,7 +10,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.readout import ForceReader
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Frame:
     net_forces: list[NDArray[np.float32]]
     """on each balloon's particles [N], shape (particle_count, 3); empty unless the scene asks for them"""
     inflation_forces: list[NDArray[np.float32]]
-    """on each balloon's particles [N], shape (particle_count, 3)"""
+    """those of the inflation alone; also where a balloon is inflated by normal forces, whose pressure they tell"""
     pressures: NDArray[np.float32]
     """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (balloon_count,)"""
     gas_amounts: NDArray[np.float64]
@@ -52,19 +53,23 @@ class FrameReader:
 
     def __init__(self, model: Model):
         self.model = model
-        self._forces = ForceReader(model)
+
+    @cached_property
+    def _forces(self) -> Any:
+        from balloon_warp.schedules.readout import ForceReader  # loads, and compiles kernels, when first needed
+
+        return ForceReader(self.model)
 
     def read(self, state: State, number: int, world: int, net_forces: bool) -> Frame:
-        """One world of a state at the frame of that number, with the net forces if they are wanted."""
+        """One world of a state at the frame of that number, with forces if they are wanted."""
         anchors = self.model.parameters["string_anchor"]
-        self._forces.refresh(state)
-        inflation_forces = self._of_balloons(self._forces.inflation_forces(state), world)
+        of_all, of_inflation = self._read_forces(state, world, net_forces)
         return Frame(
             number=number,
             points=self._of_balloons(state.points, world),
             velocities=self._of_balloons(state.velocities, world),
-            net_forces=self._of_balloons(self._forces.net_forces(state), world) if net_forces else [],
-            inflation_forces=inflation_forces,
+            net_forces=of_all,
+            inflation_forces=of_inflation,
             pressures=state.pressures.numpy()[world].copy(),
             gas_amounts=state.gas_amounts.numpy()[world].copy(),
             sphere_positions=_copy(state.sphere_positions, world),
@@ -73,6 +78,17 @@ class FrameReader:
             ground_height=_height(self.model.parameters["ground_height"], world),
             water_level=_height(self.model.parameters["water_level"], world),
         )
+
+    def _read_forces(
+        self, state: State, world: int, net_forces: bool
+    ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
+        """The net forces, and the inflation's: of each what is wanted."""
+        by_normals = any(balloon.inflation.kind == "normal_force" for balloon in self.model.scene.balloon)
+        if not net_forces and not by_normals:
+            return [], []
+        self._forces.refresh(state)
+        of_all = self._of_balloons(self._forces.net_forces(state), world) if net_forces else []
+        return of_all, self._of_balloons(self._forces.inflation_forces(state), world)
 
     def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
         """One world's rows of a particle array, split by balloon."""

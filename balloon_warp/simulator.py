@@ -143,7 +143,7 @@ class Simulator:
         """Copy one world to the host.
 
         Args:
-            net_forces: whether they are wanted; as the scene says, when missing.
+            net_forces: whether they are wanted, and the inflation's; as the scene says, when missing.
 
         Raises:
             InputError: there is no such world.

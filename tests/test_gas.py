@@ -29,13 +29,27 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffn
 from balloon_warp.simulator import Simulator
 
 
+def test_a_frame_whose_forces_nobody_asks_for_computes_none(monkeypatch):
+    """Their kernels would be much of what a first frame waits for."""
+    balloon = Balloon(mesh=octahedron(), inflation=Inflation(kind="pressure", pressure=7.0))
+    simulator = Simulator(Scene(balloon=[balloon]), "cpu")
+    launched = []
+    monkeypatch.setattr(wp, "launch", lambda kernel, *args, **more: launched.append(kernel))
+    frame = simulator.read_frame()
+    assert not launched
+    assert frame.is_finite
+    assert not frame.net_forces
+    assert not frame.inflation_forces
+
+
 @pytest.mark.parametrize(
     "mesh", [jittered(prism(5)), jittered(quad_sphere(3)), octahedron()], ids=["prism", "ball", "octahedron"]
 )
 def test_pressure_force_is_the_gradient_of_the_volume(mesh: PolygonMesh, device: str):
     """Against central differences, whose error is of second order in a step of 1e-4 m."""
     balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, inflation=Inflation(kind="pressure", pressure=7.0))
-    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, frames_per_second=1e6, substeps=1), device)
+    scene = Scene(balloon=[balloon], gravity=0.0, frames_per_second=1e6, substeps=1, net_forces=True)
+    simulator = Simulator(scene, device)
     forces = advanced(simulator, 1).inflation_forces[0]
     expected = np.zeros_like(mesh.points)
     for particle in range(mesh.vertex_count):
@@ -55,7 +69,8 @@ def test_net_pressure_force_and_torque_vanish_on_a_closed_mesh(mesh: PolygonMesh
     forces = {}
     for kind, value in (("pressure", {"pressure": 100.0}), ("normal_force", {"k_normal": 1.0})):
         balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, inflation=Inflation(kind=kind, **value))
-        simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, frames_per_second=1e6, substeps=1), device)
+        scene = Scene(balloon=[balloon], gravity=0.0, frames_per_second=1e6, substeps=1, net_forces=True)
+        simulator = Simulator(scene, device)
         forces[kind] = advanced(simulator, 1).inflation_forces[0].astype(np.float64)
 
     def imbalance(of: np.ndarray) -> list[float]:

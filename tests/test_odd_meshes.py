@@ -35,9 +35,9 @@ def move(simulator: Simulator, particle: int, to: tuple[float, float, float]) ->
 def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, tmp_path: Path, device: str):
     """Its corner on the edge of the cube belongs to no other face."""
     simulator = simulator_of(case("zero-area face"), tmp_path, device, inflation=inflation)
-    assert np.abs(simulator.read_frame().inflation_forces[0][8]).max() < 1e-6
+    assert np.abs(simulator.read_frame(net_forces=True).inflation_forces[0][8]).max() < 1e-6
     move(simulator, 8, (0.5, -0.2, 0.0))
-    assert np.linalg.norm(simulator.read_frame().inflation_forces[0][8]) > 0.1
+    assert np.linalg.norm(simulator.read_frame(net_forces=True).inflation_forces[0][8]) > 0.1
 
 
 def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: str):
@@ -55,7 +55,7 @@ def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: st
 def test_each_face_of_a_crowded_edge_is_inflated_to_its_side(tmp_path: Path, device: str):
     """Pages of an open book: the corner away from the spine is of one page, and pushed along that page's normal."""
     simulator = simulator_of(fan_at_an_edge(7), tmp_path, device, inflation=PRESSURE, fixed=[])
-    frame = simulator.read_frame()
+    frame = simulator.read_frame(net_forces=True)
     points, forces = frame.points[0].astype(np.float64), frame.inflation_forces[0].astype(np.float64)
     faces = simulator.model.shapes[0].mesh.face_vertex_indices.reshape(-1, 3)
     assert len(faces) == 7
@@ -67,9 +67,13 @@ def test_each_face_of_a_crowded_edge_is_inflated_to_its_side(tmp_path: Path, dev
 
 def test_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path, device: str):
     """The paper's inflation is shared by area: a cube of two has half the push of one alone."""
-    alone = simulator_of(CUBE, tmp_path, device, inflation={"k_normal": 3.0}).read_frame().inflation_forces[0]
+    alone = (
+        simulator_of(CUBE, tmp_path, device, inflation={"k_normal": 3.0})
+        .read_frame(net_forces=True)
+        .inflation_forces[0]
+    )
     simulator = simulator_of(case("several components"), tmp_path, device, inflation={"k_normal": 3.0})
-    both = simulator.read_frame().inflation_forces[0]
+    both = simulator.read_frame(net_forces=True).inflation_forces[0]
     np.testing.assert_allclose(both, 0.5 * np.concatenate([alone, alone]), atol=1e-4)
     pairs = simulator.model.shapes[0].springs.pairs
     assert ((pairs < 8).all(axis=1) | (pairs >= 8).all(axis=1)).all()

@@ -3,6 +3,8 @@
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,6 +126,15 @@ def test_measures_are_those_of_the_shape(session):
     assert measures[1]["volume"] == pytest.approx(8.0 * measures[0]["volume"], rel=1e-5)
     assert measures[0]["stretch"] == pytest.approx(1.0, abs=1e-5)
     assert measures[1]["stretch"] == pytest.approx(2.0, abs=1e-5)
+
+
+def test_the_pressure_that_is_plotted_is_the_balloons():
+    """Though forces are not read, where a pressure is given."""
+    balloon = Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=7.0))
+    simulator = Simulator(Scene(balloon=[balloon]), "cpu")
+    simulator.step()
+    picture: Any = SimpleNamespace(scene=simulator.model.scene, frame=simulator.read_frame())
+    assert Drawing(simulator.model).measures(picture)["pressure"] == pytest.approx(7.0)
 
 
 @pytest.mark.parametrize("value", ["wide", None, float("nan"), float("inf"), [1, 2], {"a": 1}, -1.0])

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.readout import ForceReader
 
 TOUCH = 1.001
 """of a sphere's radius, within which a particle lies on it"""
@@ -49,6 +48,8 @@ class Pulls:
         lengths = np.linalg.norm(self._points[pairs[:, 1]] - self._points[pairs[:, 0]], axis=1)
         self._pairs, self._kinds = pairs, kinds
         self._stretches = lengths / np.maximum(rest, 1.0e-30)
+        from balloon_warp.schedules.readout import ForceReader  # its kernels load when first needed
+
         forces = ForceReader(model)
         forces.refresh(state)
         time = float(state.frame.numpy()[0]) * model.frame_seconds + time_in_frame

@@ -8,8 +8,6 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.launched import LaunchedSchedule
-from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
@@ -36,6 +34,9 @@ class LastSubstep:
 def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> LastSubstep | None:
     """Simulate a world from the start of the frame in which it blew up, in place, by the readable reference, which can
     be watched. None if it does not blow up there: its state was written to meanwhile."""
+    from balloon_warp.schedules.launched import LaunchedSchedule  # the kernels of these load when first needed
+    from balloon_warp.schedules.scatter import ScatterSchedule
+
     # The implicit solver can be watched itself, and takes steps at which the reference would not be stable.
     watched = schedule if isinstance(schedule, LaunchedSchedule) and schedule.watchable else ScatterSchedule(model)
     check, before = HealthCheck(model, make_tables(model, model_traits(model))), copy_of(state)

@@ -12,7 +12,7 @@ from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.pieces import note_pressures, refresh_ramp
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.tables import SpringEnds, make_tables, spring_ends, world_state

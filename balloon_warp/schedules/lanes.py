@@ -18,7 +18,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
-from balloon_warp.schedules.pieces import note_pressures, refresh_ramp
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
 

@@ -11,34 +11,18 @@ from balloon_warp.kernels.schedules.between import (
     read_sphere_forces,
     write_sphere_forces,
 )
-from balloon_warp.kernels.schedules.frame import (
-    aim_inflation,
-    measure_faces,
-    note_given_loads,
-    ramp_inflation,
-    sum_face_areas,
-)
+from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.kernels.schedules.launched import Working, flow_kernel, leave_kernel, load_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import world_state
 
 SUM_THREADS = 1024
 """that sum the faces of a balloon on a GPU"""
 SWELL_THREADS = 256
 """that sum how a balloon swells on a GPU; more would have too few registers"""
-
-
-def refresh_ramp(model: Model, state: State) -> None:
-    """The inflation coefficients of the frame that begins."""
-    wp.launch(
-        ramp_inflation,
-        (model.world_count, model.balloon_count),
-        inputs=[model.keyframe_times, model.parameters["keyframe_values"], model.frame_seconds, state.frame],
-        outputs=[state.inflation_ramp],
-        device=model.device,
-    )
 
 
 class AimRefresher:
@@ -161,14 +145,6 @@ class Pieces:
         if model.sphere_count:
             shape = (model.world_count, model.sphere_count)
             wp.launch(kernel, shape, inputs=list(arguments), device=model.device)
-
-
-def note_pressures(model: Model, traits: Traits, state: State) -> None:
-    """Those of the last substep, where they are given and no gas's."""
-    if traits.pressures and not traits.gas:
-        time = (model.substeps - 1) * model.step_seconds
-        inputs = [model.inflation_kind, time, world_state(state)]
-        wp.launch(note_given_loads, (model.world_count, model.balloon_count), inputs=inputs, device=model.device)
 
 
 def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:

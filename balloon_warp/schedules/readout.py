@@ -11,7 +11,8 @@ from balloon_warp.kernels.schedules.frame import add_inflation_forces
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
-from balloon_warp.schedules.pieces import AimRefresher, refresh_ramp
+from balloon_warp.schedules.pieces import AimRefresher
+from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
 

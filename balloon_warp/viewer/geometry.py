@@ -80,11 +80,15 @@ class Drawing:
         """Volume [m^3] and pressure [Pa] of all balloons, and the largest length of a spring over its rest length."""
         volume = area = force = stretch = 0.0
         frame = picture.frame
-        for shape, points, forces in zip(self.model.shapes, frame.points, frame.inflation_forces, strict=True):
+        for number, (shape, points) in enumerate(zip(self.model.shapes, frame.points, strict=True)):
             mesh = replace(shape.mesh, points=points.astype(np.float64))
+            own_area = total_area(mesh)
             volume += signed_volume(mesh)
-            area += total_area(mesh)
-            force += float(np.linalg.norm(forces, axis=1).sum())
+            area += own_area
+            if picture.scene.balloon[number].inflation.kind == "normal_force":
+                force += float(np.linalg.norm(frame.inflation_forces[number], axis=1).sum())
+            else:
+                force += float(frame.pressures[number]) * own_area
             d = points[shape.springs.pairs[:, 1]] - points[shape.springs.pairs[:, 0]]
             long = np.linalg.norm(d, axis=1) / np.maximum(shape.springs.rest_lengths, 1e-12)
             stretch = max(stretch, float(long[shape.springs.rest_lengths > 0.0].max(initial=0.0)))

@@ -1,0 +1,27 @@
+"""What is keyframed of the inflation, at the beginning of a frame and at its end."""
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.frame import note_given_loads, ramp_inflation
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, State
+from balloon_warp.schedules.tables import world_state
+
+
+def refresh_ramp(model: Model, state: State) -> None:
+    """The inflation coefficients of the frame that begins."""
+    wp.launch(
+        ramp_inflation,
+        (model.world_count, model.balloon_count),
+        inputs=[model.keyframe_times, model.parameters["keyframe_values"], model.frame_seconds, state.frame],
+        outputs=[state.inflation_ramp],
+        device=model.device,
+    )
+
+
+def note_pressures(model: Model, traits: Traits, state: State) -> None:
+    """Those of the last substep, where they are given and no gas's."""
+    if traits.pressures and not traits.gas:
+        time = (model.substeps - 1) * model.step_seconds
+        inputs = [model.inflation_kind, time, world_state(state)]
+        wp.launch(note_given_loads, (model.world_count, model.balloon_count), inputs=inputs, device=model.device)
