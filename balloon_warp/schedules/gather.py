@@ -14,7 +14,7 @@ from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
 
 class GatherSchedule:
@@ -22,7 +22,7 @@ class GatherSchedule:
 
     name = "gather"
     capturable = True
-    depends_on: frozenset[str] = frozenset()
+    depends_on = CHOOSE_TRAITS
 
     def __init__(self, model: Model):
         self.model, self._traits = model, model_traits(model)
@@ -52,9 +52,9 @@ class GatherSchedule:
                 pieces.refresh(old[0])
             pieces.roll(state)
             if self._traits.gas:
-                pieces.flow(state, time)
+                pieces.pump(state, time)
                 self._pull(state, time, old, new[1])
-                pieces.swell(state, time, old[0], new[1])
+                pieces.swell(state, time, old, new[1])
                 pieces.push(state, time, old, new)
             else:
                 self._pull_push_and_move(state, time, old, new)

@@ -21,7 +21,7 @@ from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
 
 class ScatterSchedule:
@@ -29,7 +29,7 @@ class ScatterSchedule:
 
     name = "scatter"
     capturable = True
-    depends_on: frozenset[str] = frozenset()
+    depends_on = CHOOSE_TRAITS
 
     def __init__(self, model: Model):
         self.model, self._traits = model, model_traits(model)
@@ -63,9 +63,9 @@ class ScatterSchedule:
             if substep == 0 or self._traits.fresh_normals:
                 pieces.refresh(state.points)
             pieces.roll(state)
-            pieces.flow(state, time)
+            pieces.pump(state, time)
             self.sum_forces(state, time)
-            pieces.swell(state, time, state.points, self._new_velocities)
+            pieces.swell(state, time, (state.points, state.velocities), self._new_velocities)
             pieces.push(state, time, (state.points, state.velocities), (state.points, self._new_velocities))
             wp.copy(state.velocities, self._new_velocities)
             pieces.correct(state, state.points, state.velocities)

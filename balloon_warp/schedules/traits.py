@@ -8,6 +8,9 @@ from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 
+CHOOSE_TRAITS = frozenset({"breathing_damping"})
+"""parameters that kernels are chosen by, and others when they change"""
+
 
 def model_traits(model: Model) -> Traits:
     """What kernels of the model have to do."""
@@ -25,6 +28,8 @@ def model_traits(model: Model) -> Traits:
         aims=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},
         gas=int(GAS) in kinds,
+        breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
+        tubes=model.tube_count > 0,
         fresh_normals=scene.normals == "fresh",
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
@@ -44,6 +49,11 @@ def _acts(law: Law, model: Model) -> bool:
         for name, neutral in law.neutral.items()
         for values in _values_over_time(model, name)
     )
+
+
+def _breathes_on(model: Model) -> bool:
+    """Whether a gas's breathing is damped less than by backward Euler, in any world at any time."""
+    return any((values != 1.0).any() for values in _values_over_time(model, "breathing_damping"))
 
 
 def _values_over_time(model: Model, name: str) -> list[NDArray]:
