@@ -1,4 +1,4 @@
-"""Gas, eight lanes at a time: what flows, how balloons swell, and the pressure that follows."""
+"""Gas, eight lanes at a time: what is pumped, how balloons swell, the pressure that follows, and what flows."""
 
 from functools import cache
 from typing import Any
