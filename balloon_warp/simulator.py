@@ -28,6 +28,7 @@ from balloon_warp.model import (
     overwrite,
     world_bytes,
 )
+from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene
@@ -164,6 +165,7 @@ class Simulator:
             parameters: arrays by their names in `Model.parameters`, of the shapes there; a row for all worlds, too.
         """
         self._kept = None  # what comes now does not follow from it
+        keep_pressures(self.model, self.state, parameters)
         for name, values in parameters.items():
             array = self.model.parameters[name]
             array.assign(np.broadcast_to(np.asarray(values, dtype=np.float32), array.numpy().shape))
@@ -254,10 +256,10 @@ class Simulator:
 
     def _take_turn(self, turn: DueChange) -> None:
         """Change what the scene says changes at this frame."""
-        for name in turn.values:
-            rows = self.model.parameters[name].numpy().copy()
+        changed = {name: self.model.parameters[name].numpy().copy() for name in turn.values}
+        for name, rows in changed.items():
             turn.apply(name, rows)
-            self.set_parameters({name: rows})
+        self.set_parameters(changed)
         methods = {name: getattr(turn.scene, name) for name in METHODS}
         if any(getattr(self.model.scene, name) != method for name, method in methods.items()):
             substeps = self.model.substeps if turn.scene.substeps == "auto" else turn.scene.substeps

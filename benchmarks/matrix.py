@@ -76,6 +76,7 @@ METHODS = (
     Method("fresh normals", ("normals=fresh",)),
     Method("given pressure", ("balloon.inflation={kind='pressure', pressure=5}",)),
     Method("sealed gas, pumped", (GAS,)),
+    Method("gas that breathes undamped", (GAS, "balloon.inflation.breathing_damping=0")),
     Method("tubes between balloons", (GAS, "tube=[{balloons=[0, 1], conductance=1e-6}]"), (BALL, BALL)),
     Method("drag in air, wind", ("balloon.drag_coefficient=0.4", "atmosphere.wind=[1, 0, 0]")),
     Method("water", ("water={}",)),

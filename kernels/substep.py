@@ -2,9 +2,10 @@
 
     refresh      the aims of normal forces: once a frame, or every substep
     roll         spheres move under the contacts of the substep before             `laws.contact.move_sphere`
-    flow         gas is pumped, let out, flows through tubes                        `flow_of_gas`
+    pump         gas is pumped in, or let out                                       `loops.gas`
     pull         all forces on a particle but the inflation                         `loops.net_force`
     swell        where there is gas: how balloons would swell, and their pressure   `swell`, `load_of_balloon`
+    flow         what flows through tubes meanwhile, and evens out the pressures    `loops.gas`
     push         the inflation                                                      `inflation`
     move         a = F / m; v += h a; x += h v (the paper's listing)                `kick`, `drift`
     correct      springs that are too long are shortened                            `laws.correction`
@@ -20,11 +21,10 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes, reach_along, scaled, times
 from balloon_warp.kernels.compose import call_of, function_from
-from balloon_warp.kernels.laws.columns import Columns
-from balloon_warp.kernels.laws.gas import Swelling, gas_load, swelling_of_particle, tube_flow
+from balloon_warp.kernels.laws.gas import Swelling, gas_load, memory_of_rate, swelling_of_particle
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, normal_push
 from balloon_warp.kernels.loops.obstacles import course_function
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 
@@ -98,6 +98,21 @@ def inflation_of(traits: Traits) -> Any:
 
 
 @cache
+def memory_function(traits: Traits) -> Any:
+    """The function that gives what of a velocity before the step counts in a balloon's swelling; of a balloon's
+    breathing_damping, where one breathes on."""
+
+    @wp.func
+    def remembered(velocity: wp.vec3, n: Any):
+        if wp.static(traits.breathes_on):
+            return memory_of_rate(n[wp.static(traits.columns.places["breathing_damping"])]) * velocity
+        else:
+            return wp.vec3()
+
+    return remembered
+
+
+@cache
 def swell_function(traits: Traits, sphere_at: Any) -> Any:
     """The function that gives a particle's part of its balloon's swelling."""
     course_beside_obstacles = course_function(traits, sphere_at)
@@ -114,12 +129,14 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         arm: wp.vec3,
         point: wp.vec3,
         velocity: wp.vec3,
+        remembered: wp.vec3,
         area_vector: wp.vec3,
     ):
         """Under the old load; the velocity is that without inflation.
 
         Args:
             arm: from a point of the balloon's own [m].
+            remembered: what of the velocity before the step counts, see `memory_function`.
         """
         height = wp.dot(point, t.up)
         push = load[0] + load[1] * height
@@ -129,84 +146,55 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
             let, away = course_beside_obstacles(t, spheres, world, ground_height, point, course)
             course = let
             normal = away
-        return swelling_of_particle(arm, area_vector, course, normal, mass, share, height, push, t.step_seconds)
+        return swelling_of_particle(
+            arm, area_vector, course - remembered, normal, mass, share, height, push, t.step_seconds
+        )
 
     return swell
 
 
 @cache
-def load_function(columns: Columns) -> Any:
-    """The function that gives a balloon's pressure above the air's at its center of mass [Pa], at height 0, and its
-    rise with height [Pa/m], of its swelling, its gas and the step."""
-    call = call_of(gas_load, "gas_load", ["swelling", "amount", "step_seconds"], columns)
-    source = f"def load_of_gas(swelling: Any, amount: float, step_seconds: float, n: Any):\n    return {call}\n"
+def load_function(traits: Traits) -> Any:
+    """The function that gives a balloon's pressure above the air's at its center of mass [Pa], at height 0, its rise
+    with height [Pa/m], and how more gas would raise it, of its swelling, its gas and the step."""
+    given = ["swelling", "amount", "free_volume", "step_seconds"]
+    fixed = {} if traits.breathes_on else {"breathing_damping": "1.0"}
+    call = call_of(gas_load, "gas_load", [*given, *fixed], traits.columns, lambda name: fixed.get(name, name))
+    arguments = "swelling: Any, amount: float, free_volume: float, step_seconds: float, n: Any"
+    source = f"def load_of_gas({arguments}):\n    return {call}\n"
     load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})
 
     @wp.func
-    def load_of_balloon(kind: wp.int32, given: float, swelling: Swelling, amount: float, step_seconds: float, n: Any):
+    def load_of_balloon(
+        kind: wp.int32,
+        given: float,
+        swelling: Swelling,
+        amount: float,
+        free_volume: float,
+        step_seconds: float,
+        n: Any,
+    ):
         """`given` is the pressure of what is no gas [Pa]."""
         if kind == GAS:
-            return load_of_gas(swelling, amount, step_seconds, n)
-        return wp.vec3(given, given, 0.0)
+            return load_of_gas(swelling, amount, free_volume, step_seconds, n)
+        return wp.vec4(given, given, 0.0, 0.0)
 
     return load_of_balloon
 
 
-@wp.func
-def pumped_amount(amount: wp.float64, ramp: wp.vec2, time_in_frame: float, step_seconds: float):
-    """Gas after a substep in which it is pumped in or let out [mol], `ramp[0]` mol/s at the start of the frame."""
-    pumped = step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * step_seconds))
-    return wp.max(amount + wp.float64(pumped), wp.float64(0.0))
-
-
 @cache
-def flow_function(columns: Columns) -> Any:
-    """The function that moves gas."""
-    gamma = columns.places["gamma"]
-    air_pressure = columns.places["air_pressure"] - columns.balloon_width
+def note_function(traits: Traits) -> Any:
+    """The function that notes a load in the state."""
 
     @wp.func
-    def flow_of_gas(
-        t: Tables,
-        ramps: wp.array[wp.vec2],
-        pressures: wp.array[float],
-        amounts: wp.array[wp.float64],
-        world: wp.int32,
-        time_in_frame: float,
-    ):
-        """By one thread of a world, whose rows the arrays are: what is pumped, and what flows through tubes."""
-        for balloon in range(t.inflation_kind.shape[0]):
-            if t.inflation_kind[balloon] == GAS:
-                amounts[balloon] = pumped_amount(amounts[balloon], ramps[balloon], time_in_frame, t.step_seconds)
-        for tube in range(t.tubes.balloons.shape[0]):
-            first = t.tubes.balloons[tube][0]
-            second = t.tubes.balloons[tube][1]
-            flow = tube_flow(
-                t.tubes.conductance[row_of_world(world, t.tubes.conductance.shape[0]), tube],
-                wp.vec2(pressures[first], pressures[second]),
-                wp.vec2(float(amounts[first]), float(amounts[second])),
-                t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), first, gamma],
-                t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), air_pressure],
-                t.step_seconds,
-            )
-            amounts[first] = wp.max(amounts[first] - wp.float64(flow), wp.float64(0.0))
-            amounts[second] = wp.max(amounts[second] + wp.float64(flow), wp.float64(0.0))
+    def note_load(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec4):
+        """By one thread."""
+        state.pressures[world, balloon] = load[0]
+        state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
+        if wp.static(traits.tubes):
+            state.pressure_slopes[world, balloon] = load[3]
 
-    return flow_of_gas
-
-
-@cache
-def gas_mass_function(columns: Columns) -> Any:
-    """The function that weighs a balloon's gas."""
-    column = columns.places["molar_mass"]
-
-    @wp.func
-    def gas_mass(t: Tables, amounts: wp.array[wp.float64], world: wp.int32, balloon: wp.int32):
-        """[kg]; it moves along with the balloon."""
-        row = row_of_world(world, t.balloon_numbers.shape[0])
-        return float(amounts[balloon]) * t.balloon_numbers[row, balloon, column]
-
-    return gas_mass
+    return note_load
 
 
 @wp.func

@@ -27,6 +27,10 @@ class Traits(NamedTuple):
     """a balloon is inflated by a pressure, given or of a gas"""
     gas: bool = False
     """of a gas: a substep then sums the other forces before it finds the pressures"""
+    breathes_on: bool = False
+    """a gas's breathing is not damped as by backward Euler"""
+    tubes: bool = False
+    """gas flows from balloon to balloon"""
     fresh_normals: bool = False
     corrected: bool = False
     """springs that are too long after a step are shortened"""
@@ -64,7 +68,7 @@ class Traits(NamedTuple):
     @property
     def keeps_velocities(self) -> bool:
         """Whether velocities before a substep are needed when some after it are known."""
-        return self.looks_at_velocities or (self.gas and self.forward_euler)
+        return self.looks_at_velocities or (self.gas and (self.forward_euler or self.breathes_on))
 
     @property
     def measures_areas(self) -> bool:

@@ -100,7 +100,7 @@ def in_air() -> Scene:
     scene = everything("fresh")
     ball, pentagon = scene.balloon
     gas = Inflation(kind="gas", start_pressure=30.0, pump=[(0.0, 0.02), (0.05, -0.01)], gamma=1.3)
-    less_gas = gas.model_copy(update={"start_pressure": 9.0})
+    less_gas = gas.model_copy(update={"start_pressure": 9.0, "breathing_damping": 0.3})
     balloons = [
         ball.model_copy(update={"helium": 0.0, "inflation": gas, "drag_coefficient": 0.4}),
         pentagon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=[(0.0, 5.0), (0.1, 20.0)])}),

@@ -139,6 +139,7 @@ ALSO_ASKED = {
     "gravity": "spheres fall, too",
     "correction_limit": "correction is no force",
     "air_pressure": "tubes carry gas",
+    "air_temperature": "pumps bring air's",
     "water_level": "which part of a face is wet",
     "damping": "the projective solver takes it implicitly",
 }

@@ -65,7 +65,6 @@ def features(model: Model) -> set[str]:
         if (model.parameters[name].numpy() != np.float32(neutral)).any()
     }
     found |= {f"{name} {bool(value > 1 if name == 'balloons' else value)}" for name, value in switches(traits).items()}
-    found |= {"tube"} if model.scene.tube else set()
     return found | ({"fixed"} if any(balloon.fixed for balloon in model.scene.balloon) else set())
 
 

@@ -81,8 +81,8 @@ PER_WORLD += ["sphere_mass", "sphere_radius", "sphere_penalty", "string_length",
 PER_WORLD += ["string_anchor", "ground_height", "ground_friction", "ground_restitution"]
 
 PER_WORLD_IN_RUBBER = ["torsion", "viscosity", "yield_stretch", "correction_limit"]
-PER_WORLD_IN_AIR = ["initial_gas_amounts", "gamma", "molar_mass", "drag_coefficient", "tube_conductance"]
-PER_WORLD_IN_AIR += ["air_pressure", "air_temperature", "air_density", "wind"]
+PER_WORLD_IN_AIR = ["initial_gas_amounts", "initial_free_volumes", "gamma", "breathing_damping", "molar_mass"]
+PER_WORLD_IN_AIR += ["drag_coefficient", "tube_conductance", "air_pressure", "air_temperature", "air_density", "wind"]
 
 
 def states_of_worlds(name: str, factors: list[float], schedule: str, device: str) -> list[np.ndarray]:

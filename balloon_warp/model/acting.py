@@ -21,11 +21,11 @@ def _rests(law: Law, model: Model | ModelPlan) -> bool:
     return bool(law.neutral) and all(
         (values == np.float32(neutral)).all()
         for name, neutral in law.neutral.items()
-        for values in _values_over_time(model, name)
+        for values in values_over_time(model, name)
     )
 
 
-def _values_over_time(model: Model | ModelPlan, name: str) -> Iterator[NDArray[np.float32]]:
+def values_over_time(model: Model | ModelPlan, name: str) -> Iterator[NDArray[np.float32]]:
     """Of all worlds, at the start and after each change."""
     rows = model.parameters[name]
     yield np.asarray(rows.numpy() if isinstance(rows, wp.array) else rows, dtype=np.float32)

@@ -21,7 +21,7 @@ DTYPES: dict[str, Any] = {
     **dict.fromkeys(("initial_sphere_positions", "initial_sphere_velocities", "string_anchor"), wp.vec3),
     "initial_shifts": wp.vec3d,
     "initial_loads": wp.vec2,
-    "initial_gas_amounts": wp.float64,
+    **dict.fromkeys(("initial_gas_amounts", "initial_free_volumes"), wp.float64),
 }
 """of the parameters that no law has; float32 of others"""
 

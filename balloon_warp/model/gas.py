@@ -1,16 +1,20 @@
-"""Gas at the start: amounts and pressures of every world, from what the scene says. Host side."""
+"""Gas as the host settles it: at the start, from what the scene says, and where its gamma changes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
+from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.repair import welded
 from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.state import State
 from balloon_warp.scene import Scene
 
 LEAST_ROUNDNESS = 1.0e-6
@@ -43,21 +47,20 @@ def require_sealed(shape: BalloonShape) -> None:
 
 
 def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
-    """The amounts of gas at the start, and the pressures and loads then, given ones among them.
+    """The gas at the start, amounts and free volumes, and the pressures and loads then, given ones among them.
 
-    At the air's pressure p_a a gas is as warm as the air, so that a mole takes v = R T / p_a. In a balloon of volume V,
-    n moles then have p = p_a ((n v / V)^gamma - 1) above the air's.
+    It is as warm as the air then, so that n moles in the volume V have p = n R T / V, and the free volume
+    V (p / p_0)^(1 / gamma), see `kernels.laws.gas`.
     """
     p_a, temperature = parameters["air_pressure"][:, None], parameters["air_temperature"][:, None]
     given, gamma = parameters["initial_gas_amounts"], parameters["gamma"]
-    molar_volume = GAS_CONSTANT * temperature / p_a
     volume = np.array([max(signed_volume(shape.mesh), 1.0e-30) for shape in shapes])
     holds_gas = np.array([balloon.inflation.kind == "gas" for balloon in scene.balloon])
-    compression = np.maximum(1.0 + parameters["initial_pressures"] / p_a, 0.0) ** (1.0 / gamma)
     pressed = np.array([balloon.inflation.kind == "pressure" for balloon in scene.balloon])
-    amounts = np.where(np.isnan(given), compression * volume / molar_volume, given) * holds_gas
-    pressures = p_a * ((amounts * molar_volume / volume) ** gamma - 1.0) * holds_gas
-    pressures = pressures + parameters["keyframe_values"][:, :, 0] * pressed
+    asked = np.maximum(p_a + parameters["initial_pressures"], 0.0) * volume / (GAS_CONSTANT * temperature)
+    amounts = np.where(np.isnan(given), asked, given) * holds_gas
+    inside = amounts * GAS_CONSTANT * temperature / volume
+    pressures = (inside - p_a) * holds_gas + parameters["keyframe_values"][:, :, 0] * pressed
 
     gas_density = amounts * parameters["molar_mass"] / volume
     air = density_of_given_air(*(parameters[f"air_{name}"][:, None] for name in ("pressure", "temperature", "density")))
@@ -66,6 +69,20 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
     loads = np.broadcast_arrays(pressures - rise * (centers @ np.array(scene.up)), rise)
     return {
         "initial_gas_amounts": amounts,
+        "initial_free_volumes": volume * (inside / STANDARD_PRESSURE) ** (1.0 / gamma),
         "initial_pressures": pressures,
         "initial_loads": np.stack(loads, axis=-1),
     }
+
+
+def keep_pressures(model: Model, state: State, parameters: Mapping[str, ArrayLike]) -> None:
+    """Keep pressure p and volume of gas whose gamma is about to change: its free volume becomes
+    V_0 (p / p_0)^(1 / gamma - 1 / gamma_before).
+
+    Args:
+        parameters: those that change, by their names in `Model.parameters`.
+    """
+    if "gamma" in parameters:
+        inside = model.parameters["air_pressure"].numpy().astype(np.float64)[:, None] + state.pressures.numpy()
+        more = 1.0 / np.asarray(parameters["gamma"]) - 1.0 / model.parameters["gamma"].numpy().astype(np.float64)
+        state.free_volumes.assign(state.free_volumes.numpy() * np.maximum(inside / STANDARD_PRESSURE, 1e-30) ** more)

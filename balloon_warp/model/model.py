@@ -93,7 +93,8 @@ class Model:
     places and velocities, which are vec3:
 
     - of balloons, shape (W, balloon_count): `initial_shifts`, how far it starts from `initial_points` [m], vec3d;
-      `initial_gas_amounts` [mol], float64; `initial_pressures`, given, or of a gas, above the air's [Pa];
+      `initial_gas_amounts` [mol] and `initial_free_volumes` [m^3], float64, see `State`; `initial_pressures`, given, or
+      of a gas, above the air's [Pa];
       `initial_loads`, the pressure at height 0 [Pa], and its rise with height [Pa/m], vec2; and `keyframe_values`:
       k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, shape (W, balloon_count, keyframe_count)
     - of spheres, strings and tubes: see `model.rows`, shape (W, count of them)
@@ -156,3 +157,7 @@ class Model:
     @property
     def string_count(self) -> int:
         return self.string_particle.shape[0]
+
+    @property
+    def tube_count(self) -> int:
+        return self.tube_balloons.shape[0]

@@ -35,8 +35,17 @@ class State:
     balloon_count), vec2"""
     pressures: wp.array
     """of balloons with pressure or gas, above the air's [Pa], shape (world_count, balloon_count), float32"""
+    pressure_slopes: wp.array
+    """of balloons with tubes, how the pressure would rise within a substep with more gas [Pa/m^3 of free volume], shape
+    (world_count, balloon_count), float32"""
     gas_amounts: wp.array
     """[mol], shape (world_count, balloon_count), float64"""
+    free_volumes: wp.array
+    """of gas, what it would take at one atmosphere if it got there without heat [m^3], see `kernels.laws.gas`, shape
+    (world_count, balloon_count), float64"""
+    tube_flows: wp.array
+    """from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
+    float32"""
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
@@ -57,7 +66,10 @@ def new_state(model: Model, room: Room) -> State:
         inflation_ramp=room.array(balloons, wp.vec2),
         inflation_loads=room.array(balloons, wp.vec2),
         pressures=room.array(balloons, wp.float32),
+        pressure_slopes=room.array(balloons, wp.float32),
         gas_amounts=room.array(balloons, wp.float64),
+        free_volumes=room.array(balloons, wp.float64),
+        tube_flows=room.array((worlds, model.tube_count), wp.float32),
         first_bad=room.array(worlds, wp.int32),
     )
 
@@ -78,6 +90,7 @@ def initial_state(model: Model) -> State:
         (state.inflation_loads, "initial_loads"),
         (state.pressures, "initial_pressures"),
         (state.gas_amounts, "initial_gas_amounts"),
+        (state.free_volumes, "initial_free_volumes"),
     ):
         row = parameters[name].numpy()
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))

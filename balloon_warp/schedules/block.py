@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.schedules.block_memory import GAS_ROWS, BlockMemory, Layout
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout
 from balloon_warp.kernels.schedules.block_resident import resident_kernel
 from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
 from balloon_warp.kernels.traits import Traits
@@ -16,7 +16,7 @@ from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.tables import SpringEnds, make_tables, spring_ends, world_state
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
 BYTES_PER_PARTICLE = 24
 """two buffers of points"""
@@ -42,7 +42,7 @@ class BlockSchedule:
 
     name = "block"
     capturable = True
-    depends_on: frozenset[str] = frozenset()
+    depends_on = CHOOSE_TRAITS
 
     def __init__(self, model: Model):
         if not fits_in_block(model):
@@ -143,7 +143,6 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "free_velocities": vectors(streaming and traits.gas),
         "other_velocities": vectors(traits.looks_at_velocities or (streaming and traits.keeps_velocities)),
         "inflations": vectors(streaming and traits.corrected and traits.obstacles and traits.pressures),
-        "amounts": room.array((GAS_ROWS * worlds, model.balloon_count if traits.gas else 0), wp.float64),
         "frame": room.array((1,), wp.int32),
     }
 

@@ -20,7 +20,7 @@ from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
 FAR_AWAY = 1e16
 """a coordinate [m] at which a face is nearest to no particle, and whose square is a finite float"""
@@ -38,7 +38,7 @@ class LanesSchedule:
 
     name: ClassVar[str] = "lanes"
     layout: ClassVar[Layout] = WORLDS
-    depends_on: ClassVar[frozenset[str]] = frozenset()
+    depends_on: ClassVar[frozenset[str]] = CHOOSE_TRAITS
 
     def __init__(self, model: Model, thread_count: int | None = None):
         if not model.device.is_cpu:

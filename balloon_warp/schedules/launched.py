@@ -14,7 +14,7 @@ from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
 Moving = tuple[wp.array, wp.array]
 """points and velocities, shape (world_count, particle_count), vec3"""
@@ -25,7 +25,7 @@ class LaunchedSchedule(ABC):
 
     name: ClassVar[str]
     capturable = True
-    depends_on: frozenset[str] = frozenset()
+    depends_on = CHOOSE_TRAITS
     watchable: ClassVar[bool] = True
     """whether each substep ends in the state"""
 
@@ -94,9 +94,9 @@ class ExplicitSchedule(LaunchedSchedule):
         if free_velocities is None:
             self._launch(state, time_in_frame, old, None, new)
         else:
-            self.pieces.flow(state, time_in_frame)
+            self.pieces.pump(state, time_in_frame)
             self._launch(state, time_in_frame, old, free_velocities, None)
-            self.pieces.swell(state, time_in_frame, old[0], free_velocities)
+            self.pieces.swell(state, time_in_frame, old, free_velocities)
             self._launch(state, time_in_frame, old, free_velocities, new)
         self.pieces.correct(state, *new)
 

@@ -12,7 +12,8 @@ from balloon_warp.kernels.schedules.between import (
     write_sphere_forces,
 )
 from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
-from balloon_warp.kernels.schedules.launched import Working, flow_kernel, leave_kernel, load_kernel
+from balloon_warp.kernels.schedules.launched import Working, leave_kernel
+from balloon_warp.kernels.schedules.launched_gas import load_kernel, pump_kernel, tube_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -98,23 +99,27 @@ class Pieces:
         moving = state.sphere_positions, state.sphere_velocities, self.working.sphere_quanta
         self._over_spheres(move_spheres, self.tables, self._sphere_columns, *moving)
 
-    def flow(self, state: State, time_in_frame: float) -> None:
-        """Gas is pumped, let out, and flows through tubes."""
+    def pump(self, state: State, time_in_frame: float) -> None:
+        """Gas is pumped in, or let out."""
         if self.traits.gas:
             inputs = [self.tables, time_in_frame, world_state(state), self.working]
-            wp.launch(flow_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
+            wp.launch(pump_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
 
-    def swell(self, state: State, time_in_frame: float, points: wp.array, free_velocities: wp.array) -> None:
-        """The pressures of balloons, from how they would swell without them."""
+    def swell(
+        self, state: State, time_in_frame: float, old: tuple[wp.array, wp.array], free_velocities: wp.array
+    ) -> None:
+        """The pressures of balloons, from how they would swell without them, and what flows through tubes."""
         m = self.model
         if self.traits.gas:
             wp.launch_tiled(
                 load_kernel(self.traits),
                 dim=(m.world_count, m.balloon_count),
-                inputs=[self.tables, time_in_frame, points, free_velocities, world_state(state), self.working],
+                inputs=[self.tables, time_in_frame, *old, free_velocities, world_state(state), self.working],
                 block_dim=SWELL_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )
+        if self.traits.tubes:
+            wp.launch(tube_kernel(self.traits), m.world_count, [self.tables, world_state(state)], device=m.device)
 
     def correct(self, state: State, points: wp.array, velocities: wp.array) -> None:
         """Springs that are too long are shortened; then particles leave obstacles."""

@@ -6,7 +6,10 @@ from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
-from balloon_warp.model.acting import acting_laws
+from balloon_warp.model.acting import acting_laws, values_over_time
+
+CHOOSE_TRAITS = frozenset({"breathing_damping"})
+"""parameters that kernels are chosen by, and others when they change"""
 
 
 def model_traits(model: Model) -> Traits:
@@ -25,9 +28,16 @@ def model_traits(model: Model) -> Traits:
         aims=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},
         gas=int(GAS) in kinds,
+        breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
+        tubes=model.tube_count > 0,
         fresh_normals=scene.normals == "fresh",
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
         ground=scene.ground is not None,
     )
+
+
+def _breathes_on(model: Model) -> bool:
+    """Whether a gas's breathing is damped less than by backward Euler, in any world at any time."""
+    return any((values != 1.0).any() for values in values_over_time(model, "breathing_damping"))

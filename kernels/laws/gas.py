@@ -1,4 +1,9 @@
-"""Sealed gas: its pressure, how a balloon swells under it, and what flows through tubes.
+"""Sealed gas: its pressure, how a balloon swells under it, what is pumped in, and what flows through tubes.
+
+What is sealed in is told by two numbers, its amount n [mol] and its *free volume* V_0 [m^3]: the volume that it would
+take at one atmosphere p_0, if it got there without heat. That stands for its entropy, stays whatever becomes of balloon
+and air, and adds up where gases mix. At the volume V the pressure is p_0 (V_0 / V)^gamma; so it is as warm as
+T = p V / (n R). With gamma = 1 heat passes freely: the gas is as warm as the air, V_0 = n R T_air / p_0.
 
 The *area vector* of a particle is the gradient of its balloon's volume with respect to its place [m^2], so that a
 pressure p pushes it by p times that: net force and torque on a closed mesh vanish. The volume is that of faces as fans
@@ -13,6 +18,10 @@ from balloon_warp.kernels.laws.law import Parameter
 
 HELIUM_MOLAR_MASS = 0.0040026
 """[kg/mol]"""
+STANDARD_PRESSURE = 101325.0
+"""p_0, one atmosphere [Pa]"""
+THINNEST = 1.0e-3
+"""to how little of itself a pressure may fall at once, which bounds what follows from it"""
 PARAMETERS = (
     Parameter(
         "gamma",
@@ -21,7 +30,18 @@ PARAMETERS = (
         least=1.0,
         most=10.0,
         path="inflation.gamma",
-        meaning="p V^gamma of a gas stays as it is: 1 keeps it as warm, 1.4 keeps air's heat in, 1.667 helium's",
+        meaning="p V^gamma of a sealed gas stays as it is: 1.4 keeps air's heat in, 1.667 helium's; 1 keeps it as warm "
+        "as the air",
+    ),
+    Parameter(
+        "breathing_damping",
+        "1",
+        1.0,
+        least=0.0,
+        most=1.0,
+        path="inflation.breathing_damping",
+        meaning="of a gas's springiness, by the step: 1 as backward Euler, which calms what steps are too long for; "
+        "0 not at all, by the trapezoidal rule, so that balloons breathe on",
     ),
     Parameter("molar_mass", "kg/mol", HELIUM_MOLAR_MASS, least=0.0, path="inflation.molar_mass", meaning="of a gas"),
     *AIR,
@@ -53,7 +73,8 @@ def swelling_of_particle(
 
     Args:
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
-        velocity: at which it will move in this step under the old pressure, beside obstacles [m/s].
+        velocity: at which it will move in this step under the old pressure, beside obstacles, less `memory_of_rate` of
+            that before the step [m/s].
         normal: of the obstacle that it is pressed against, along which it cannot follow the pressure; zero if none.
         share: of the balloon's mass.
         push: the old pressure [Pa], whose part in the velocity does not count.
@@ -66,77 +87,133 @@ def swelling_of_particle(
 
 
 @wp.func
-def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: float):
-    """Pressure of a gas above the air's [Pa]: p_a ((V_0 / V)^gamma - 1), V_0 what it would take in the air.
+def weight_of_end(breathing_damping: float):
+    """w of the pressures over a step, see `gas_load`: 1 backward Euler, 1/4 the trapezoidal rule."""
+    return 0.25 + 0.75 * breathing_damping
 
-    For gamma = 1 this is n R T / V - p_a.
-    """
-    return air_pressure * (wp.pow(free_volume / volume, gamma) - 1.0)
+
+@wp.func
+def memory_of_rate(breathing_damping: float):
+    """k, the part that the old rate of swelling has beside the new one, see `gas_load`: 0 in backward Euler, 1 in the
+    trapezoidal rule."""
+    return (1.0 - breathing_damping) / (1.0 + 3.0 * breathing_damping)
+
+
+@wp.func
+def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: float):
+    """Pressure of a gas above the air's [Pa]: p_0 (V_0 / V)^gamma - p_a. For gamma = 1 this is n R T / V - p_a."""
+    return STANDARD_PRESSURE * wp.pow(free_volume / volume, gamma) - air_pressure
 
 
 @wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
     """Of a gas and the air around it [J], whose negative slope by the volume is the pressure above the air's; 0 where
     both are in balance."""
-    ratio = free_volume / volume
-    inside = -free_volume * wp.log(1.0 / ratio)
+    balanced = free_volume * wp.pow(STANDARD_PRESSURE / air_pressure, 1.0 / gamma)
+    ratio = balanced / volume
+    inside = balanced * wp.log(ratio)
     if gamma != 1.0:
-        inside = free_volume * (wp.pow(ratio, gamma - 1.0) - 1.0) / (gamma - 1.0)
-    return air_pressure * (inside + volume - free_volume)
+        inside = balanced * (wp.pow(ratio, gamma - 1.0) - 1.0) / (gamma - 1.0)
+    return air_pressure * (inside + volume - balanced)
 
 
 @wp.func
 def gas_load(
     swelling: Swelling,
     amount: float,
+    free_volume: float,
     step_seconds: float,
     gamma: float,
+    breathing_damping: float,
     molar_mass: float,
     air_pressure: float,
     air_temperature: float,
     air_density: float,
     gravity: float,
 ):
-    """Pressure of a gas above the air's at the center of mass [Pa], at height 0, and its rise with height [Pa/m].
+    """Pressure of a gas above the air's at the center of mass [Pa], at height 0, and its rise with height [Pa/m]; and
+    how the first two would rise if there were more gas [Pa/m^3 of free volume].
 
-    At the end of the step the volume will be V + h (r + h G p), r the rate and G the response, and the pressure, to
-    first order, p(V) - s h (r + h G p) with s = -dp/dV. Solved for p, this is backward Euler in the one direction in
-    which the gas is stiff: stable at any step that the springs allow, and the explicit p(V) for h -> 0. At rest it is
-    p(V) whatever the step, since r counts the other forces, and obstacles. Forward Euler takes it, too, and keeps that
-    mode bounded.
+    Where the gas is stiff, the step is too long for the pressure p(V) of its beginning. What acts is a mean of the
+    pressures at its end, its beginning and that of the step before, to first order in the volume:
+
+        P = p(V) - w s h (r - k r_before),  r = r_free + h G P,
+
+    s = -dp/dV, r the rate of swelling in the step, r_free that without the gas, and G the response. Solved for P, it is
+    stable at any step that the springs allow, p(V) at rest whatever the step, since r counts the other forces and
+    obstacles, and p(V) for h -> 0. With w = 1, k = 0 it is backward Euler in the one direction in which the gas is
+    stiff. With w = 1/4, k = 1 it is the mean (p_before + 2 p + p_after) / 4, the trapezoidal rule in that direction
+    (Newmark's beta = 1/4), which neither damps nor drives: what breathes at the rate omega does so at
+    (2 / h) atan(omega h / 2). Forward Euler takes w = 1, k = 0, and keeps that mode as it is.
 
     The air's pressure falls with height, and the gas's less: that is buoyancy and the gas's weight. The area vectors
     times height add up to V up exactly.
     """
-    free_volume = amount * molar_volume(air_pressure, air_temperature)
-    volume = wp.max(swelling[VOLUME], wp.max(1.0e-3 * free_volume, 1.0e-20))
+    least = THINNEST * free_volume * wp.min(STANDARD_PRESSURE / air_pressure, 1.0)
+    volume = wp.max(swelling[VOLUME], wp.max(least, 1.0e-20))
     explicit = gas_pressure(air_pressure, free_volume, volume, gamma)
     stiffness = gamma * (air_pressure + explicit) / volume
     outside = density_of_air(air_pressure, air_temperature, air_density)
     rise = (outside - amount * molar_mass / volume) * gravity
     by_rise = rise * (swelling[RESPONSE_HEIGHT] - swelling[HEIGHT] * swelling[RESPONSE])
     rate = swelling[RATE] + step_seconds * by_rise
-    pressure = (explicit - stiffness * step_seconds * rate) / (
-        1.0 + stiffness * step_seconds * step_seconds * swelling[RESPONSE]
-    )
-    return wp.vec3(pressure, pressure - rise * swelling[HEIGHT], rise)
+    pull = weight_of_end(breathing_damping) * stiffness * step_seconds
+    yielding = 1.0 + pull * step_seconds * swelling[RESPONSE]
+    pressure = (explicit - pull * rate) / yielding
+    thin = THINNEST * wp.vec2(STANDARD_PRESSURE, volume)
+    slope = gamma * wp.max(air_pressure + explicit, thin[0]) / wp.max(free_volume, thin[1])
+    return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope / yielding)
 
 
 @wp.func
-def tube_flow(
-    conductance: float,
-    pressures: wp.vec2,
-    amounts: wp.vec2,
-    gamma: float,
-    air_pressure: float,
-    step_seconds: float,
-):
-    """Gas that a tube takes from its first balloon to its second in a step [mol].
+def throttled(molar_free_volume: float, pressure: float, pressure_beyond: float, gamma: float):
+    """Free volume of a mole of gas beyond a valve [m^3/mol], v (p / p')^(1 - 1 / gamma), the pressures in full [Pa].
 
-    The flow evens out the pressures, and implicitly, since dp/dn = gamma p / n: no step is too long.
+    A valve keeps the gas's enthalpy, and so its temperature; the entropy grows as the pressure falls (Cengel, Boles,
+    *Thermodynamics*, "throttling valves" and "charging of a tank"). A tank that is filled so gains
+    gamma R T / (gamma - 1) with each mole of the temperature T.
     """
-    first = gamma * (air_pressure + pressures[0]) / wp.max(amounts[0], 1.0e-20)
-    second = gamma * (air_pressure + pressures[1]) / wp.max(amounts[1], 1.0e-20)
-    opening = conductance * step_seconds
-    flow = opening * (pressures[0] - pressures[1]) / (1.0 + opening * (first + second))
-    return wp.clamp(flow, -amounts[1], amounts[0])
+    return molar_free_volume * wp.pow(pressure / wp.max(pressure_beyond, THINNEST * pressure), 1.0 - 1.0 / gamma)
+
+
+@wp.func
+def pumped_gas(gas: wp.vec2d, moles: float, pressure: float, gamma: float, air_temperature: float):
+    """Amount [mol] and free volume [m^3] of a gas when so much is pumped in, or if negative let out.
+
+    What comes in is as warm as the air, and goes through a valve to the `pressure` in there, in full [Pa]; what leaves
+    takes its part of the free volume along.
+    """
+    amount = wp.max(gas[0] + wp.float64(moles), wp.float64(0.0))
+    free_volume = gas[1]
+    of_air = molar_volume(STANDARD_PRESSURE, air_temperature)
+    if gamma == 1.0:
+        free_volume = amount * wp.float64(of_air)
+    elif moles > 0.0:
+        free_volume += wp.float64(moles * throttled(of_air, STANDARD_PRESSURE, pressure, gamma))
+    elif moles < 0.0:
+        free_volume *= amount / wp.max(gas[0], wp.float64(1.0e-20))
+    return wp.vec2d(amount, free_volume)
+
+
+@wp.func
+def tube_flow(conductance: float, flow: float, difference: float, softness: float, step_seconds: float):
+    """What is to be added to a tube's flow [mol/s] so that it is conductance times the difference of the pressures at
+    its ends [Pa] at the end of a step, where they fall by `softness` [Pa/mol] with all that flows."""
+    return (conductance * difference - flow) / (1.0 + conductance * step_seconds * softness)
+
+
+@wp.func
+def molar_free_volume(gas: wp.vec2d):
+    """[m^3/mol]"""
+    return float(gas[1] / wp.max(gas[0], wp.float64(1.0e-20)))
+
+
+@wp.func
+def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, gamma: float):
+    """Both gases, by amount [mol] and free volume [m^3], when so much goes from one to the other; `pressures` are
+    theirs, in full [Pa]. What leaves takes its part of the free volume along, and is throttled."""
+    moved = wp.min(wp.float64(moles), source[0])
+    taken = molar_free_volume(source)
+    brought = throttled(taken, pressures[0], pressures[1], gamma)
+    left = wp.vec2d(source[0] - moved, wp.max(source[1] - moved * wp.float64(taken), wp.float64(0.0)))
+    return left, sink + moved * wp.vec2d(wp.float64(1.0), wp.float64(brought))

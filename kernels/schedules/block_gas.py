@@ -11,8 +11,9 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.loops.gas import pump_function, tubes_function
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat, gas_row
+from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
     block_barrier,
@@ -23,40 +24,40 @@ from balloon_warp.kernels.schedules.warps import (
     sum_of_warp_sums,
     word_at,
 )
-from balloon_warp.kernels.substep import flow_function, load_function, ramp_at
+from balloon_warp.kernels.substep import load_function, note_function, ramp_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 NUMBERS_OF_WARP = 8
 """words that a warp has for a balloon: five sums, and three that are 0"""
-WORDS_OF_BALLOON = 4
-"""its load, how that rises, and the amount of its gas in even and in odd substeps"""
-LOAD, RISE, AMOUNT = wp.constant(0), wp.constant(1), wp.constant(2)
+WORDS_OF_BALLOON = 6
+"""its load, how that rises, and of its gas in even and in odd substeps amount and free volume: they change while
+threads still read them, so that a substep reads one row, and a thread fills the other for the next"""
+LOAD, RISE, AMOUNT, FREE_VOLUME = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(4)
 
 
 class GasSums(NamedTuple):
     """What a block does with its gas."""
 
     shared: bool
-    """what is known of balloons stands in shared memory; otherwise each thread knows all of the one balloon"""
+    """loads stand in shared memory; otherwise each warp finds that of the one balloon for itself"""
     begin: Any
-    """(t, state, memory, seat): what a frame begins with; a barrier must follow"""
+    """(t, state, seat): what a frame begins with; a barrier must follow"""
     clear: Any
     """(seat): before a substep adds up"""
     add: Any
     """(seat, balloon, part, added): by all threads of a warp, what its particles give to their balloons"""
     find_loads: Any
-    """(t, state, memory, seat): the pressures, after a barrier; where they are shared, with another"""
+    """(t, state, seat): the pressures, and what flows through tubes, after a barrier; where they are shared, with
+    another"""
     own_load: Any
-    """(t, state, seat, member): a particle's load then; of the one balloon, each warp finds it for itself"""
-    flow: Any
-    """(t, state, memory, seat): by one thread, the amounts of the next substep"""
+    """(t, state, seat, member): a particle's load then"""
+    pump: Any
+    """(t, state, seat): by one thread, the gas of the next substep"""
     load_at: Any
     """(balloon): pressure at height 0, and its rise"""
     amount_at: Any
     """(substep, balloon): of gas [mol]"""
-    end: Any
-    """(state, seat, member): what a frame ends with"""
 
 
 @cache
@@ -66,8 +67,8 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
     shared = balloons > 1 or not layout.resident
     sums = shared_words("swellings", balloons * warps * NUMBERS_OF_WARP)
     known = shared_words("balloons", balloons * WORDS_OF_BALLOON)
-    load_of_balloon = load_function(traits.columns)
-    flow_of_gas = flow_function(traits.columns)
+    load_of_balloon, note_load = load_function(traits), note_function(traits)
+    pump_gas, flow_through_tubes = pump_function(traits.columns), tubes_function(traits.columns)
     read_numbers = numbers_reader(traits.columns)
 
     @wp.func
@@ -76,38 +77,40 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
         return wp.vec2(word_at(known(), first + LOAD), word_at(known(), first + RISE))
 
     @wp.func
+    def put_loads(state: WorldState, world: wp.int32):
+        """By one thread, as the state has them."""
+        for balloon in range(balloons):
+            load = state.inflation_loads[world, balloon]
+            put_word(known(), balloon * WORDS_OF_BALLOON + LOAD, load[0])
+            put_word(known(), balloon * WORDS_OF_BALLOON + RISE, load[1])
+
+    @wp.func
     def amount_at(substep: wp.int32, balloon: wp.int32):
         return word_at(known(), balloon * WORDS_OF_BALLOON + AMOUNT + (substep & 1))
 
     @wp.func
-    def move_gas(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, substep: wp.int32):
-        """The amounts of a substep, which stand as they were."""
-        amounts = memory.amounts[gas_row(seat, substep)]
-        time_in_frame = float(substep) * t.step_seconds
-        flow_of_gas(
-            t, state.inflation_ramp[seat.world], state.pressures[seat.world], amounts, seat.world, time_in_frame
-        )
+    def free_volume_at(substep: wp.int32, balloon: wp.int32):
+        return word_at(known(), balloon * WORDS_OF_BALLOON + FREE_VOLUME + (substep & 1))
+
+    @wp.func
+    def pump_before(t: Tables, state: WorldState, seat: Seat, substep: wp.int32):
+        """The gas of a substep."""
+        pump_gas(t, state, seat.world, float(substep) * t.step_seconds)
         for balloon in range(balloons):
-            put_word(known(), balloon * WORDS_OF_BALLOON + AMOUNT + (substep & 1), float(amounts[balloon]))
+            word = balloon * WORDS_OF_BALLOON + (substep & 1)
+            put_word(known(), word + AMOUNT, float(state.gas_amounts[seat.world, balloon]))
+            put_word(known(), word + FREE_VOLUME, float(state.free_volumes[seat.world, balloon]))
 
     @wp.func
-    def begin(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat):
-        if wp.static(shared) and seat.thread == 0:
-            for balloon in range(balloons):
-                memory.amounts[gas_row(seat, 0), balloon] = state.gas_amounts[seat.world, balloon]
-                load = state.inflation_loads[seat.world, balloon]
-                put_word(known(), balloon * WORDS_OF_BALLOON + LOAD, load[0])
-                put_word(known(), balloon * WORDS_OF_BALLOON + RISE, load[1])
-            move_gas(t, state, memory, seat, 0)
+    def begin(t: Tables, state: WorldState, seat: Seat):
+        if seat.thread == 0:
+            put_loads(state, seat.world)
+            pump_before(t, state, seat, 0)
 
     @wp.func
-    def flow(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat):
-        if wp.static(shared) and seat.thread == 0:
-            for balloon in range(balloons):
-                amount = memory.amounts[gas_row(seat, seat.substep), balloon]
-                state.gas_amounts[seat.world, balloon] = amount
-                memory.amounts[gas_row(seat, seat.substep + 1), balloon] = amount
-            move_gas(t, state, memory, seat, seat.substep + 1)
+    def pump(t: Tables, state: WorldState, seat: Seat):
+        if seat.thread == 0 and seat.substep + 1 < t.substeps:
+            pump_before(t, state, seat, seat.substep + 1)
 
     @wp.func
     def row_of(balloon: wp.int32, warp: wp.int32):
@@ -134,32 +137,31 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
                 put_warp_sums(sums(), row_of(each, warp), wp.where(each == balloon, part, Swelling()), True)
 
     @wp.func
-    def note(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec3):
-        """By one thread."""
-        state.pressures[world, balloon] = load[0]
-        state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
-
-    @wp.func
-    def find_load(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, balloon: wp.int32):
+    def find_load(t: Tables, state: WorldState, seat: Seat, balloon: wp.int32):
         """By all threads of a warp."""
         swelling = sum_of_warp_sums(sums(), row_of(balloon, 0), warps)
         kind = t.inflation_kind[balloon]
         if seat.thread % WARP_THREADS == 0 and kind != NORMAL_FORCE:
             given = ramp_at(state, seat.world, balloon, seat.time_in_frame)
             load = load_of_balloon(
-                kind, given, swelling, amount_at(seat.substep, balloon), t.step_seconds,
-                read_numbers(t, seat.world, balloon),
+                kind, given, swelling, amount_at(seat.substep, balloon), free_volume_at(seat.substep, balloon),
+                t.step_seconds, read_numbers(t, seat.world, balloon),
             )  # fmt: skip
-            note(state, seat.world, balloon, load)
+            note_load(state, seat.world, balloon, load)
             put_word(known(), balloon * WORDS_OF_BALLOON + LOAD, load[1])
             put_word(known(), balloon * WORDS_OF_BALLOON + RISE, load[2])
 
     @wp.func
-    def find_loads(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat):
+    def find_loads(t: Tables, state: WorldState, seat: Seat):
         if wp.static(shared):
             for balloon in range(seat.thread // WARP_THREADS, balloons, warps):
-                find_load(t, state, memory, seat, balloon)
+                find_load(t, state, seat, balloon)
             block_barrier()
+            if wp.static(traits.tubes):
+                if seat.thread == 0:
+                    flow_through_tubes(t, state, seat.world)
+                    put_loads(state, seat.world)
+                block_barrier()
 
     @wp.func
     def own_load(t: Tables, state: WorldState, seat: Seat, member: Any):
@@ -168,15 +170,12 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
         else:
             given = member.ramp[0] + member.ramp[1] * seat.time_in_frame
             swelling = sum_of_warp_sums(sums(), row_of(0, 0), warps)
-            load = load_of_balloon(member.own.kind, given, swelling, float(member.amount), t.step_seconds, member.own.n)
+            load = load_of_balloon(
+                member.own.kind, given, swelling, amount_at(seat.substep, 0), free_volume_at(seat.substep, 0),
+                t.step_seconds, member.own.n,
+            )  # fmt: skip
             if seat.thread == 0:
-                note(state, seat.world, 0, load)
+                note_load(state, seat.world, 0, load)
             return wp.vec2(load[1], load[2])
 
-    @wp.func
-    def end(state: WorldState, seat: Seat, member: Any):
-        if wp.static(not shared):
-            if seat.thread == 0:
-                state.gas_amounts[seat.world, 0] = member.amount
-
-    return GasSums(shared, begin, clear, add, find_loads, own_load, flow, load_at, amount_at, end)
+    return GasSums(shared, begin, clear, add, find_loads, own_load, pump, load_at, amount_at)

@@ -9,10 +9,6 @@ from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
-GAS_ROWS = 2
-"""Rows of amounts of gas in a world: they change while threads still read them, so that a substep reads one row, and a
-thread fills the other for the next."""
-
 
 class Layout(NamedTuple):
     """How a world is laid out on a block."""
@@ -52,8 +48,6 @@ class BlockMemory:
     other_velocities: wp.array2d[wp.vec3]
     """where neighbors look at them: a substep reads one buffer and writes the other"""
     inflations: wp.array2d[wp.vec3]
-    amounts: wp.array2d[wp.float64]
-    """of gas, shape (GAS_ROWS * world_count, balloon_count)"""
     frame: wp.array[wp.int32]
     """as it was when the frame began, where a law asks for the time: the state's is counted while blocks still read"""
 
@@ -108,12 +102,6 @@ def count_frame(state: WorldState, world: wp.int32, thread: wp.int32):
         state.frame[0] = state.frame[0] + 1
 
 
-@wp.func
-def gas_row(seat: Seat, substep: wp.int32):
-    """Where the amounts of gas of a substep stand."""
-    return GAS_ROWS * seat.world + substep % GAS_ROWS
-
-
 @cache
 def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tuple[Any, Any]:
     """The type of a particle in a thread's registers, and the function that seats one."""
@@ -128,7 +116,6 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         springs: springs_type
         ramp: wp.vec2  # what is keyframed, at the start of the frame, and its slope [1/s]
         load: wp.vec2  # with gas: the pressure at height 0 [Pa], and its rise with height [Pa/m]
-        amount: wp.float64  # of gas in its balloon, where a world has but one [mol]
         inertia: float  # its mass, and with gas its share of that [kg]
         point: wp.vec3
         velocity: wp.vec3

@@ -7,14 +7,14 @@ import warp as wp
 
 from balloon_warp.kernels.laws.contact import leave_ground
 from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
 from balloon_warp.kernels.loops.obstacles import sphere_rule
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warps import any_in_warp
-from balloon_warp.kernels.substep import drift_of, inflation_of, kick, pumped_amount, swell_function
+from balloon_warp.kernels.substep import drift_of, inflation_of, kick, memory_function, swell_function
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -23,7 +23,7 @@ class Pieces(NamedTuple):
     """Functions of one particle, or of two that one thread has."""
 
     fill: Any
-    """(t, seat, member): what it moves, gas too, which is pumped here where a world has one balloon"""
+    """(t, seat, member): what it moves, gas too"""
     pull: Any
     """(t, seat, points, velocities, member, time): all forces but the inflation, and the area vector"""
     free: Any
@@ -47,6 +47,7 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
     inflation = inflation_of(traits)
     drift = drift_of(traits)
     swell_of_particle = swell_function(traits, board.sphere_at)
+    remembered = memory_function(traits)
     leave_one_sphere = sphere_rule(traits)
     spheres, two = traits.spheres, layout.two
     rolls = board.rolls_by_warps
@@ -66,10 +67,6 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
     def fill(t: Tables, seat: Seat, member: Member):
         if wp.static(traits.gas):
             amount = gas.amount_at(seat.substep, member.own.balloon)
-            if wp.static(not gas.shared):
-                if member.own.kind == GAS:
-                    member.amount = pumped_amount(member.amount, member.ramp, seat.time_in_frame, t.step_seconds)
-                amount = float(member.amount)
             member.inertia = member.own.mass + member.own.share * (amount * member.own.n[molar_mass_column])
         return member
 
@@ -91,7 +88,7 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
             part = swell_of_particle(
                 t, seat.substep, seat.world, member.own.n[height_column], member.own.share, member.inertia,
                 member.load, member.point - origin, member.point, member.free_velocity,
-                member.area_vector,
+                remembered(member.velocity, member.own.n), member.area_vector,
             )  # fmt: skip
         return part
 

@@ -63,16 +63,13 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         """The particle at a place, with a frame's beginning; its point into the tile."""
         member = seat_member(t, slots, state, seat, place)
         member.load = state.inflation_loads[seat.world, member.own.balloon]
-        member.amount = state.gas_amounts[seat.world, member.own.balloon]
         member.point = state.points[seat.world, member.own.number]
         member.velocity = velocities[member.own.number]
         put_in_tile(points, place, member.point)
         return member
 
     @wp.func
-    def swell_together(
-        t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, mine: Member, also: Member, points: Any
-    ):
+    def swell_together(t: Tables, state: WorldState, seat: Seat, mine: Member, also: Member, points: Any):
         """The pressures, once all particles have their free velocities."""
         gas.clear(seat)
         origin = points[volume_origin(t, mine.own.balloon)]
@@ -84,13 +81,13 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             other_origin = points[volume_origin(t, also.own.balloon)]
             gas.add(seat, also.own.balloon, pieces.swell(t, seat, also, other_origin), True)
         block_barrier()
-        gas.find_loads(t, state, memory, seat)
+        gas.find_loads(t, state, seat)
         mine.load = gas.own_load(t, state, seat, mine)
         if wp.static(two and traits.balloons == 1):
             also.load = mine.load
         elif wp.static(two):
             also.load = gas.own_load(t, state, seat, also)
-        gas.flow(t, state, memory, seat)
+        gas.pump(t, state, seat)
         return mine, also
 
     @wp.func
@@ -131,7 +128,6 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     def substep(
         t: Tables,
         state: WorldState,
-        memory: BlockMemory,
         seat: Seat,
         mine: Member,
         also: Member,
@@ -165,7 +161,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             mine.free_velocity = pieces.free(t, seat, mine, force)
             if wp.static(two):
                 also.free_velocity = pieces.free(t, seat, also, other_force)
-            loaded, also_loaded = swell_together(t, state, memory, seat, mine, also, source)
+            loaded, also_loaded = swell_together(t, state, seat, mine, also, source)
             mine = loaded
             also = also_loaded
             mine = pieces.push(t, seat, mine, mine.free_velocity, wp.vec3())
@@ -239,7 +235,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
-            gas.begin(t, state, memory, seat)
+            gas.begin(t, state, seat)
         mine = take_place(t, slots, state, seat, thread, even, velocities)
         also = Member()
         if wp.static(two):
@@ -256,20 +252,16 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
                 also.aim = refresh.aim(t, seat, centers, areas, also.own.number, also.own.balloon, also.point)
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
-            first, second = substep(
-                t, state, memory, now, mine, also, even, odd, velocities, other_velocities, centers, areas
-            )
+            first, second = substep(t, state, now, mine, also, even, odd, velocities, other_velocities, centers, areas)
             then = at_substep(t, seat, frame_begin, 2 * pair + 1)
             third, fourth = substep(
-                t, state, memory, then, first, second, odd, even, other_velocities, velocities, centers, areas
+                t, state, then, first, second, odd, even, other_velocities, velocities, centers, areas
             )
             mine = third
             also = fourth
         if wp.static(layout.odd_substeps):
             last = at_substep(t, seat, frame_begin, t.substeps - 1)
-            fifth, sixth = substep(
-                t, state, memory, last, mine, also, even, odd, velocities, other_velocities, centers, areas
-            )
+            fifth, sixth = substep(t, state, last, mine, also, even, odd, velocities, other_velocities, centers, areas)
             mine = fifth
             also = sixth
             end_member(t, state, seat, thread, mine, odd)
@@ -279,8 +271,6 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             end_member(t, state, seat, thread, mine, even)
             if wp.static(two):
                 end_member(t, state, seat, thread + threads, also, even)
-        if wp.static(traits.gas):
-            gas.end(state, seat, mine)
         if wp.static(traits.spheres > 0):
             board.end(t, state, world, thread, t.substeps - 1)
         count_frame(state, world, thread)

@@ -126,8 +126,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.balloons == 1):
             gas.add(seat, 0, total, False)
         block_barrier()
-        gas.find_loads(t, state, memory, seat)
-        gas.flow(t, state, memory, seat)
+        gas.find_loads(t, state, seat)
+        gas.pump(t, state, seat)
 
     @wp.func
     def push_and_move(
@@ -245,7 +245,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
-            gas.begin(t, state, memory, seat)
+            gas.begin(t, state, seat)
         for particle in range(thread, seat.count, wp.block_dim()):
             put_in_tile(even, particle, state.points[world, particle])
         block_barrier()

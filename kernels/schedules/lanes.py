@@ -10,7 +10,7 @@ from balloon_warp.kernels.algebra import Lanes, Lanes3, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.schedules.lanes_contact import correct_function, leave_function, roll_function
-from balloon_warp.kernels.schedules.lanes_gas import flow_in_lanes, load_in_lanes, swell_in_lanes
+from balloon_warp.kernels.schedules.lanes_gas import load_in_lanes, pump_in_lanes, swell_in_lanes
 from balloon_warp.kernels.schedules.lanes_loops import lane_loops
 from balloon_warp.kernels.schedules.lanes_refresh import refresh_function
 from balloon_warp.kernels.schedules.lanes_state import read_function, write_function
@@ -43,8 +43,8 @@ def own_function(traits: Traits, layout: Layout) -> Any:
 
 @cache
 def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that take the items of a balloon through a substep: all forces but the inflation, to free
-    velocities; and the rest, which without gas is all of it."""
+    """The functions that take items through a substep: those of all balloons as far as their loads; and those of one
+    through the rest, which without gas is all of it."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     own_of = own_function(traits, layout)
     net_force = net_force_function(traits, lane_loops(traits, layout))
@@ -52,11 +52,11 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
     drift = drift_of(traits)
     leave = leave_function(traits, layout)
     swell = swell_in_lanes(traits, layout)
-    load = load_in_lanes(traits, layout)
+    find_load, take_loads = load_in_lanes(traits, layout)
     Swellings = wp.types.matrix(shape=(5, 8), dtype=wp.float32)  # noqa: N806 - a type
 
     @wp.func
-    def pull_and_swell(
+    def pull_and_swell_one(
         t: LaneTables,
         state: WorldState,
         lanes: LaneState,
@@ -80,9 +80,24 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             lanes.free_velocities[group, item] = free
             lanes.area_vectors[group, item] = area_vector
             if kind != NORMAL_FORCE:
-                swellings += swell(t, state, lanes, own, masses, point - origin, point, free, area_vector)
+                swellings += swell(t, state, lanes, own, masses, point - origin, point, velocity, free, area_vector)
         if kind != NORMAL_FORCE:
-            load(t, state, lanes, group, balloon, swellings, time_in_frame)
+            find_load(t, state, group, balloon, swellings, time_in_frame)
+
+    @wp.func
+    def pull_and_swell(
+        t: LaneTables,
+        state: WorldState,
+        lanes: LaneState,
+        group: wp.int32,
+        points: Any,
+        time: float,
+        time_in_frame: float,
+    ):
+        """Every item as far as its free velocity, and the loads of all balloons."""
+        for balloon in range(t.all.inflation_kind.shape[0]):
+            pull_and_swell_one(t, state, lanes, group, balloon, points, time, time_in_frame)
+        take_loads(t, state, lanes, group)
 
     @wp.func
     def push_and_move(
@@ -146,7 +161,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     write_lanes = write_function(traits, layout)
     refresh_aims = refresh_function(traits, layout)
     roll = roll_function(traits, layout)
-    flow = flow_in_lanes(traits, layout)
+    pump = pump_in_lanes(traits, layout)
     pull_and_swell, push_and_move = particle_steps(traits, layout)
     correct, leave_all = correct_function(traits, layout)
 
@@ -181,9 +196,8 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.looks_at_velocities):
                 show_velocities(t, lanes, group)
             if wp.static(traits.gas):
-                flow(t, state, lanes, group, time_in_frame)
-                for balloon in range(t.all.inflation_kind.shape[0]):
-                    pull_and_swell(t, state, lanes, group, balloon, points, time, time_in_frame)
+                pump(t, state, lanes, group, time_in_frame)
+                pull_and_swell(t, state, lanes, group, points, time, time_in_frame)
             for balloon in range(t.all.inflation_kind.shape[0]):
                 push_and_move(t, state, lanes, group, balloon, points, new_points, time, time_in_frame)
             if wp.static(traits.corrected):

@@ -1,4 +1,4 @@
-"""Gas, eight lanes at a time: what flows, how balloons swell, and the pressure that follows."""
+"""Gas, eight lanes at a time: what is pumped, how balloons swell, the pressure that follows, and what flows."""
 
 from functools import cache
 from typing import Any
@@ -6,13 +6,14 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, reach_along, scaled, set_lane, times
-from balloon_warp.kernels.laws.gas import Swelling, swelling_of_particle
+from balloon_warp.kernels.laws.gas import Swelling, memory_of_rate, swelling_of_particle
+from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function, tubes_function
 from balloon_warp.kernels.loops.obstacles import course_function, sphere_in_state
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.lanes_contact import touch_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, places_of
-from balloon_warp.kernels.substep import flow_function, gas_mass_function, load_function, ramp_at, response
+from balloon_warp.kernels.substep import load_function, note_function, ramp_at, response
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -21,28 +22,28 @@ Swellings = wp.types.matrix(shape=(5, 8), dtype=wp.float32)
 
 
 @cache
-def flow_in_lanes(traits: Traits, layout: Layout) -> Any:
-    """The function that moves gas."""
+def pump_in_lanes(traits: Traits, layout: Layout) -> Any:
+    """The function that pumps gas."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
-    flow_of_gas = flow_function(traits.columns)
+    pump_gas = pump_function(traits.columns)
     gas_mass = gas_mass_function(traits.columns)
     mass_column = traits.columns.places["mass"]
 
     @wp.func
-    def flow(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time_in_frame: float):
-        """What is pumped, and flows through tubes; the balloons' masses with their gas."""
+    def pump(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time_in_frame: float):
+        """What is pumped in or let out, and the balloons' masses with their gas."""
         first = places.first_world(group)
         for world in range(first, first + places.worlds(group, t.world_count)):
-            amounts = state.gas_amounts[world]
-            flow_of_gas(t.all, state.inflation_ramp[world], state.pressures[world], amounts, world, time_in_frame)
+            pump_gas(t.all, state, world, time_in_frame)
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
             for balloon in range(t.all.inflation_kind.shape[0]):
                 own = lanes.numbers[group, balloon, mass_column][lane]
-                lanes.masses[group, balloon][lane] = own + gas_mass(t.all, state.gas_amounts[world], world, balloon)
+                amount = float(state.gas_amounts[world, balloon])
+                lanes.masses[group, balloon][lane] = own + gas_mass(t.all, amount, world, balloon)
 
-    return flow
+    return pump
 
 
 @cache
@@ -53,6 +54,7 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
     course_beside_obstacles = course_function(traits, sphere_in_state)
     touches_any = touch_function(traits, layout)
     height_column = traits.columns.places["ground_height"]
+    damping_column = traits.columns.places["breathing_damping"]
 
     @wp.func
     def let_by_obstacles(t: LaneTables, state: WorldState, own: LaneOwn, point: Lanes3, course: Lanes3):
@@ -79,6 +81,7 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
         masses: Lanes,
         arm: Lanes3,
         point: Lanes3,
+        old_velocity: Lanes3,
         velocity: Lanes3,
         area_vector: Lanes3,
     ):
@@ -92,6 +95,12 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
                 let, away = let_by_obstacles(t, state, own, point, course)
                 course = let
                 normals = away
+        if wp.static(traits.breathes_on):
+            dampings = own.n[damping_column]
+            memories = Lanes()
+            for lane in range(LANE_COUNT):
+                memories[lane] = memory_of_rate(dampings[lane])
+            course = course - scaled(old_velocity, memories)
         parts = Swellings()
         for lane in range(LANE_COUNT):
             part = swelling_of_particle(
@@ -106,11 +115,14 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
 
 
 @cache
-def load_in_lanes(traits: Traits, layout: Layout) -> Any:
-    """The function that finds a balloon's load in each world."""
+def load_in_lanes(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+    """The functions that find a balloon's load in each world, and that take all loads into the lanes, with what flows
+    through tubes."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
-    load_of_balloon = load_function(traits.columns)
+    load_of_balloon = load_function(traits)
+    note_load = note_function(traits)
+    flow_through_tubes = tubes_function(traits.columns)
     read_numbers = numbers_reader(traits.columns)
 
     @wp.func
@@ -120,22 +132,21 @@ def load_in_lanes(traits: Traits, layout: Layout) -> Any:
         """The load at height 0 and its rise, noted in the state."""
         load = load_of_balloon(
             t.all.inflation_kind[balloon], ramp_at(state, world, balloon, time_in_frame), swelling,
-            float(state.gas_amounts[world, balloon]), t.step_seconds, read_numbers(t.all, world, balloon),
+            float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]), t.step_seconds,
+            read_numbers(t.all, world, balloon),
         )  # fmt: skip
-        state.pressures[world, balloon] = load[0]
-        state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
+        note_load(state, world, balloon, load)
 
     @wp.func
     def find_load(
         t: LaneTables,
         state: WorldState,
-        lanes: LaneState,
         group: wp.int32,
         balloon: wp.int32,
         swellings: Swellings,
         time_in_frame: float,
     ):
-        """Into the lanes and the state."""
+        """Into the state."""
         first = places.first_world(group)
         for place in range(places.worlds(group, t.world_count)):
             swelling = Swelling()
@@ -148,9 +159,19 @@ def load_in_lanes(traits: Traits, layout: Layout) -> Any:
                         total += swellings[number, lane]
                     swelling[number] = total
             load_of_world(t, state, first + place, balloon, swelling, time_in_frame)
-        for lane in range(t.lane_count):
-            load = state.inflation_loads[places.world(group, lane, t.world_count), balloon]
-            lanes.loads[group, balloon][lane] = load[0]
-            lanes.rises[group, balloon][lane] = load[1]
 
-    return find_load
+    @wp.func
+    def take_loads(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32):
+        """Of all balloons, with what flows through tubes."""
+        if wp.static(traits.tubes):
+            first = places.first_world(group)
+            for world in range(first, first + places.worlds(group, t.world_count)):
+                flow_through_tubes(t.all, state, world)
+        for lane in range(t.lane_count):
+            world = places.world(group, lane, t.world_count)
+            for balloon in range(t.all.inflation_kind.shape[0]):
+                load = state.inflation_loads[world, balloon]
+                lanes.loads[group, balloon][lane] = load[0]
+                lanes.rises[group, balloon][lane] = load[1]
+
+    return find_load, take_loads

@@ -1,6 +1,7 @@
 """The pieces of a substep as kernels: a thread a particle, or a block a balloon where something is summed.
 
-`scatter` and `gather` launch them one after the other; they differ in who sums the forces.
+`scatter` and `gather` launch them one after the other; they differ in who sums the forces. Those of gas stand in
+`launched_gas`.
 """
 
 from functools import cache
@@ -8,21 +9,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
-from balloon_warp.kernels.loops.obstacles import obstacle_loop, sphere_in_state
-from balloon_warp.kernels.own import numbers_reader, own_functions
+from balloon_warp.kernels.loops.obstacles import obstacle_loop
+from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
 from balloon_warp.kernels.substep import (
     drift_of,
-    flow_function,
-    gas_mass_function,
     inflation_of,
     kick,
-    load_function,
     ramp_at,
-    swell_function,
-    volume_origin,
 )
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -167,79 +161,3 @@ def leave_kernel(traits: Traits) -> Any:
             velocities[world, particle] = velocity
 
     return leave_after_correction
-
-
-@cache
-def flow_kernel(traits: Traits) -> Any:
-    """The kernel that moves gas."""
-    flow_of_gas = flow_function(traits.columns)
-    gas_mass = gas_mass_function(traits.columns)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def move_gases(
-        # model
-        t: Tables,
-        time_in_frame: float,
-        # state in and out
-        state: WorldState,
-        # out
-        working: Working,
-    ):
-        """A thread a world: what is pumped, what flows through tubes, and the masses of gas."""
-        world = wp.tid()
-        amounts = state.gas_amounts[world]
-        flow_of_gas(t, state.inflation_ramp[world], state.pressures[world], amounts, world, time_in_frame)
-        for balloon in range(t.inflation_kind.shape[0]):
-            working.gas_masses[world, balloon] = gas_mass(t, amounts, world, balloon)
-
-    return move_gases
-
-
-@cache
-def load_kernel(traits: Traits) -> Any:
-    """The kernel that finds the pressures of balloons, from how they would swell without them."""
-    _, read_own = own_functions(traits.columns)
-    read_numbers = numbers_reader(traits.columns)
-    swell = swell_function(traits, sphere_in_state)
-    load_of_balloon = load_function(traits.columns)
-    inertia = inertia_function(traits)
-    height_column = traits.columns.places["ground_height"]
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def find_loads(
-        # model
-        t: Tables,
-        time_in_frame: float,
-        # state in
-        points: wp.array2d[wp.vec3],
-        free_velocities: wp.array2d[wp.vec3],
-        # state in and out
-        state: WorldState,
-        working: Working,
-    ):
-        """A block a (world, balloon): its swelling, summed in the same order every time, and the load that follows."""
-        world, balloon, thread = wp.tid()
-        part = Swelling()
-        kind = t.inflation_kind[balloon]
-        if kind != NORMAL_FORCE:
-            origin = points[world, volume_origin(t, balloon)]
-            for particle in range(
-                t.particles.offsets[balloon] + thread, t.particles.offsets[balloon + 1], wp.block_dim()
-            ):
-                own = read_own(t, world, particle)
-                point = points[world, particle]
-                part += swell(
-                    t, state, world, own.n[height_column], own.share, inertia(working, own),
-                    state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
-                    working.area_vectors[world, particle],
-                )  # fmt: skip
-        swelling = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
-        if thread == 0 and kind != NORMAL_FORCE:
-            load = load_of_balloon(
-                kind, ramp_at(state, world, balloon, time_in_frame), swelling,
-                float(state.gas_amounts[world, balloon]), t.step_seconds, read_numbers(t, world, balloon),
-            )  # fmt: skip
-            state.pressures[world, balloon] = load[0]
-            state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
-
-    return find_loads

@@ -63,6 +63,7 @@ class Inflation(Table):
     pump: Keyframed = 0.0
     """of "gas": what is pumped in, and if negative let out [mol/s]; a number or keyframes"""
     gamma: float = field_of("gamma")
+    breathing_damping: float = field_of("breathing_damping")
     molar_mass: float = field_of("molar_mass")
 
     @property
@@ -105,7 +106,7 @@ class Inflation(Table):
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
     "pressure": ("pressure",),
-    "gas": ("amount", "start_pressure", "pump", "gamma", "molar_mass"),
+    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass"),
 }
 KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
     "normal_force": "k_normal",

@@ -1,0 +1,120 @@
+"""The pieces of a substep with gas as kernels: a thread a world, or a block a balloon whose particles are summed."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function, tubes_function
+from balloon_warp.kernels.loops.obstacles import sphere_in_state
+from balloon_warp.kernels.own import numbers_reader, own_functions
+from balloon_warp.kernels.schedules.launched import Working, inertia_function
+from balloon_warp.kernels.substep import (
+    load_function,
+    memory_function,
+    note_function,
+    ramp_at,
+    swell_function,
+    volume_origin,
+)
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def pump_kernel(traits: Traits) -> Any:
+    """The kernel that begins a substep of balloons with gas."""
+    pump_gas = pump_function(traits.columns)
+    gas_mass = gas_mass_function(traits.columns)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def pump_gases(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # state in and out
+        state: WorldState,
+        # out
+        working: Working,
+    ):
+        """A thread a world: what is pumped in or let out, and the masses of gas."""
+        world = wp.tid()
+        pump_gas(t, state, world, time_in_frame)
+        for balloon in range(t.inflation_kind.shape[0]):
+            amount = float(state.gas_amounts[world, balloon])
+            working.gas_masses[world, balloon] = gas_mass(t, amount, world, balloon)
+
+    return pump_gases
+
+
+@cache
+def tube_kernel(traits: Traits) -> Any:
+    """The kernel that lets gas flow through tubes."""
+    flow_through_tubes = tubes_function(traits.columns)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def let_gases_flow(
+        # model
+        t: Tables,
+        # state in and out
+        state: WorldState,
+    ):
+        """A thread a world, once the loads are known that were without."""
+        flow_through_tubes(t, state, wp.tid())
+
+    return let_gases_flow
+
+
+@cache
+def load_kernel(traits: Traits) -> Any:
+    """The kernel that finds the pressures of balloons, from how they would swell without them."""
+    _, read_own = own_functions(traits.columns)
+    read_numbers = numbers_reader(traits.columns)
+    swell = swell_function(traits, sphere_in_state)
+    remembered = memory_function(traits)
+    load_of_balloon = load_function(traits)
+    note_load = note_function(traits)
+    inertia = inertia_function(traits)
+    height_column = traits.columns.places["ground_height"]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_loads(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        # state in
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        free_velocities: wp.array2d[wp.vec3],
+        # state in and out
+        state: WorldState,
+        working: Working,
+    ):
+        """A block a (world, balloon): its swelling, summed in the same order every time, and the load that follows."""
+        world, balloon, thread = wp.tid()
+        part = Swelling()
+        kind = t.inflation_kind[balloon]
+        if kind != NORMAL_FORCE:
+            origin = points[world, volume_origin(t, balloon)]
+            for particle in range(
+                t.particles.offsets[balloon] + thread, t.particles.offsets[balloon + 1], wp.block_dim()
+            ):
+                own = read_own(t, world, particle)
+                point = points[world, particle]
+                part += swell(
+                    t, state, world, own.n[height_column], own.share, inertia(working, own),
+                    state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
+                    remembered(velocities[world, particle], own.n), working.area_vectors[world, particle],
+                )  # fmt: skip
+        swelling = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+        if thread == 0 and kind != NORMAL_FORCE:
+            load = load_of_balloon(
+                kind, ramp_at(state, world, balloon, time_in_frame), swelling,
+                float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]), t.step_seconds,
+                read_numbers(t, world, balloon),
+            )  # fmt: skip
+            note_load(state, world, balloon, load)
+
+    return find_loads
