@@ -1,7 +1,7 @@
 """The `gather` schedule: a thread a particle, which sums the forces of its own springs. Bit-reproducible.
 
-For one large balloon: two buffers of points, one kernel a substep, one more for the spheres where there are any, and
-three with gas.
+For one large balloon: two buffers of points, one kernel a substep, one more for the spheres where there are any and
+another where they exchange momentum, and three with gas.
 """
 
 from typing import Any
@@ -59,6 +59,7 @@ class GatherSchedule:
             else:
                 self._pull_push_and_move(state, time, old, new)
             pieces.correct(state, *new)
+            pieces.touch(state, *new)
             old, new = new, old
         for array, kept in zip(old, (state.points, state.velocities), strict=True):
             if array is not kept:

@@ -69,6 +69,7 @@ class ScatterSchedule:
             pieces.push(state, time, (state.points, state.velocities), (state.points, self._new_velocities))
             wp.copy(state.velocities, self._new_velocities)
             pieces.correct(state, state.points, state.velocities)
+            pieces.touch(state, state.points, state.velocities)
             yield substep
         pieces.end_frame(state)
         self._health.end_frame(state)

@@ -72,6 +72,7 @@ class ProjectiveSolver:
                 pieces.refresh(state.points)
             pieces.roll(state)
             self._advance_substep(state, substep * self.model.step_seconds)
+            pieces.touch(state, state.points, state.velocities)
             yield substep
         pieces.end_frame(state)
         self._health.end_frame(state)
