@@ -183,9 +183,8 @@ class Simulator:
         self._kept = None
         if spheres is not None:
             self._carry_over(initial_state(model), spheres)
-        if self.model.scene.contact == "impulse":  # the forces stand for momenta that a step brings
-            forces = self.state.sphere_forces
-            forces.assign(forces.numpy() * (self.model.step_seconds / model.step_seconds))
+        if model.scene.contact != self.model.scene.contact:  # where momentum is exchanged, they have acted already
+            self.state.sphere_forces.zero_()
         if model.scene.solver != self.model.scene.solver:
             self._asked_schedule = "auto"  # what was asked for may be of the other solver
         self.model = model

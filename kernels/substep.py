@@ -9,7 +9,8 @@
     push         the inflation                                                      `inflation`
     move         a = F / m; v += h a; x += h v (the paper's listing)                `kick`, `drift`
     correct      springs that are too long are shortened                            `laws.correction`
-    leave        particles leave spheres and ground                                 `loops.obstacles`
+    touch        spheres and particles exchange momentum, if they do                `loops.touching`
+    leave        particles leave spheres, by the paper's rule, and the ground       `loops.obstacles`
 
 Without gas, a particle goes from `pull` to `leave` by itself; with it, all wait for the pressure in between.
 """

@@ -37,7 +37,7 @@ class Traits(NamedTuple):
     forward_euler: bool = False
     """points move by the old velocities"""
     impulses: bool = False
-    """touching particles and spheres exchange momentum"""
+    """particles and spheres exchange momentum, once all have moved"""
     ground: bool = False
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
@@ -89,3 +89,23 @@ class Traits(NamedTuple):
     def obstacles(self) -> bool:
         """Whether there is something to leave."""
         return self.ground or self.spheres > 0
+
+    @property
+    def penalties(self) -> bool:
+        """Whether spheres push particles out one by one, by the paper's rule."""
+        return self.spheres > 0 and not self.impulses
+
+    @property
+    def leaves_together(self) -> bool:
+        """Whether particles leave spheres by the paper's rule, or the ground, only when all have moved."""
+        return (self.corrected or self.impulses) and (self.ground or self.penalties)
+
+    @property
+    def leaves_at_once(self) -> bool:
+        """Whether each does so as it moves."""
+        return self.obstacles and not self.corrected and not self.impulses
+
+    @property
+    def keeps_inflations(self) -> bool:
+        """Whether the inflation's forces are needed when particles leave spheres later."""
+        return self.corrected and self.penalties

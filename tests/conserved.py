@@ -56,7 +56,15 @@ def put(simulator: Simulator, points: NDArray | None = None, velocities: NDArray
 
 
 def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:
-    """Of the spheres, with what they get when they next move [kg m/s], shape (sphere_count, 3)."""
+    """Of the spheres [kg m/s], by the paper's rule with what they get when they next move, shape (sphere_count, 3)."""
     model, state = simulator.model, simulator.state
     velocities, forces = (a.numpy()[0].astype(np.float64) for a in (state.sphere_velocities, state.sphere_forces))
-    return model.parameters["sphere_mass"].numpy()[0, :, None] * velocities + model.step_seconds * forces
+    coming = model.step_seconds * forces if model.scene.contact == "penalty" else 0.0
+    return model.parameters["sphere_mass"].numpy()[0, :, None] * velocities + coming
+
+
+def sphere_energies(simulator: Simulator) -> NDArray[np.float64]:
+    """Of the spheres' motion [J], shape (sphere_count,)."""
+    return (sphere_momenta(simulator) ** 2).sum(axis=1) / (
+        2.0 * simulator.model.parameters["sphere_mass"].numpy()[0].astype(np.float64)
+    )

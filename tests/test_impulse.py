@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from conserved import angular_momentum, energy, masses, momentum, motion, put, sphere_momenta
+from conserved import angular_momentum, energy, masses, momentum, motion, put, sphere_energies, sphere_momenta
 from meshes import cube, quad_sphere
 from numpy.typing import NDArray
 
@@ -33,13 +33,6 @@ def struck(device: str, mass: float, schedule: str = "auto", balloon: dict | Non
     setting = {"gravity": 0.0, "contact": "impulse", "substeps": 40, "atmosphere": Atmosphere(density=0.0)}
     scene = Scene(balloon=[Balloon(**ball | (balloon or {}))], sphere=[sphere], **setting | fields)
     return Simulator(scene, device, schedule=schedule)
-
-
-def sphere_energy(simulator: Simulator) -> float:
-    """Of the first sphere's motion [J], with what it gets when it next moves."""
-    return float(
-        (sphere_momenta(simulator)[0] ** 2).sum() / (2.0 * simulator.model.parameters["sphere_mass"].numpy()[0, 0])
-    )
 
 
 def whole_momentum(simulator: Simulator) -> NDArray[np.float64]:
@@ -83,41 +76,31 @@ def test_gas_moves_with_the_balloon_that_a_sphere_hits(device):
 def test_the_papers_penalty_keeps_no_momentum(device):
     """The balloon is pushed away and the sphere flies on, or feels the inflation and nothing else."""
     simulator = struck(device, 0.5, contact="penalty")
-    start = whole_momentum(simulator), energy(simulator) + sphere_energy(simulator)
+    start = whole_momentum(simulator), energy(simulator) + sphere_energies(simulator).sum()
     for _ in range(30):
         simulator.step()
     assert np.abs(whole_momentum(simulator) - start[0]).max() > 0.3
-    assert energy(simulator) + sphere_energy(simulator) > 1.5 * start[1]
+    assert energy(simulator) + sphere_energies(simulator).sum() > 1.5 * start[1]
 
 
-@pytest.mark.parametrize("mass", [0.02, 0.5, 20.0])
-def test_a_collision_takes_energy_away(mass, device):
-    """Of springs and motion; symplectic Euler's swings by some thousandths."""
-    simulator = struck(device, mass)
-    start = sphere_energy(simulator)
-    for _ in range(30):
+def test_contact_turns_and_shifts_nothing(layout, device):
+    """Angular momentum is kept, and the common center of mass coasts: the impulse is along the line through both
+    centers at the start of the step, and places follow velocities. Float32 rounds each place and velocity once a
+    substep, by up to half an epsilon to either side."""
+    fields = dict(layout)
+    simulator = struck(device, 0.5, fields.pop("schedule", "auto"), **fields)
+    start = whole_angular_momentum(simulator), center_of_mass(simulator)
+    for _ in range(15):
         simulator.step()
-        assert energy(simulator) + sphere_energy(simulator) < 1.01 * start
-    assert energy(simulator) + sphere_energy(simulator) < 0.999 * start
-    assert energy(simulator) > 1e-3 * start
+    assert np.abs(sphere_momenta(simulator)[0] - (0.0, -1.0, 0.15)).max() > 0.1
+    rounding = EPSILON * np.sqrt(15 * 40)
+    coasted = start[1] + 0.25 * whole_momentum(simulator) / 1.0  # for a quarter of a second, of one kilogram
+    np.testing.assert_allclose(center_of_mass(simulator), coasted, atol=3.0 * rounding)
+    if "solver" not in layout:  # backward Euler turns
+        np.testing.assert_allclose(whole_angular_momentum(simulator), start[0], atol=3.0 * rounding)
 
 
-def test_moving_particles_out_turns_and_shifts_at_first_order_of_the_step(device):
-    """A particle that moves out of a sphere has not got there by its momentum. How deep it came goes with the step."""
-    turned, shifted = [], []
-    for substeps in (20, 40, 80):
-        simulator = struck(device, 0.5, substeps=substeps)
-        start = whole_angular_momentum(simulator), _center_of_mass(simulator)
-        for _ in range(15):
-            simulator.step()
-        turned.append(np.linalg.norm(whole_angular_momentum(simulator) - start[0]))
-        coasted = start[1] + 0.25 * whole_momentum(simulator) / 1.0  # for a quarter of a second, of one kilogram
-        shifted.append(np.linalg.norm(_center_of_mass(simulator) - coasted))
-    for errors in (turned, shifted):
-        np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 1.0, atol=0.5)
-
-
-def _center_of_mass(simulator: Simulator) -> NDArray[np.float64]:
+def center_of_mass(simulator: Simulator) -> NDArray[np.float64]:
     points, _ = motion(simulator)
     sphere_mass, centers = (
         simulator.model.parameters["sphere_mass"].numpy()[0],
@@ -134,19 +117,26 @@ def bare_cubes(device: str, spheres: list[Sphere], cubes: int = 1, schedule: str
     return Simulator(scene, device, schedule=schedule)
 
 
-def test_a_particle_hits_its_share_of_the_sphere(device):
-    """A corner of 0.1 kg, an eighth of the cube, against an eighth of 2.4 kg: after the plastic collision both move at
-    the mean of their speeds by mass, 1/4 of the corner's, and the sphere, in the next step, at an eighth of that."""
+@pytest.mark.parametrize("cubes", [1, 5])
+def test_a_particle_closes_the_gap_and_then_moves_on_with_the_sphere(cubes, device):
+    """A corner of 0.1 kg comes at 4 m/s over a gap of a millimeter, a step. It may keep 1 m/s of that: with the sphere
+    of 2.4 kg it has 0.16 m/s, and beside it 1 m/s in one step, 0 in the next. Other balloons do not matter."""
     corner = cube().points[6]
-    simulator = bare_cubes(device, [Sphere(position=tuple(corner + [0.1, 0.0, 0.0]), radius=0.12, mass=2.4)])
-    velocities = np.zeros((8, 3))
+    sphere = Sphere(position=tuple(corner + [0.1, 0.0, 0.0]), radius=0.099, mass=2.4)
+    simulator = bare_cubes(device, [sphere], cubes)
+    velocities = np.zeros((8 * cubes, 3))
     velocities[6] = [4.0, 0.0, 0.0]
+    for other in range(1, cubes):
+        velocities[8 * other : 8 * other + 8, 1] = -100.0  # away at once
     put(simulator, velocities=velocities)
-    simulator.step()
-    np.testing.assert_allclose(motion(simulator)[1][6], [1.0, 0.0, 0.0], atol=1e-5)  # the direction is rounded, too
-    np.testing.assert_array_equal(simulator.state.sphere_velocities.numpy()[0], 0.0)
-    simulator.step()
-    np.testing.assert_allclose(simulator.state.sphere_velocities.numpy()[0, 0], [0.125, 0.0, 0.0], atol=1e-6)
+    for beside in (1.0, 0.0):
+        simulator.step()
+        of_particle, of_sphere = motion(simulator)[1][6], simulator.state.sphere_velocities.numpy()[0, 0]
+        np.testing.assert_allclose(of_particle, [0.16 + beside * 2.4 / 2.5, 0.0, 0.0], atol=1e-3)  # a gap's rounding
+        np.testing.assert_allclose(of_sphere, [0.16 - beside * 0.1 / 2.5, 0.0, 0.0], atol=1e-3)
+        np.testing.assert_allclose(0.1 * of_particle + 2.4 * of_sphere, [0.4, 0.0, 0.0], atol=1e-6)
+    gap = np.linalg.norm(simulator.state.sphere_positions.numpy()[0, 0] - motion(simulator)[0][6]) - 0.099
+    np.testing.assert_allclose(gap, 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("sphere_mass", [0.024, 1.2, 240.0])
@@ -162,29 +152,6 @@ def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass, device):
     np.testing.assert_allclose(velocities[:, 0], together, atol=2.0 * 0.025**2)
     np.testing.assert_allclose(velocities[:, 1:], 0.0, atol=2.0 * 0.025)
     np.testing.assert_allclose(sphere_momenta(simulator)[0] / sphere_mass, [together, 0.0, 0.0], atol=2.0 * 0.025**2)
-
-
-@pytest.mark.parametrize("sphere_mass", [0.01, 1.0, 100.0])
-def test_kinetic_energy_never_grows_by_contact(sphere_mass, device):
-    """All the corners of three cubes at once, at random velocities, between two spheres that hold them both."""
-    spheres = [
-        Sphere(position=(x, 0.5, 0.5), radius=1.5, mass=sphere_mass, velocity=(-5.0 * x, 1.0, 0.0)) for x in (0.4, 0.6)
-    ]
-    simulator = bare_cubes(device, spheres, cubes=3)
-    random = np.random.default_rng(5)
-    put(simulator, velocities=random.normal(scale=3.0, size=(24, 3)))
-
-    def kinetic_energy() -> float:
-        _, velocities = motion(simulator)
-        of_spheres = (sphere_momenta(simulator) ** 2).sum() / (2.0 * sphere_mass)
-        return float(0.5 * masses(simulator) @ (velocities**2).sum(axis=1) + of_spheres)
-
-    found = [kinetic_energy()]
-    for _ in range(50):
-        simulator.step()
-        found.append(kinetic_energy())
-    assert (np.diff(found) < 10.0 * EPSILON * found[0]).all()
-    assert found[1] < 0.999 * found[0]
 
 
 def test_a_balloon_carries_a_sphere(device):
@@ -203,17 +170,6 @@ def test_a_balloon_carries_a_sphere(device):
     assert heights["impulse"] > 1.05
     np.testing.assert_allclose(pushes["impulse"], [0.0, 0.4 * 9.81, 0.0], atol=4e-3)
     assert heights["penalty"] < 0.5
-
-
-def test_another_number_of_substeps_takes_nothing_of_a_momentum_on_its_way(device):
-    simulator = struck(device, 0.5, change=[Change(time=5 / 60, set={"substeps": 400})])
-    for _ in range(5):
-        simulator.step()
-    before, pending = whole_momentum(simulator), simulator.model.step_seconds * simulator.state.sphere_forces.numpy()
-    simulator.step()
-    assert simulator.model.substeps == 400
-    assert np.abs(pending).max() > 1e-4
-    np.testing.assert_allclose(whole_momentum(simulator), before, atol=EPSILON * np.sqrt(400) * 2.0)
 
 
 def test_a_diagnosis_names_all_touching_particles(device):

@@ -52,14 +52,14 @@ def test_a_fixed_particle_feels_neither_sphere_nor_ground(schedule, device):
     assert others[:, 1].min() > -1e-6
 
 
-@pytest.mark.parametrize("name", ["everything", "fresh", "in air", "tarantino"])
+@pytest.mark.parametrize("name", ["everything", "fresh", "in air", "tarantino", "impulse"])
 def test_a_run_repeats_to_the_last_bit(name, schedule, device):
     first, second = (arrays(after_frames(SCENES[name], schedule, device, worlds=9)) for _ in range(2))
     for field in first:
         np.testing.assert_array_equal(first[field], second[field], err_msg=field)
 
 
-@pytest.mark.parametrize("name", ["everything", "fresh", "in air", "tarantino"])
+@pytest.mark.parametrize("name", ["everything", "fresh", "in air", "tarantino", "impulse"])
 def test_a_world_alone_is_the_same_world_in_a_batch(name, schedule, device):
     """To the last bit, also in a batch that no eight divide, beside a world that starts elsewhere."""
     alone = arrays(after_frames(SCENES[name], schedule, device))

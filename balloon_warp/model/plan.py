@@ -18,6 +18,7 @@ from balloon_warp.mesh.size import require_reach
 from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import Parameters, parameters_at
+from balloon_warp.model.passing import warnings_of
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
@@ -70,8 +71,9 @@ class ModelPlan:
 
     @property
     def warnings(self) -> list[str]:
-        """what is odd about the meshes, and what became of it"""
-        return [warning for shape in self.shapes for warning in shape.warnings]
+        """what is odd about the meshes, and what became of it; and which spheres may come through"""
+        step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
+        return warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
 
     @property
     def particle_count(self) -> int:

@@ -26,7 +26,8 @@ class State:
     sphere_velocities: wp.array
     """[m/s], shape (world_count, sphere_count), vec3"""
     sphere_forces: wp.array
-    """penalties since the spheres last moved [N], shape (world_count, sphere_count), vec3"""
+    """penalties since the spheres last moved, which are still to act, or with what particles pressed them in the last
+    substep, where they exchange momentum [N], shape (world_count, sphere_count), vec3"""
     inflation_ramp: wp.array
     """what is keyframed, such as k_normal, at the start of the frame, and its slope [1/s], shape (world_count,
     balloon_count), vec2"""

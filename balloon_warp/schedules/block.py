@@ -142,7 +142,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "area_vectors": vectors(streaming and traits.gas),
         "free_velocities": vectors(streaming and traits.gas),
         "other_velocities": vectors(traits.looks_at_velocities or (streaming and traits.keeps_velocities)),
-        "inflations": vectors(streaming and traits.corrected and traits.obstacles and traits.pressures),
+        "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
         "frame": room.array((1,), wp.int32),
     }
 
@@ -156,7 +156,8 @@ def _most_particles(model: Model) -> int:
     if model.device.is_cpu:
         return CPU_TILE_BYTES // BYTES_PER_PARTICLE
     sums = 1 << 10  # bytes for each further balloon or sphere, of the most warps
-    reserved = RESERVED_BYTES + sums * (model.balloon_count + model.sphere_count)
+    presses = 1 << 13 if model.scene.contact == "impulse" else 0
+    reserved = RESERVED_BYTES + presses + sums * (model.balloon_count + model.sphere_count)
     capacity = (model.device.max_shared_memory_per_block - reserved) // BYTES_PER_PARTICLE
     return capacity // CAPACITY_STEP * CAPACITY_STEP
 

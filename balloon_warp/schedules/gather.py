@@ -1,7 +1,7 @@
 """The `gather` schedule: a thread a particle, which sums the forces of its own springs. Bit-reproducible.
 
-For one large balloon: two buffers of points, one kernel a substep, one more for the spheres where there are any, and
-three or four with gas.
+For one large balloon: two buffers of points, one kernel a substep, one more for the spheres where there are any and
+another where they exchange momentum, and three or four with gas.
 """
 
 from typing import Any

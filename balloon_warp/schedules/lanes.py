@@ -128,7 +128,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "shown_velocities": shown(a_vector * items, traits.looks_at_velocities),
         "aims": lanes(items, needed=traits.aims),
         "area_vectors": lanes(items, needed=traits.gas),
-        "inflations": lanes(items, needed=traits.corrected and traits.obstacles),
+        "inflations": lanes(items, needed=traits.keeps_inflations),
         "face_centers": shown(faces, traits.aims),
         "face_area_vectors": shown(faces, traits.aims),
         "balloon_areas": lanes(model.balloon_count, Lanes),
@@ -139,5 +139,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "rises": lanes(model.balloon_count, Lanes),
         "masses": lanes(model.balloon_count, Lanes),
         "sphere_centers": lanes(model.sphere_count),
+        "sphere_motions": lanes(model.sphere_count, needed=traits.impulses),
+        "near_items": lanes(items, wp.int32, needed=traits.impulses),
         "sphere_squared_radii": lanes(model.sphere_count, Lanes),
     }

@@ -70,6 +70,7 @@ class LaunchedSchedule(ABC):
                 pieces.refresh(now[0])
             pieces.roll(state)
             now = self.advance_substep(state, substep * self.model.step_seconds, now)
+            pieces.touch(state, *now)
             yield substep
         for source, target in zip(now, kept, strict=True):
             if source is not target:

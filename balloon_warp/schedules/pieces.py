@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.between import (
     correct_color,
+    let_spheres_fall,
     move_spheres,
     read_sphere_forces,
     write_sphere_forces,
@@ -14,6 +15,8 @@ from balloon_warp.kernels.schedules.between import (
 from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
 from balloon_warp.kernels.schedules.launched_gas import load_kernel, pump_kernel, tube_kernel
+from balloon_warp.kernels.schedules.launched_touch import touch_kernel
+from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -24,6 +27,8 @@ SUM_THREADS = 1024
 """that sum the faces of a balloon on a GPU"""
 SWELL_THREADS = 256
 """that sum how a balloon swells on a GPU; more would have too few registers"""
+TOUCH_THREADS = 256
+"""that go through the particles near spheres on a GPU"""
 
 
 class AimRefresher:
@@ -87,7 +92,8 @@ class Pieces:
     def begin_frame(self, state: State) -> None:
         """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
-        self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
+        if self.traits.penalties:
+            self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
 
     def refresh(self, points: wp.array) -> None:
         """The aims of normal forces."""
@@ -95,9 +101,12 @@ class Pieces:
             self._aims.refresh(points, self.working.aims)
 
     def roll(self, state: State) -> None:
-        """Spheres move under the contacts of the substep before."""
-        moving = state.sphere_positions, state.sphere_velocities, self.working.sphere_quanta
-        self._over_spheres(move_spheres, self.tables, self._sphere_columns, *moving)
+        """Spheres move, by the paper's rule under the contacts of the substep before."""
+        moving = self.tables, self._sphere_columns, state.sphere_positions, state.sphere_velocities
+        if self.traits.penalties:
+            self._over_spheres(move_spheres, *moving, self.working.sphere_quanta)
+        else:
+            self._over_spheres(let_spheres_fall, *moving, state.sphere_forces)
 
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""
@@ -135,9 +144,22 @@ class Pieces:
                 leave_kernel(self.traits), self.tables, world_state(state), self.working, points, velocities
             )
 
+    def touch(self, state: State, points: wp.array, velocities: wp.array) -> None:
+        """Spheres and particles exchange momentum."""
+        m = self.model
+        if self.traits.impulses:
+            wp.launch_tiled(
+                touch_kernel(self.traits),
+                dim=[m.world_count],
+                inputs=[self.tables, world_state(state), self.working, points, velocities],
+                block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
+                device=m.device,
+            )
+
     def end_frame(self, state: State) -> None:
         """What the last substep leaves on spheres, and the pressures that it had."""
-        self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
+        if self.traits.penalties:
+            self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)
 
     def over_particles(self, kernel: Any, *arguments: Any) -> None:
@@ -162,7 +184,8 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     return {
         "aims": vectors(traits.aims),
         "area_vectors": vectors(traits.measures_areas),
-        "inflations": vectors(traits.corrected and traits.obstacles),
+        "inflations": vectors(traits.keeps_inflations),
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
-        "sphere_quanta": room.array((worlds, model.sphere_count, 3), wp.int64),
+        "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
+        "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
     }

@@ -258,7 +258,7 @@ def _correction(model: Model, traits: Traits) -> Any:
     """Springs color by color; none where lengths are not corrected."""
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
     pairs = pairs[: None if traits.corrected else 0]
-    colors = color_springs(pairs)
+    colors = color_springs(pairs, np.concatenate([shape.mesh.points for shape in model.shapes]))
     order = np.lexsort([pairs[:, 1], pairs[:, 0], colors])
     table = CorrectionTable()
     table.color_offsets = _array(model, np.append(0, np.cumsum(np.bincount(colors))), wp.int32)

@@ -3,12 +3,9 @@
 A particle inside a sphere moves out along center -> particle. Its velocity into the sphere is taken away too: the paper
 leaves it, but then a particle pressed against a sphere gathers speed for as long as it is pressed.
 
-The sphere gets, by one of two rules,
-
-- "penalty", the paper's: a force against that movement, proportional to how inflated the balloon is: the particle's own
-  inflation force times the sphere's `penalty`, so that the sphere feels pressure times contact area. The particle's
-  momentum into the sphere is lost, and the sphere's comes from nowhere.
-- "impulse": the momentum that the particle loses, and nothing else. See `collide`.
+The sphere gets a force against that movement, proportional to how inflated the balloon is: the particle's own inflation
+force times the sphere's `penalty`, so that the sphere feels pressure times contact area. The particle's momentum into
+the sphere is lost, and the sphere's comes from nowhere. This is `contact = "penalty"`; the other is `laws.impulse`.
 """
 
 import warp as wp
@@ -84,24 +81,6 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
     """Force on a sphere [N] from a particle that it moved `outward`."""
     squared = squared_length(inflation)
     return (-penalty * squared * inverse_root(squared)) * outward
-
-
-@wp.func
-def collide(mass: float, sphere_part: float, velocity: wp.vec3, stopped: wp.vec3, step_seconds: float):
-    """A particle that left a sphere, and a part of the sphere's mass [kg], as an inelastic collision: the velocity of
-    the particle, and the force on the sphere [N] that gives it in the next step what the particle loses in this one.
-
-    The part is the particle's share of its balloon's mass, shared out to the balloons: those of all particles add up to
-    the sphere at most. So the sphere as a whole gets what its parts get, each from the velocities before the step, and
-    never turns back, however many particles touch it. Each collision takes away energy, and so does the sphere's coming
-    to one velocity. The force's line goes through both centers, so that nothing is turned.
-
-    Args:
-        velocity: before the contact.
-        stopped: the same without its part into the sphere, as if the sphere could not be moved.
-    """
-    after = velocity + sphere_part / (mass + sphere_part) * (stopped - velocity)
-    return after, (mass / step_seconds) * (velocity - after)
 
 
 @wp.func

@@ -3,7 +3,8 @@ moving both ends alike, or the free one (Provot 1995).
 
 One spring after the other, of those that share no particle side by side: springs are colored so that no two of a color
 meet, and a sweep takes the colors in turn (Gauss-Seidel), which carries a correction through the balloon faster than
-averaging all springs' wishes (Jacobi). The order of springs in memory does not matter.
+averaging all springs' wishes (Jacobi). Colors go by where particles stand at the start: neither the order of springs in
+memory nor the numbers of particles matter.
 
 The velocities follow: an end that is moved by c in a step of h gains c / h. Then a velocity is that of the way which a
 particle really went, where otherwise it would gather speed against the limit for as long as it is pulled. The gains of

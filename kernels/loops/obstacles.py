@@ -7,13 +7,12 @@ import warp as wp
 
 from balloon_warp.kernels.laws.contact import (
     above_ground,
-    collide,
     leave_ground,
     leave_sphere,
     out_of_sphere,
     penalty_force,
 )
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_penalty, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
 from balloon_warp.kernels.traits import Traits
 
 
@@ -27,36 +26,22 @@ def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.in
     )
 
 
-@cache
-def sphere_rule(traits: Traits) -> Any:
-    """The function for a particle inside a sphere, by either rule of contact."""
-    balloons = float(traits.balloons)
-
-    @wp.func
-    def leave_one_sphere(
-        t: Tables,
-        world: wp.int32,
-        sphere: wp.int32,
-        center: wp.vec3,
-        motion: wp.vec3,
-        radius: float,
-        share: float,
-        mass: float,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        inflation: wp.vec3,
-    ):
-        """Its point and velocity outside, and the force on the sphere [N]."""
-        out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
-        if wp.static(traits.impulses):
-            part = share * sphere_mass(t.spheres, world, sphere) / balloons
-            after, force = collide(mass, part, velocity, stopped, t.step_seconds)
-            return out, after, force
-        else:
-            push = penalty_force(sphere_penalty(t.spheres, world, sphere), inflation, outward)
-            return out, stopped, push
-
-    return leave_one_sphere
+@wp.func
+def leave_one_sphere(
+    t: Tables,
+    world: wp.int32,
+    sphere: wp.int32,
+    center: wp.vec3,
+    motion: wp.vec3,
+    radius: float,
+    point: wp.vec3,
+    velocity: wp.vec3,
+    inflation: wp.vec3,
+):
+    """The point and velocity of a particle out of a sphere, by the paper's rule, and the force on the sphere [N]."""
+    out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
+    push = penalty_force(sphere_penalty(t.spheres, world, sphere), inflation, outward)
+    return out, stopped, push
 
 
 @wp.func
@@ -70,12 +55,11 @@ def stand_on_ground(t: Tables, height: float, friction: float, point: wp.vec3, v
 
 @cache
 def obstacle_loop(traits: Traits, add_force: Any) -> Any:
-    """The function that lets a particle leave spheres, which stand in the state, and the ground.
+    """The function that lets a particle leave the ground, and by the paper's rule spheres, which stand in the state.
 
     Args:
         add_force: the function that adds a force to those on a sphere.
     """
-    leave_one_sphere = sphere_rule(traits)
 
     @wp.func
     def leave_obstacles(
@@ -83,8 +67,6 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
         state: WorldState,
         forces: Any,
         world: wp.int32,
-        share: float,
-        mass: float,
         height: float,
         friction: float,
         point: wp.vec3,
@@ -92,12 +74,12 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
         inflation: wp.vec3,
     ):
         """Its point and velocity outside; each sphere gets its force."""
-        if wp.static(traits.spheres > 0):
+        if wp.static(traits.penalties):
             for sphere in range(state.sphere_positions.shape[1]):
                 center, motion, radius = sphere_in_state(t, state, world, sphere)
                 if wp.length_sq(point - center) < radius * radius:
                     out, after, push = leave_one_sphere(
-                        t, world, sphere, center, motion, radius, share, mass, point, velocity, inflation
+                        t, world, sphere, center, motion, radius, point, velocity, inflation
                     )
                     point = out
                     velocity = after

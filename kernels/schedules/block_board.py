@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.laws.contact import move_sphere
+from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.measure.health import look_at_sphere
 from balloon_warp.kernels.schedules.block_memory import Layout
 from balloon_warp.kernels.schedules.warps import (
@@ -43,6 +44,9 @@ class Board(NamedTuple):
     """(t, substep, world, sphere): center, velocity and radius of a sphere that has moved"""
     post: Any
     """(sphere, substep, thread, force): by all threads of a warp, what they push the sphere with"""
+    put_sphere: Any
+    """(substep, thread, sphere, center, velocity, radius, force): by the first thread, a sphere after it has met
+    particles, and the force that this took"""
     end: Any
     """(t, state, world, thread, last_substep): into the state, and a look at them"""
 
@@ -109,14 +113,18 @@ def board_of(traits: Traits, layout: Layout) -> Board:
     @wp.func
     def roll_sphere(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, sphere: wp.int32):
         """By all threads of a warp."""
-        force = posted_force(substep - 1, sphere)
         place = read_entry(board(), place_of(substep - 1, sphere))
         motion = read_entry(board(), motion_of(substep - 1, sphere))
         around = read_entry(board(), surroundings)
-        center, velocity = move_sphere(
-            wp.vec3(place[0], place[1], place[2]), wp.vec3(motion[0], motion[1], motion[2]), motion[3] * force,
-            place[3], around[0], t.up, around[1], around[2], t.step_seconds,
-        )  # fmt: skip
+        center = wp.vec3(place[0], place[1], place[2])
+        velocity = wp.vec3(motion[0], motion[1], motion[2])
+        if wp.static(traits.impulses):
+            center, velocity = fall(center, velocity, place[3], around[0], t.up, around[1], around[2], t.step_seconds)
+        else:
+            force = posted_force(substep - 1, sphere)
+            center, velocity = move_sphere(
+                center, velocity, motion[3] * force, place[3], around[0], t.up, around[1], around[2], t.step_seconds
+            )
         writes = thread % WARP_THREADS == 0
         if wp.static(rolls_by_warps):
             writes = thread == 0
@@ -149,6 +157,21 @@ def board_of(traits: Traits, layout: Layout) -> Board:
             write_entry(board(), entry, total, float(substep))
 
     @wp.func
+    def put_sphere(
+        substep: wp.int32,
+        thread: wp.int32,
+        sphere: wp.int32,
+        center: wp.vec3,
+        velocity: wp.vec3,
+        radius: float,
+        force: wp.vec3,
+    ):
+        if thread == 0:
+            write_entry(board(), place_of(substep, sphere), center, radius)
+            write_entry(board(), motion_of(substep, sphere), velocity, 0.0)  # nobody asks for its mass here
+            write_entry(board(), post_of(substep, 0, sphere), force, float(substep))
+
+    @wp.func
     def end(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32, last_substep: wp.int32):
         """By the first warp, after the last substep's barrier."""
         if thread < WARP_THREADS:
@@ -161,4 +184,4 @@ def board_of(traits: Traits, layout: Layout) -> Board:
                     state.sphere_velocities[world, sphere] = velocity
                     state.sphere_forces[world, sphere] = force
 
-    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, end)
+    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, put_sphere, end)

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -139,3 +140,31 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         return member
 
     return Member, seat_member
+
+
+@cache
+def pair_functions(layout: Layout) -> tuple[Any, Any]:
+    """The functions that put the particles which a thread has in its registers where all threads find them, points in a
+    tile and velocities in an array, and that get them from there."""
+    two, threads = layout.two, layout.threads
+
+    @wp.func
+    def put_members(seat: Seat, mine: Any, also: Any, points: Any, velocities: wp.array[wp.vec3]):
+        put_in_tile(points, seat.thread, mine.point)
+        if mine.active:
+            velocities[mine.own.number] = mine.velocity
+        if wp.static(two):
+            put_in_tile(points, seat.thread + threads, also.point)
+            if also.active:
+                velocities[also.own.number] = also.velocity
+
+    @wp.func
+    def get_members(seat: Seat, mine: Any, also: Any, points: Any, velocities: wp.array[wp.vec3]):
+        mine.point = points[seat.thread]
+        mine.velocity = velocities[mine.own.number]
+        if wp.static(two):
+            also.point = points[seat.thread + threads]
+            also.velocity = velocities[also.own.number]
+        return mine, also
+
+    return put_members, get_members

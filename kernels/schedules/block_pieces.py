@@ -9,7 +9,8 @@ from balloon_warp.kernels.laws.contact import leave_ground
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
-from balloon_warp.kernels.loops.obstacles import sphere_rule
+from balloon_warp.kernels.loops.obstacles import leave_one_sphere
+from balloon_warp.kernels.loops.touching import is_near_sphere
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
@@ -35,6 +36,9 @@ class Pieces(NamedTuple):
     leave: Any
     """(t, seat, member, other): out of spheres, by all threads of a warp; the other is a second particle, or none.
     Where nobody needs to know sooner where the spheres are, each warp moves them here for itself."""
+    is_near: Any
+    """(t, seat, member, other): whether either may touch a sphere, where both then exchange momentum; by all threads of
+    a warp, who move the spheres as in `leave`"""
     stand: Any
     """(t, member): up to the ground"""
 
@@ -48,7 +52,6 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
     drift = drift_of(traits)
     swell_of_particle = swell_function(traits, board.sphere_at)
     remembered = memory_function(traits)
-    leave_one_sphere = sphere_rule(traits)
     spheres, two = traits.spheres, layout.two
     rolls = board.rolls_by_warps
     height_column = traits.columns.places["ground_height"]
@@ -147,8 +150,8 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
                 force = wp.vec3()
                 if meets:
                     out, after, pushed = leave_one_sphere(
-                        t, seat.world, sphere, center, motion, radius, member.own.share, inertia(member),
-                        member.point, member.velocity, last_push(t, seat, member),
+                        t, seat.world, sphere, center, motion, radius, member.point, member.velocity,
+                        last_push(t, seat, member),
                     )  # fmt: skip
                     member.point = out
                     member.velocity = after
@@ -156,14 +159,26 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
                 if wp.static(two):
                     if other_meets:
                         out, after, pushed = leave_one_sphere(
-                            t, seat.world, sphere, center, motion, radius, other.own.share, inertia(other),
-                            other.point, other.velocity, last_push(t, seat, other),
+                            t, seat.world, sphere, center, motion, radius, other.point, other.velocity,
+                            last_push(t, seat, other),
                         )  # fmt: skip
                         other.point = out
                         other.velocity = after
                         force += pushed
                 board.post(sphere, seat.substep, seat.thread, force)
         return member, other
+
+    @wp.func
+    def is_near(t: Tables, seat: Seat, member: Member, other: Member):
+        near = bool(False)
+        for sphere in range(spheres):
+            center, motion, radius = see_sphere(t, seat, sphere)
+            if is_near_sphere(t, center, motion, radius, member.point, member.velocity):
+                near = near or member.own.mass > 0.0
+            if wp.static(two):
+                if is_near_sphere(t, center, motion, radius, other.point, other.velocity):
+                    near = near or other.own.mass > 0.0
+        return near
 
     @wp.func
     def stand(t: Tables, member: Member):
@@ -174,4 +189,4 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
             member.velocity = slowed
         return member
 
-    return Pieces(fill, pull, free, swell, push, leave, stand)
+    return Pieces(fill, pull, free, swell, push, leave, is_near, stand)

@@ -26,11 +26,13 @@ from balloon_warp.kernels.schedules.block_memory import (
     beginning_of_frame,
     count_frame,
     member_functions,
+    pair_functions,
 )
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_springs import SlotTable, slot_functions
-from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.schedules.block_touch import one_of_two, touching
+from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -48,6 +50,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     pieces = pieces_of(traits, loops, board, gas, Member, layout)
     refresh = refresh_of(traits, layout)
     correct = correcting(traits)
+    touch = touching(traits, board, one_of_two, layout)
+    put_members, get_members = pair_functions(layout)
     begins = beginning_of_frame(traits)
 
     @wp.func
@@ -91,12 +95,20 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         return mine, also
 
     @wp.func
-    def leave_together(t: Tables, seat: Seat, mine: Member, also: Member):
+    def leave_together(t: Tables, seat: Seat, mine: Member, also: Member, target: Any, velocities: wp.array[wp.vec3]):
         """Out of obstacles."""
-        if wp.static(traits.spheres > 0):
+        if wp.static(traits.penalties):
             left, other_left = pieces.leave(t, seat, mine, also)
             mine = left
             also = other_left
+        if wp.static(traits.impulses):
+            near = pieces.is_near(t, seat, mine, also)
+            if any_in_block(near):
+                put_members(seat, mine, also, target, velocities)
+                touch(t, seat, near, wp.vec2(mine.inertia, also.inertia), target, velocities)
+                met, other_met = get_members(seat, mine, also, target, velocities)
+                mine = met
+                also = other_met
         if wp.static(traits.ground):
             mine = pieces.stand(t, mine)
             if wp.static(two):
@@ -106,19 +118,11 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     @wp.func
     def correct_together(t: Tables, seat: Seat, mine: Member, also: Member, target: Any, velocities: wp.array[wp.vec3]):
         """Springs shortened in the target, then out of obstacles."""
-        if mine.active:
-            velocities[mine.own.number] = mine.velocity
-        if wp.static(two):
-            if also.active:
-                velocities[also.own.number] = also.velocity
+        put_members(seat, mine, also, target, velocities)
         block_barrier()
         correct(t, seat, target, velocities)
-        mine.point = target[seat.thread]
-        mine.velocity = velocities[mine.own.number]
-        if wp.static(two):
-            also.point = target[seat.thread + threads]
-            also.velocity = velocities[also.own.number]
-        left, other_left = leave_together(t, seat, mine, also)
+        back, other_back = get_members(seat, mine, also, target, velocities)
+        left, other_left = leave_together(t, seat, back, other_back, target, velocities)
         put_in_tile(target, seat.thread, left.point)
         if wp.static(two):
             put_in_tile(target, seat.thread + threads, other_left.point)
@@ -172,7 +176,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(two):
                 also = pieces.push(t, seat, also, also.velocity, other_force)
         if wp.static(not traits.corrected):
-            left, other_left = leave_together(t, seat, mine, also)
+            left, other_left = leave_together(t, seat, mine, also, target, new_velocities)
             mine = left
             also = other_left
         put_in_tile(target, seat.thread, mine.point)

@@ -24,7 +24,8 @@ from balloon_warp.kernels.schedules.block_memory import (
 )
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
-from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.schedules.block_touch import touching
+from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -46,6 +47,14 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     correct = correcting(traits)
     begins = beginning_of_frame(traits)
     threads, capacity = layout.threads, layout.capacity
+
+    @wp.func
+    def mass_in_turn(t: Tables, seat: Seat, turn: wp.int32, state: WorldState):
+        """Of the particle that a thread has in a turn, and what moves with it [kg]."""
+        member = pieces.fill(t, seat, seat_member(t, 0, state, seat, turn * threads + seat.thread))
+        return member.inertia
+
+    touch = touching(traits, board, mass_in_turn, layout)
 
     @wp.func
     def member_in_turn(
@@ -71,7 +80,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     @wp.func
     def leave(t: Tables, seat: Seat, member: Member):
         """Out of obstacles."""
-        if wp.static(traits.spheres > 0):
+        if wp.static(traits.penalties):
             left, _other = pieces.leave(t, seat, member, member)
             member = left
         if wp.static(traits.ground):
@@ -152,15 +161,27 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 force, area = pieces.pull(t, seat, source, velocities, member)
                 member.area_vector = area
                 member = pieces.push(t, seat, member, member.velocity, force)
-            if wp.static(traits.corrected and traits.obstacles and traits.pressures):
+            if wp.static(traits.keeps_inflations and traits.pressures):
                 if member.active:
                     memory.inflations[seat.world, member.own.number] = member.push
-            if wp.static(not traits.corrected):
+            if wp.static(traits.leaves_at_once):
                 member = leave(t, seat, member)
             put_member(seat, member, target, new_velocities)
 
     @wp.func
-    def correct_all(
+    def touch_all(t: Tables, state: WorldState, seat: Seat, rounds: wp.int32, points: Any, velocities: Any):
+        """Spheres and particles exchange momentum, where any are near."""
+        near = bool(False)
+        for turn in range(rounds):
+            member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
+            member.point = points[member.own.number]
+            member.velocity = velocities[member.own.number]
+            near = near or pieces.is_near(t, seat, member, member)
+        if any_in_block(near):
+            touch(t, seat, near, state, points, velocities)
+
+    @wp.func
+    def leave_all(
         t: Tables,
         state: WorldState,
         memory: BlockMemory,
@@ -169,15 +190,12 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         points: Any,
         velocities: wp.array[wp.vec3],
     ):
-        """Springs shortened, then particles out of obstacles."""
-        block_barrier()
-        correct(t, seat, points, velocities)
-        if wp.static(traits.obstacles):
-            for turn in range(rounds):
-                member = member_in_turn(t, state, memory, seat, turn, points, velocities)
-                if wp.static(traits.pressures):
-                    member.push = memory.inflations[seat.world, member.own.number]
-                put_member(seat, leave(t, seat, member), points, velocities)
+        """Particles out of obstacles, when all have moved."""
+        for turn in range(rounds):
+            member = member_in_turn(t, state, memory, seat, turn, points, velocities)
+            if wp.static(traits.keeps_inflations and traits.pressures):
+                member.push = memory.inflations[seat.world, member.own.number]
+            put_member(seat, leave(t, seat, member), points, velocities)
 
     @wp.func
     def substep(
@@ -202,7 +220,12 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             pull_and_swell(t, state, memory, seat, rounds, source, velocities)
         push_and_move(t, state, memory, seat, rounds, source, target, velocities, new_velocities)
         if wp.static(traits.corrected):
-            correct_all(t, state, memory, seat, rounds, target, new_velocities)
+            block_barrier()
+            correct(t, seat, target, new_velocities)
+        if wp.static(traits.impulses):
+            touch_all(t, state, seat, rounds, target, new_velocities)
+        if wp.static(traits.leaves_together):
+            leave_all(t, state, memory, seat, rounds, target, new_velocities)
         block_barrier()
 
     @wp.func

@@ -15,6 +15,7 @@ from balloon_warp.kernels.schedules.lanes_loops import lane_loops
 from balloon_warp.kernels.schedules.lanes_refresh import refresh_function
 from balloon_warp.kernels.schedules.lanes_state import read_function, write_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
+from balloon_warp.kernels.schedules.lanes_touch import touch_function
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, one_of_item, put_item
 from balloon_warp.kernels.substep import drift_of, inflation_of, kick
 from balloon_warp.kernels.tables import WorldState
@@ -140,11 +141,10 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             push = inflation(own.kind, k_normal, pressure, rise, t.up, point, aim, area_vector)
             velocity = kick(velocity, force + push, masses, t.step_seconds)
             point = drift(point, old_velocity, velocity, t.step_seconds)
-            if wp.static(traits.corrected):
-                if wp.static(traits.obstacles):
-                    lanes.inflations[group, item] = push
-            elif wp.static(traits.obstacles):
-                out, after = leave(t, state, lanes, own, masses, point, velocity, push)
+            if wp.static(traits.keeps_inflations):
+                lanes.inflations[group, item] = push
+            if wp.static(traits.leaves_at_once):
+                out, after = leave(t, state, lanes, own, point, velocity, push)
                 point = out
                 velocity = after
             lanes.velocities[group, item] = velocity
@@ -164,6 +164,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     pump = pump_in_lanes(traits, layout)
     pull_and_swell, push_and_move = particle_steps(traits, layout)
     correct, leave_all = correct_function(traits, layout)
+    touch = touch_function(traits, layout)
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_lanes(
@@ -202,8 +203,10 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
                 push_and_move(t, state, lanes, group, balloon, points, new_points, time, time_in_frame)
             if wp.static(traits.corrected):
                 correct(t, lanes, group, new_points)
-                if wp.static(traits.obstacles):
-                    leave_all(t, state, lanes, group, new_points)
+            if wp.static(traits.impulses):
+                touch(t, state, lanes, group, new_points)
+            if wp.static(traits.leaves_together):
+                leave_all(t, state, lanes, group, new_points)
         write_lanes(t, state, lanes, group, new_points)
 
     return advance_lanes

@@ -14,10 +14,10 @@ from balloon_warp.kernels.algebra import (
     reach_along,
     set_lane,
     squared_length,
-    times,
 )
 from balloon_warp.kernels.laws.contact import move_sphere
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
+from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, places_of, put_item
@@ -45,19 +45,27 @@ def roll_function(traits: Traits, layout: Layout) -> Any:
     def roll_sphere(t: LaneTables, state: WorldState, world: wp.int32, sphere: wp.int32):
         """One sphere by one substep, under the contacts since the last, which are then cleared."""
         row = row_of_world(world, t.all.world_numbers.shape[0])
-        position, velocity = move_sphere(
-            state.sphere_positions[world, sphere], state.sphere_velocities[world, sphere],
-            state.sphere_forces[world, sphere] / sphere_mass(t.all.spheres, world, sphere),
-            sphere_radius(t.all.spheres, world, sphere), t.all.world_numbers[row, gravity], t.up,
-            t.all.world_numbers[row, height], t.all.world_numbers[row, restitution], t.step_seconds,
-        )  # fmt: skip
+        radius = sphere_radius(t.all.spheres, world, sphere)
+        position = state.sphere_positions[world, sphere]
+        velocity = state.sphere_velocities[world, sphere]
+        if wp.static(traits.impulses):
+            position, velocity = fall(
+                position, velocity, radius, t.all.world_numbers[row, gravity], t.up,
+                t.all.world_numbers[row, height], t.all.world_numbers[row, restitution], t.step_seconds,
+            )  # fmt: skip
+        else:
+            position, velocity = move_sphere(
+                position, velocity, state.sphere_forces[world, sphere] / sphere_mass(t.all.spheres, world, sphere),
+                radius, t.all.world_numbers[row, gravity], t.up, t.all.world_numbers[row, height],
+                t.all.world_numbers[row, restitution], t.step_seconds,
+            )  # fmt: skip
         state.sphere_positions[world, sphere] = position
         state.sphere_velocities[world, sphere] = velocity
         state.sphere_forces[world, sphere] = wp.vec3()
 
     @wp.func
     def roll(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32):
-        """Every sphere, and its center into the lanes."""
+        """Every sphere; its center, and where it is asked for its velocity, into the lanes."""
         first = places.first_world(group)
         for sphere in range(lanes.sphere_centers.shape[1]):
             for place in range(places.worlds(group, t.world_count)):
@@ -67,13 +75,19 @@ def roll_function(traits: Traits, layout: Layout) -> Any:
                 center = state.sphere_positions[places.world(group, lane, t.world_count), sphere]
                 centers = set_lane(centers, lane, center)
             lanes.sphere_centers[group, sphere] = centers
+            if wp.static(traits.impulses):
+                motions = Lanes3()
+                for lane in range(LANE_COUNT):
+                    motion = state.sphere_velocities[places.world(group, lane, t.world_count), sphere]
+                    motions = set_lane(motions, lane, motion)
+                lanes.sphere_motions[group, sphere] = motions
 
     return roll
 
 
 @cache
 def touch_function(traits: Traits, layout: Layout) -> Any:
-    """The function that asks whether any lane's point is inside a sphere or below the ground."""
+    """The function that asks whether any lane's point is below the ground, or inside a sphere that it leaves alone."""
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
     height_column = traits.columns.places["ground_height"]
 
@@ -82,7 +96,7 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
         touches = bool(False)
         if wp.static(traits.ground):
             touches = any_negative(reach_along(point, t.up) - own.n[height_column])
-        if wp.static(traits.spheres > 0):
+        if wp.static(traits.penalties):
             for sphere in range(lanes.sphere_centers.shape[1]):
                 gaps = squared_length(point - lanes.sphere_centers[own.group, sphere])
                 touches = touches or any_negative(gaps - lanes.sphere_squared_radii[own.group, sphere])
@@ -102,9 +116,7 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
     friction_column = traits.columns.places["ground_friction"]
 
     @wp.func
-    def leave_one_by_one(
-        t: LaneTables, state: WorldState, own: LaneOwn, masses: Lanes, point: Lanes3, velocity: Lanes3, push: Lanes3
-    ):
+    def leave_one_by_one(t: LaneTables, state: WorldState, own: LaneOwn, point: Lanes3, velocity: Lanes3, push: Lanes3):
         """Points and velocities outside."""
         heights = own.n[height_column]
         frictions = own.n[friction_column]
@@ -113,7 +125,7 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
             if share > 0.0 and places.is_other(own.group, lane, t.world_count):
                 world = places.world(own.group, lane, t.world_count)
                 out, after = leave_obstacles(
-                    t.all, state, state.sphere_forces, world, share, masses[lane], heights[lane], frictions[lane],
+                    t.all, state, state.sphere_forces, world, heights[lane], frictions[lane],
                     of_lane(point, lane), of_lane(velocity, lane), of_lane(push, lane),
                 )  # fmt: skip
                 point = set_lane(point, lane, out)
@@ -126,14 +138,13 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
         state: WorldState,
         lanes: LaneState,
         own: LaneOwn,
-        masses: Lanes,
         point: Lanes3,
         velocity: Lanes3,
         push: Lanes3,
     ):
         """Points and velocities outside, and the spheres' forces."""
         if touches_any(t, lanes, own, point):
-            out, after = leave_one_by_one(t, state, own, masses, point, velocity, push)
+            out, after = leave_one_by_one(t, state, own, point, velocity, push)
             point = out
             velocity = after
         return point, velocity
@@ -146,7 +157,6 @@ def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
     """The functions that shorten springs which are too long, and that let all particles leave obstacles then."""
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
     limit_column = traits.columns.places.get("correction_limit", 0)
-    mass_column = traits.columns.places["mass"]
     leave = leave_function(traits, layout)
 
     @wp.func
@@ -209,7 +219,7 @@ def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def leave_all(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, points: Any):
-        """Every particle out of obstacles, where corrections have left it."""
+        """Every particle out of obstacles, where corrections or other contacts have left it."""
         for balloon in range(t.all.inflation_kind.shape[0]):
             for item in range(t.item_offsets[balloon], t.item_offsets[balloon + 1]):
                 own = LaneOwn()
@@ -218,13 +228,10 @@ def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                 own.balloon = balloon
                 own.share = t.shares[item]
                 own.n = lanes.numbers[group, balloon]
-                masses = times(own.share, own.n[mass_column])
-                if wp.static(traits.gas):
-                    masses = times(own.share, lanes.masses[group, balloon])
-                out, after = leave(
-                    t, state, lanes, own, masses, of_item(points, item), lanes.velocities[group, item],
-                    lanes.inflations[group, item],
-                )  # fmt: skip
+                push = Lanes3()
+                if wp.static(traits.keeps_inflations):
+                    push = lanes.inflations[group, item]
+                out, after = leave(t, state, lanes, own, of_item(points, item), lanes.velocities[group, item], push)
                 put_item(points, item, out)
                 lanes.velocities[group, item] = after
 

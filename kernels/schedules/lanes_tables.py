@@ -66,7 +66,7 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         aims: wp.array2d[Lanes3]
         area_vectors: wp.array2d[Lanes3]
         inflations: wp.array2d[Lanes3]
-        """empty unless corrections come between them and obstacles"""
+        """empty unless corrections come between them and spheres"""
         face_centers: wp.array2d[Vector]
         face_area_vectors: wp.array2d[Vector]
         balloon_areas: wp.array2d[Lanes]
@@ -79,6 +79,10 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         masses: wp.array2d[Lanes]
         """of balloons with their gas [kg]"""
         sphere_centers: wp.array2d[Lanes3]
+        sphere_motions: wp.array2d[Lanes3]
+        """their velocities; empty unless they exchange momentum with particles, as is what follows"""
+        near_items: wp.array2d[wp.int32]
+        """the items that may touch a sphere"""
         sphere_squared_radii: wp.array2d[Lanes]
 
     @wp.struct

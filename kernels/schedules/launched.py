@@ -12,6 +12,7 @@ import warp as wp
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
+from balloon_warp.kernels.schedules.near import noting_function
 from balloon_warp.kernels.substep import (
     drift_of,
     inflation_of,
@@ -33,17 +34,21 @@ class Working:
     area_vectors: wp.array2d[wp.vec3]
     """of each particle [m^2]"""
     inflations: wp.array2d[wp.vec3]
-    """on each particle, where corrections come between it and obstacles [N]"""
+    """on each particle, where corrections come between it and spheres [N]"""
     gas_masses: wp.array2d[float]
     """in each balloon [kg]"""
     sphere_quanta: wp.array3d[wp.int64]
-    """forces on spheres since they last moved, see `fixed_point`"""
+    """forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
+    near: wp.array2d[wp.int32]
+    """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
 
 
 @cache
 def leaving_function(traits: Traits) -> Any:
-    """The function by which a particle leaves obstacles."""
+    """The function by which a particle leaves obstacles; one that may exchange momentum waits for the others, see
+    `launched_touch`."""
     leave_obstacles = obstacle_loop(traits, add_quanta)
+    is_noted = noting_function(traits)
     height_column = traits.columns.places["ground_height"]
     friction_column = traits.columns.places["ground_friction"]
 
@@ -53,15 +58,17 @@ def leaving_function(traits: Traits) -> Any:
         state: WorldState,
         working: Working,
         own: Any,
-        mass: float,
         point: wp.vec3,
         velocity: wp.vec3,
         inflation: wp.vec3,
     ):
         """Point and velocity outside."""
+        if wp.static(traits.impulses):
+            if is_noted(t, state, working.near, own.world, own.number, point, velocity):
+                return point, velocity
         out, after = leave_obstacles(
-            t, state, working.sphere_quanta, own.world, own.share, mass,
-            own.n[height_column], own.n[friction_column], point, velocity, inflation,
+            t, state, working.sphere_quanta, own.world, own.n[height_column], own.n[friction_column],
+            point, velocity, inflation,
         )  # fmt: skip
         return out, after
 
@@ -105,12 +112,11 @@ def pushing_function(traits: Traits) -> Any:
         push = inflation(own.kind, value, load[0], load[1], t.up, point, aim, area_vector)
         velocity = kick(velocity, force + push, mass, t.step_seconds)
         point = drift(point, old_velocity, velocity, t.step_seconds)
-        if wp.static(traits.corrected):
-            if wp.static(traits.obstacles):
-                working.inflations[own.world, own.number] = push
-        elif wp.static(traits.obstacles):
+        if wp.static(traits.keeps_inflations):
+            working.inflations[own.world, own.number] = push
+        if wp.static(traits.obstacles and not traits.corrected):
             if mass > 0.0:
-                out, after = leave(t, state, working, own, mass, point, velocity, push)
+                out, after = leave(t, state, working, own, point, velocity, push)
                 point = out
                 velocity = after
         return point, velocity
@@ -137,7 +143,6 @@ def leave_kernel(traits: Traits) -> Any:
     """The kernel by which particles leave obstacles after a correction."""
     _, read_own = own_functions(traits.columns)
     leave = leaving_function(traits)
-    inertia = inertia_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def leave_after_correction(
@@ -153,10 +158,10 @@ def leave_kernel(traits: Traits) -> Any:
         world, particle = wp.tid()
         own = read_own(t, world, particle)
         if own.share > 0.0:
-            point, velocity = leave(
-                t, state, working, own, inertia(working, own), points[world, particle], velocities[world, particle],
-                working.inflations[world, particle],
-            )  # fmt: skip
+            push = wp.vec3()
+            if wp.static(traits.keeps_inflations):
+                push = working.inflations[world, particle]
+            point, velocity = leave(t, state, working, own, points[world, particle], velocities[world, particle], push)
             points[world, particle] = point
             velocities[world, particle] = velocity
 

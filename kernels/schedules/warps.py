@@ -5,6 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.laws.impulse import Press
+
 WARP_THREADS = wp.constant(32)
 Five = wp.types.vector(length=5, dtype=wp.float32)
 
@@ -34,6 +36,20 @@ def shared_words(name: str, count: int) -> Any:
         ...
 
     return words
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    return __syncthreads_or(here) != 0;
+#else
+    return here;
+#endif
+    """
+)
+def any_in_block(here: bool) -> bool:
+    """Whether it is so in any thread of the block; called by all of them, who wait for each other."""
+    ...
 
 
 @wp.func_native(
@@ -185,6 +201,31 @@ def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
 )
 def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
     """The sums of what so many warps put, by all threads of a warp, which get the same to the last bit every time."""
+    ...
+
+
+@wp.func_native(
+    """
+    wp::vec_t<18, float> sums;
+#if defined(__CUDA_ARCH__)
+    float total = 0.0f;
+    for (int n = 0; n < count; ++n) {
+        total += ((const float*)words)[first + 32 * n + (threadIdx.x & 31)];
+    }
+    for (int n = 0; n < 18; ++n) {
+        sums[n] = __shfl_sync(0xffffffffu, total, n);
+    }
+#else
+    for (int n = 0; n < 18; ++n) {
+        sums[n] = ((const float*)words)[first + n];
+    }
+#endif
+    return sums;
+    """
+)
+def sum_of_presses(words: wp.uint64, first: wp.int32, count: wp.int32) -> Press:
+    """The sums of what so many warps put, in 32 words each, by all threads of a warp, which get the same to the
+    last bit every time."""
     ...
 
 

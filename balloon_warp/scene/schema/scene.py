@@ -59,7 +59,7 @@ class Scene(Table):
     """normals and areas of the inflation: refreshed once a frame (the paper), or every substep"""
     contact: Literal["penalty", "impulse"] = "penalty"
     """what a sphere gets from a touching particle: a force in proportion to the balloon's inflation (the paper); or the
-    momentum that the particle loses, so that balloons and spheres together keep theirs"""
+    momentum that the particle loses, so that balloons and spheres together keep theirs and gain no energy"""
     net_forces: bool = False
     """write the net force on each particle into the stage, as curves"""
     picture_frame: Index | None = None

@@ -1,0 +1,85 @@
+"""Spheres that may come through a balloon: particles alone touch them, so that what is small goes between, and what is
+fast may jump over."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.corners import corner_faces, next_corners
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Scene
+
+MOST_STRETCH = 2.0
+"""of faces that is reckoned with: at rest their size is known, inflated it is not"""
+
+
+def warnings_of(
+    scene: Scene, shapes: Sequence[BalloonShape], radii: NDArray[np.floating], step_seconds: float
+) -> list[str]:
+    """What is odd about the meshes, and `passing_spheres`: what is said before a run."""
+    of_shapes = [warning for shape in shapes for warning in shape.warnings]
+    return of_shapes + passing_spheres(scene, shapes, radii, step_seconds)
+
+
+def passing_spheres(
+    scene: Scene, shapes: Sequence[BalloonShape], radii: NDArray[np.floating], step_seconds: float
+) -> list[str]:
+    """A sentence for each sphere that may pass through the faces of a balloon, or jump over its particles.
+
+    Args:
+        radii: of the spheres at the start [m], shape (W, sphere_count); 0 before it appears.
+        step_seconds: a substep [s].
+    """
+    if not scene.sphere:
+        return []
+    sentences = []
+    widest = max(shapes, key=lambda shape: widest_opening(shape.mesh))
+    opening = widest_opening(widest.mesh)
+    for number, sphere in enumerate(scene.sphere):
+        there = radii[:, number][radii[:, number] > 0.0]
+        radius = float(there.min()) if len(there) else sphere.radius
+        if radius < MOST_STRETCH * opening:
+            sentences.append(_fits_through(number, radius, opening, widest))
+        way = step_seconds * _highest_speed(scene, number, shapes)
+        if scene.contact == "penalty" and way > radius:
+            sentences.append(
+                f"sphere {number}: it may move {way:.2g} m in a substep, further than its radius of {radius:.2g} m, "
+                'and so jump over particles; more substeps or contact = "impulse" help'
+            )
+    return sentences
+
+
+def _fits_through(number: int, radius: float, opening: float, shape: BalloonShape) -> str:
+    stretch = radius / opening
+    where = "as they are at rest" if stretch <= 1.0 else f"once they are stretched {stretch:.2g} times"
+    return (
+        f"sphere {number}: with a radius of {radius:.2g} m it fits through faces of {shape.name}, whose longest edge "
+        f"is {_longest_edge(shape.mesh):.2g} m at rest, {where}, since only particles touch it; a larger sphere or a "
+        "finer mesh helps"
+    )
+
+
+def widest_opening(mesh: PolygonMesh) -> float:
+    """The radius of the largest sphere that passes between the corners of a face, through its center [m]: 0.58 of the
+    edge of a triangle, 0.71 of a square's."""
+    faces, corners = corner_faces(mesh), mesh.points[mesh.face_vertex_indices]
+    sums = np.stack([np.bincount(faces, corners[:, axis], mesh.face_count) for axis in range(3)], axis=1)
+    distances = np.linalg.norm(corners - (sums / mesh.face_vertex_counts[:, None])[faces], axis=1)
+    nearest = np.full(mesh.face_count, np.inf)
+    np.minimum.at(nearest, faces, distances)
+    return float(nearest.max())
+
+
+def _longest_edge(mesh: PolygonMesh) -> float:
+    corners = mesh.points[mesh.face_vertex_indices]
+    return float(np.linalg.norm(corners[next_corners(mesh)] - corners, axis=1).max())
+
+
+def _highest_speed(scene: Scene, number: int, shapes: Sequence[BalloonShape]) -> float:
+    """That a sphere has when it has fallen from its start to the height of the lowest particle [m/s]."""
+    sphere, up = scene.sphere[number], np.array(scene.up)
+    lowest = min(float((shape.mesh.points @ up).min()) for shape in shapes)
+    fall = max(float(np.dot(sphere.position, up)) - lowest, 0.0)
+    return float(np.sqrt(np.dot(sphere.velocity, sphere.velocity) + 2.0 * max(scene.gravity, 0.0) * fall))

@@ -1,0 +1,221 @@
+"""Contact that keeps momentum and gives no energy, of a body and the particles that it meets: `contact = "impulse"`.
+
+It acts on velocities, before places follow them. Of a particle with the gap g to a body, along the unit vector n from
+the body, a step h lets the particle come nearer by g at most:
+
+    n . (v_p' - V') >= -g / h
+
+Particles and body take the velocities nearest to those without contact, measured by kinetic energy, at which that
+holds for all particles (an inelastic contact). What they exchange is an impulse along n. So
+
+- momentum stays, and angular momentum, since n passes through both at the step's start and places follow velocities;
+- kinetic energy does not grow, whatever the step and the masses: the velocities that are allowed are a convex set which
+  has rest in it, and the nearest of a convex set to what is given is no longer than that;
+- nothing is moved against springs: the particle goes to the surface, and not into the body and out again.
+
+With a_p = -n . (v_p - V) - g / h, by how much a particle comes too fast, the body's velocity changes by the D of
+
+    (M I + sum m n n^T) D = -sum m a_p n       over particles that it presses, those with n . D + a_p > 0
+
+and each of those by (n . D + a_p) n. Which those are is found by solving again (Newton's method, of a convex function).
+
+What overlaps already, at the start or since something else moved it, may not come nearer, and is moved apart slowly,
+each by its mass, so that the common center of mass stays, and without speed.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.laws.contact import way_out
+
+Press = wp.types.vector(length=18, dtype=wp.float32)
+"""Summed over particles. Of those that a body presses: m n n^T [kg], its six different numbers, and m a n [kg m/s]. Of
+those that overlap it: the same, and m n times how far each is to be moved out [kg m]"""
+PRESSED, OVERLAPPING = wp.constant(0), wp.constant(9)
+"""where their numbers begin"""
+MOST_TURNS = wp.constant(16)
+"""of Newton's method; two or three do, as a rule"""
+NEAR = wp.constant(65.0 / 64.0)
+"""of a body's radius, within which particles are looked at though they may not reach it"""
+APART_RATE = wp.constant(10.0)
+"""at which an overlap vanishes [1/s]"""
+MOST_APART = wp.constant(0.2)
+"""of an overlap in a step"""
+FREE = wp.constant(-1.0e30)
+"""by how much a particle comes too fast that is not near [m/s]"""
+GROUND_MASS = wp.constant(wp.float64(1.0e6))
+"""of the ground, over all that moves"""
+
+
+@wp.func
+def excess_speed(gap: float, approach: float, step_seconds: float):
+    """By how much two things come nearer too fast [m/s], of which `approach` is allowed that closes the gap."""
+    return approach - wp.max(gap, 0.0) / step_seconds
+
+
+@wp.func
+def way_apart(gap: float, step_seconds: float):
+    """How far two things that overlap are moved apart in a step [m]."""
+    return wp.max(-gap, 0.0) * wp.min(APART_RATE * step_seconds, MOST_APART)
+
+
+@wp.func
+def comes_near(start: wp.vec3, way: wp.vec3, radius: float):
+    """Whether a particle may meet a sphere in a step: on its way, twice as long, it comes to a sphere a little larger.
+
+    Args:
+        start: from the sphere's center, before the step.
+        way: in the step, beside the sphere.
+    """
+    nearest = start + wp.clamp(-wp.dot(start, way) / squared_length(way), 0.0, 2.0) * way
+    return wp.length_sq(nearest) < (NEAR * radius) * (NEAR * radius)
+
+
+@wp.func
+def meet_sphere(start: wp.vec3, way: wp.vec3, radius: float, up: wp.vec3, step_seconds: float):
+    """The unit vector from a sphere to a particle; by how much that comes too fast; and how far it is to be moved out.
+
+    Args:
+        start: from the sphere's center, before the step.
+        way: in the step, beside the sphere, without contact.
+    """
+    outward = wp.vec3()
+    excess = float(FREE)
+    out = float(0.0)
+    if comes_near(start, way, radius):
+        outward = way_out(start, wp.vec3(), up)
+        gap = wp.dot(start, outward) - radius
+        excess = excess_speed(gap, -wp.dot(way, outward) / step_seconds, step_seconds)
+        out = way_apart(gap, step_seconds)
+    return outward, excess, out
+
+
+@wp.func
+def is_pressed(outward: wp.vec3, excess: float, change: wp.vec3):
+    """Whether a body whose velocity changes so presses a particle."""
+    return wp.dot(outward, change) + excess > 0.0
+
+
+@wp.func
+def put_part(press: Press, first: wp.int32, mass: float, outward: wp.vec3, rest: float):
+    """m n n^T and m `rest` n, into nine numbers."""
+    towards = mass * outward
+    lost = rest * towards
+    press[first] = towards[0] * outward[0]
+    press[first + 1] = towards[0] * outward[1]
+    press[first + 2] = towards[0] * outward[2]
+    press[first + 3] = towards[1] * outward[1]
+    press[first + 4] = towards[1] * outward[2]
+    press[first + 5] = towards[2] * outward[2]
+    press[first + 6] = lost[0]
+    press[first + 7] = lost[1]
+    press[first + 8] = lost[2]
+    return press
+
+
+@wp.func
+def press_of_particle(mass: float, outward: wp.vec3, excess: float, out: float, change: wp.vec3):
+    """Its part of `Press`, beside a body whose velocity changes so."""
+    press = Press()
+    if is_pressed(outward, excess, change):
+        press = put_part(press, PRESSED, mass, outward, excess)
+    if out > 0.0:
+        press = put_part(press, OVERLAPPING, mass, outward, out)
+    return press
+
+
+@wp.func
+def mass_in(press: Press, first: wp.int32):
+    """Of the particles in nine numbers [kg], the trace of their sum."""
+    return press[first] + press[first + 3] + press[first + 5]
+
+
+@wp.func
+def is_met(press: Press):
+    """Whether any particle presses a body or overlaps it."""
+    return mass_in(press, PRESSED) + mass_in(press, OVERLAPPING) > 0.0
+
+
+@wp.func
+def common_gain(press: Press, first: wp.int32, mass: float, ground: wp.float64, up: wp.vec3, sinking: float):
+    """D of (M I + sum m n n^T) D = -sum m a n, of nine numbers, and of the ground as one more particle of that mass."""
+    m = wp.float64(mass)
+    xy = wp.float64(press[first + 1])
+    xz = wp.float64(press[first + 2])
+    yz = wp.float64(press[first + 4])
+    xx = m + wp.float64(press[first])
+    yy = m + wp.float64(press[first + 3])
+    zz = m + wp.float64(press[first + 5])
+    lost = wp.vec3d(wp.float64(press[first + 6]), wp.float64(press[first + 7]), wp.float64(press[first + 8]))
+    high = wp.vec3d(up)
+    inertia = wp.mat33d(xx, xy, xz, xy, yy, yz, xz, yz, zz) + ground * wp.outer(high, high)
+    lost -= (ground * wp.float64(sinking)) * high
+    return -wp.vec3(wp.inverse(inertia) * lost)
+
+
+@wp.func
+def change_of_body(press: Press, mass: float, up: wp.vec3, sinking: float, change: wp.vec3):
+    """How the velocity of a body changes by what it presses [m/s].
+
+    Args:
+        sinking: by how much it comes too fast to the ground, see `excess_speed`.
+        change: by which those were found that it presses; the ground is asked here.
+    """
+    ground = wp.float64(0.0)
+    if is_pressed(-up, sinking, change):
+        ground = GROUND_MASS * wp.float64(mass + mass_in(press, PRESSED))
+    return common_gain(press, PRESSED, mass, ground, up, sinking)
+
+
+@wp.func
+def shift_of_body(press: Press, mass: float, up: wp.vec3):
+    """How far a body is moved out of what overlaps it [m]."""
+    return common_gain(press, OVERLAPPING, mass, wp.float64(0.0), up, 0.0)
+
+
+@wp.func
+def is_settled(change: wp.vec3, last: wp.vec3):
+    """Whether solving again has changed nothing."""
+    return wp.length_sq(change - last) <= 1.0e-12 * wp.length_sq(change)
+
+
+@wp.func
+def gain_of_particle(outward: wp.vec3, excess: float, change: wp.vec3):
+    """The velocity [m/s] that a particle gains which is pressed, when the body's changes so; or how far one is moved
+    out of an overlap [m], beside a body that is moved itself."""
+    return (wp.dot(outward, change) + excess) * outward
+
+
+@wp.func
+def fall(
+    position: wp.vec3,
+    velocity: wp.vec3,
+    radius: float,
+    gravity: float,
+    up: wp.vec3,
+    ground_height: float,
+    ground_restitution: float,
+    step_seconds: float,
+):
+    """Position and velocity of a sphere after a step of gravity beside the ground, before it meets particles.
+
+    It goes as far as the ground, or, had it been falling, turns where it is, with the speed that it had before the
+    step times the restitution: then no energy is gained, whatever the step.
+    """
+    gap = wp.dot(position, up) - radius - ground_height
+    rise = wp.dot(velocity, up)
+    excess = excess_speed(gap, step_seconds * gravity - rise, step_seconds)
+    velocity -= (step_seconds * gravity) * up
+    if excess > 0.0:
+        velocity += wp.max(excess, -ground_restitution * rise - wp.dot(velocity, up)) * up
+    position += step_seconds * velocity + way_apart(gap, step_seconds) * up
+    return position, velocity
+
+
+@wp.func
+def sinking_of_sphere(
+    position: wp.vec3, velocity: wp.vec3, radius: float, up: wp.vec3, ground_height: float, step_seconds: float
+):
+    """By how much a sphere that has moved in a step comes too fast to the ground [m/s]: no more than nothing."""
+    start = position - step_seconds * velocity
+    return excess_speed(wp.dot(start, up) - radius - ground_height, -wp.dot(velocity, up), step_seconds)

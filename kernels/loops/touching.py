@@ -1,0 +1,117 @@
+"""Spheres and particles that exchange momentum, wherever both are kept: what one particle has to do with a sphere, and
+what the sphere makes of all of them. See `laws.impulse`.
+
+A schedule sums `press_on_ball` over the particles until the sphere's change of velocity is settled, then has each
+particle answer.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.impulse import (
+    Press,
+    change_of_body,
+    comes_near,
+    gain_of_particle,
+    is_pressed,
+    meet_sphere,
+    press_of_particle,
+    shift_of_body,
+    sinking_of_sphere,
+)
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Ball:
+    """A sphere after a step without contact."""
+
+    center: wp.vec3
+    velocity: wp.vec3
+    radius: float
+    mass: float
+    sinking: float  # by how much it comes too fast to the ground, see `laws.impulse`
+
+
+@cache
+def ball_function(traits: Traits, sphere_at: Any) -> Any:
+    """The function that reads a sphere.
+
+    Args:
+        sphere_at: the function that gives a sphere's center, velocity and radius.
+    """
+    height = traits.columns.places["ground_height"] - traits.columns.balloon_width
+
+    @wp.func
+    def ball_at(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+        ball = Ball()
+        center, velocity, radius = sphere_at(t, spheres, world, sphere)
+        ball.center = center
+        ball.velocity = velocity
+        ball.radius = radius
+        ball.mass = sphere_mass(t.spheres, world, sphere)
+        ground = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), height]
+        ball.sinking = sinking_of_sphere(center, velocity, radius, t.up, ground, t.step_seconds)
+        return ball
+
+    return ball_at
+
+
+@wp.func
+def is_near_sphere(
+    t: Tables, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, point: wp.vec3, velocity: wp.vec3
+):
+    """Whether a particle may have met a sphere in this step."""
+    way = t.step_seconds * (velocity - sphere_velocity)
+    return comes_near(point - center - way, way, radius)
+
+
+@wp.func
+def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp.vec3, velocity: wp.vec3):
+    """A particle's part of what a sphere has to bear whose velocity changes so."""
+    way = t.step_seconds * (velocity - ball.velocity)
+    outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
+    return press_of_particle(mass, outward, excess, out, change)
+
+
+@wp.func
+def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
+    """How the sphere's velocity changes [m/s], of what pressed when it changed as the last time."""
+    return change_of_body(press, ball.mass, t.up, ball.sinking, last)
+
+
+@wp.func
+def answer_to_ball(
+    t: Tables, ball: Ball, last: wp.vec3, change: wp.vec3, shift: wp.vec3, point: wp.vec3, velocity: wp.vec3
+):
+    """A particle's point and velocity after the contact.
+
+    Args:
+        last: the change of the sphere's velocity before it was settled, which says who is pressed.
+        shift: how far the sphere is moved out of overlaps.
+    """
+    way = t.step_seconds * (velocity - ball.velocity)
+    outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
+    if is_pressed(outward, excess, last):
+        gain = gain_of_particle(outward, excess, change)
+        velocity += gain
+        point += t.step_seconds * gain
+    if out > 0.0:
+        point += gain_of_particle(outward, out, shift)
+    return point, velocity
+
+
+@wp.func
+def shift_of_ball(t: Tables, ball: Ball, press: Press):
+    """How far the sphere is moved out of overlaps [m]."""
+    return shift_of_body(press, ball.mass, t.up)
+
+
+@wp.func
+def answer_of_ball(t: Tables, ball: Ball, change: wp.vec3, shift: wp.vec3):
+    """The sphere's center, velocity, and the force that has changed it [N]."""
+    center = ball.center + t.step_seconds * change + shift
+    return center, ball.velocity + change, (ball.mass / t.step_seconds) * change

@@ -1,0 +1,161 @@
+"""Spheres and particles that exchange momentum, where each piece of a substep is a launch: a block a world, which goes
+through the particles that were noted, in the same order every time."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
+from balloon_warp.kernels.loops.obstacles import sphere_in_state, stand_on_ground
+from balloon_warp.kernels.loops.touching import (
+    answer_of_ball,
+    answer_to_ball,
+    ball_function,
+    change_of_ball,
+    press_on_ball,
+    shift_of_ball,
+)
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.schedules.launched import Working, inertia_function
+from balloon_warp.kernels.schedules.near import PARTICLES_A_MARK
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
+    """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, and,
+    when all have, how they stand on the ground."""
+    _, read_own = own_functions(traits.columns)
+    inertia = inertia_function(traits)
+    height_column = traits.columns.places["ground_height"]
+    friction_column = traits.columns.places["ground_friction"]
+
+    @wp.func
+    def end_of_mark(mark: wp.int32, count: wp.int32):
+        """Where its particles end."""
+        return wp.min((mark + 1) * PARTICLES_A_MARK, count)
+
+    @wp.func
+    def press_at_mark(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        mark: wp.int32,
+        ball: Any,
+        change: wp.vec3,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        total = Press()
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+            own = read_own(t, world, particle)
+            if own.share > 0.0:
+                mass = inertia(working, own)
+                total += press_on_ball(t, ball, change, mass, points[particle], velocities[particle])
+        return total
+
+    @wp.func
+    def answer_at_mark(
+        t: Tables,
+        mark: wp.int32,
+        ball: Any,
+        last: wp.vec3,
+        change: wp.vec3,
+        shift: wp.vec3,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+            if t.particles.mass_share[particle] > 0.0:
+                point, velocity = answer_to_ball(t, ball, last, change, shift, points[particle], velocities[particle])
+                points[particle] = point
+                velocities[particle] = velocity
+
+    @wp.func
+    def stand_at_mark(
+        t: Tables, world: wp.int32, mark: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]
+    ):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+            own = read_own(t, world, particle)
+            if own.share > 0.0:
+                point, velocity = stand_on_ground(
+                    t, own.n[height_column], own.n[friction_column], points[particle], velocities[particle]
+                )
+                points[particle] = point
+                velocities[particle] = velocity
+
+    return press_at_mark, answer_at_mark, stand_at_mark
+
+
+@cache
+def touch_kernel(traits: Traits) -> Any:
+    """The kernel by which spheres and particles exchange momentum, sphere by sphere."""
+    ball_at = ball_function(traits, sphere_in_state)
+    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits)
+
+    @wp.func
+    def press_of_thread(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        ball: Any,
+        change: wp.vec3,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """By the particles whose marks are a thread's."""
+        part = Press()
+        for mark in range(thread, working.near.shape[1] - 1, wp.block_dim()):
+            if working.near[world, mark] > 0:
+                part += press_at_mark(t, working, world, mark, ball, change, points, velocities)
+        return part
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def touch_spheres(
+        # model
+        t: Tables,
+        # state in and out
+        state: WorldState,
+        working: Working,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+    ):
+        """A block a world; nothing if no particle of it was noted, and then all marks are taken away."""
+        world, thread = wp.tid()
+        marks = working.near.shape[1] - 1
+        if working.near[world, marks] > 0:
+            for sphere in range(state.sphere_positions.shape[1]):
+                ball = ball_at(t, state, world, sphere)
+                last = wp.vec3()
+                part = press_of_thread(t, working, world, thread, ball, last, points[world], velocities[world])
+                press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                if is_met(press):
+                    change = change_of_ball(t, ball, press, last)
+                    turn = wp.int32(1)
+                    while turn < MOST_TURNS and not is_settled(change, last):
+                        last = change
+                        part = press_of_thread(t, working, world, thread, ball, last, points[world], velocities[world])
+                        press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                        change = change_of_ball(t, ball, press, last)
+                        turn += 1
+                    shift = shift_of_ball(t, ball, press)
+                    for mark in range(thread, marks, wp.block_dim()):
+                        if working.near[world, mark] > 0:
+                            answer_at_mark(t, mark, ball, last, change, shift, points[world], velocities[world])
+                    if thread == 0:
+                        center, motion, force = answer_of_ball(t, ball, change, shift)
+                        state.sphere_positions[world, sphere] = center
+                        state.sphere_velocities[world, sphere] = motion
+                        state.sphere_forces[world, sphere] = force
+            for mark in range(thread, marks, wp.block_dim()):
+                if working.near[world, mark] > 0:
+                    if wp.static(traits.ground):
+                        stand_at_mark(t, world, mark, points[world], velocities[world])
+                    working.near[world, mark] = 0
+            if thread == 0:
+                working.near[world, marks] = 0
+
+    return touch_spheres

@@ -1,0 +1,46 @@
+"""Which particles may touch a sphere, noted by threads of any order: a mark for every few particles, and one for the
+world."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.obstacles import sphere_in_state
+from balloon_warp.kernels.loops.touching import is_near_sphere
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+PARTICLES_A_MARK = wp.constant(8)
+
+
+def mark_count(particle_count: int) -> int:
+    """Marks of a world; the last is that of the world."""
+    return -(-particle_count // PARTICLES_A_MARK) + 1
+
+
+@cache
+def noting_function(traits: Traits) -> Any:
+    """The function that notes a particle."""
+
+    @wp.func
+    def is_noted(
+        t: Tables,
+        state: WorldState,
+        near: wp.array2d[wp.int32],
+        world: wp.int32,
+        particle: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+    ):
+        """Whether it may touch, which is then noted. All who write a mark write the same."""
+        noted = bool(False)
+        for sphere in range(state.sphere_positions.shape[1]):
+            center, motion, radius = sphere_in_state(t, state, world, sphere)
+            noted = noted or is_near_sphere(t, center, motion, radius, point, velocity)
+        if noted:
+            near[world, particle // PARTICLES_A_MARK] = 1
+            near[world, near.shape[1] - 1] = 1
+        return noted
+
+    return is_noted

@@ -1,0 +1,89 @@
+"""Spheres that may come through a balloon, since only particles touch them: a run says so before it begins."""
+
+import re
+
+import numpy as np
+import pytest
+from conserved import motion
+from meshes import cube, quad_sphere
+from typer.testing import CliRunner
+
+from balloon_warp.cli.app import app
+from balloon_warp.model import plan_model
+from balloon_warp.model.passing import widest_opening
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere
+from balloon_warp.scene.load import bundled_scenes, load_scene
+from balloon_warp.simulator import Simulator
+
+
+def test_openings_of_a_cube_and_a_triangle():
+    assert widest_opening(cube()) == pytest.approx(np.sqrt(0.5))
+
+
+@pytest.mark.parametrize("radius", [0.65, 0.75])
+def test_a_sphere_that_fits_between_the_corners_of_a_face_passes_untouched(radius, device):
+    """Of the unit cube, whose opening is 0.71 m: it flies in at the middle of a face, or moves the cube."""
+    still = Balloon(mesh=cube(), inflation=Inflation(k_normal=0.0), damping=0.0)
+    sphere = Sphere(position=(0.5, 2.0, 0.5), radius=radius, mass=1.0, velocity=(0.0, -20.0, 0.0))
+    scene = Scene(balloon=[still], sphere=[sphere], gravity=0.0, contact="impulse", substeps=40)
+    simulator = Simulator(scene, device)
+    for _ in range(4):
+        simulator.step()
+    moved = np.abs(motion(simulator)[1]).max() > 0.01
+    assert moved == (radius > widest_opening(cube()))
+
+
+SMALL = [
+    (
+        0.65,
+        r"^sphere 1: with a radius of 0\.65 m it fits through faces of \w+, whose longest edge is 1 m at rest, as they",
+    ),
+    (
+        1.2,
+        r"fits through faces of \w+, whose longest edge is 1 m at rest, once they are stretched 1\.7 times, since only",
+    ),
+]
+
+
+@pytest.mark.parametrize(("radius", "sentence"), SMALL)
+def test_a_sphere_that_fits_through_a_face_is_named(radius, sentence):
+    spheres = [Sphere(position=(9.0, 9.0, 9.0), radius=2.0), Sphere(position=(0.0, 5.0, 0.0), radius=radius)]
+    (warning,) = plan_model(Scene(balloon=[Balloon(mesh=cube())], sphere=spheres, gravity=0.0)).warnings
+    assert re.search(sentence, warning)
+
+
+def test_the_smallest_sphere_of_all_worlds_counts():
+    scene = Scene(balloon=[Balloon(mesh=cube())], sphere=[Sphere(position=(0.0, 5.0, 0.0), radius=2.0)], gravity=0.0)
+    plan = plan_model(scene, 3, vary={"sphere.0.radius": np.array([2.0, 0.5, 3.0])})
+    assert plan.warnings[0].startswith("sphere 0: with a radius of 0.5 m it fits through")
+
+
+def test_a_sphere_that_may_jump_over_particles_is_named_unless_its_way_is_looked_along():
+    """It falls 80 m, to 40 m/s: 0.33 m in a substep of 1/120 s."""
+    scene = Scene(
+        balloon=[Balloon(mesh=quad_sphere(8, radius=0.5), position=(0.0, 0.5, 0.0), mass=9.0)],
+        sphere=[Sphere(position=(0.0, 80.0, 0.0), radius=0.3)],
+        ground=Ground(),
+        substeps=2,
+        normals="fresh",
+    )
+    scene = scene.model_copy(update={"gravity": 10.0})
+    (warning,) = plan_model(scene).warnings
+    assert warning.startswith("sphere 0: it may move 0.33 m in a substep, further than its radius of 0.3 m")
+    assert plan_model(scene.model_copy(update={"contact": "impulse"})).warnings == []
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_bundled_scenes_hold_their_spheres(name):
+    assert plan_model(load_scene(name)).warnings == []
+
+
+def test_a_run_says_it(tmp_path):
+    scene = tmp_path / "small.toml"
+    table = '[[balloon]]\nmesh = "tetrahedron.obj"\n[[sphere]]\nradius = 0.01\nposition = [0.0, 3.0, 0.0]\n'
+    scene.write_text(f"frames = 1\n{table}")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    (tmp_path / "tetrahedron.obj").write_text(f"{corners}f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    result = CliRunner().invoke(app, ["run", str(scene), "-o", str(tmp_path / "small.usdc"), "--device", "cpu"])
+    assert result.exit_code == 0, result.output
+    assert "warning: sphere 0: with a radius of 0.01 m it fits through faces of" in result.output
