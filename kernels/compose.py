@@ -60,14 +60,13 @@ def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns:
         return f"of_lane({name}, lane)"
 
     def number(column: int, size: int) -> str:
-        parts = [f"n[{each}][lane]" for each in range(column, column + size)]
-        return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
+        return _number(column, size, "[lane]")
 
     return _summed(f"{kind}_laws_in_lane", result, laws, columns, given, told, number, "n: Any, lane: wp.int32")
 
 
-def _number(column: int, size: int) -> str:
-    parts = [f"n[{each}]" for each in range(column, column + size)]
+def _number(column: int, size: int, of_which: str = "") -> str:
+    parts = [f"n[{each}]{of_which}" for each in range(column, column + size)]
     return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
 
 

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.algebra import LANE_COUNT
-from balloon_warp.kernels.schedules.lanes_tables import lane_structs
+from balloon_warp.kernels.schedules.lanes_tables import face_structs, lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -150,8 +150,10 @@ def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
         listed.append(np.stack(columns, axis=1))
         begins.append(begins[-1] + int(size))
     flat = np.concatenate(listed)
-    t.fan_offsets, t.fan_begins = array(entries.offsets, wp.int32), array(begins, wp.int32)
-    t.fans = array(flat.ravel() if items.layout.worlds else flat, items.layout.index)
+    table = face_structs(items.layout)[1]()
+    table.offsets, table.begins = array(entries.offsets, wp.int32), array(begins, wp.int32)
+    table.particles = array(flat.ravel() if items.layout.worlds else flat, items.layout.index)
+    t.fans = table
 
 
 def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
@@ -163,10 +165,12 @@ def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
     around = list_entries(items, particles, np.zeros_like(particles))
     faces = np.asarray(model.particle_faces.numpy(), dtype=np.int64)
     balloons = np.asarray(model.face_balloon.numpy(), dtype=np.int64)
-    t.around_offsets = array(around.offsets, wp.int32)
+    table = face_structs(items.layout)[0]()
+    table.particle_offsets = array(around.offsets, wp.int32)
     if items.layout.worlds:
-        t.face_offsets, t.face_corners = array(begins, wp.int32), array(corners, wp.int32)
-        t.face_balloons, t.around = array(balloons, wp.int32), array(faces[around.sources], wp.int32)
+        table.offsets, table.particles = array(begins, wp.int32), array(corners, wp.int32)
+        table.balloon, table.around_particles = array(balloons, wp.int32), array(faces[around.sources], wp.int32)
+        t.faces = table
         return
     octets = face_octets(model)
     listed, offsets = [], [0]
@@ -178,11 +182,12 @@ def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
         listed.append(block)
         offsets.append(offsets[-1] + size)
         where[members] = LANES * number + np.arange(len(members))
-    t.face_offsets, t.face_corners = array(offsets, wp.int32), array(np.concatenate(listed), items.layout.index)
-    t.face_balloons = array([balloons[members[0]] for members in octets], wp.int32)
+    table.offsets, table.particles = array(offsets, wp.int32), array(np.concatenate(listed), items.layout.index)
+    table.balloon = array([balloons[members[0]] for members in octets], wp.int32)
     nothing = LANES * len(octets)
     seen = np.where(around.sources >= 0, where[faces[around.sources]], nothing)
-    t.around = array(seen, items.layout.index)
+    table.around_particles = array(seen, items.layout.index)
+    t.faces = table
 
 
 def face_octets(model: Model) -> list[NDArray[np.int64]]:

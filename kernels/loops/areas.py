@@ -12,7 +12,7 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product, scaled
 from balloon_warp.kernels.memory import triple_at
-from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, first_entry
+from balloon_warp.kernels.tables import SLICE, FanTable, first_entry
 
 
 @wp.func
@@ -38,7 +38,11 @@ def area_vector_of_corner(double_area: Any, chord: Any, arms: Any, corners: floa
 
 @cache
 def area_loop(quads: bool, at: Any) -> Any:
-    """The function that sums a particle's area vector over its faces."""
+    """The function that sums a particle's area vector over its faces, or those of eight particles.
+
+    Args:
+        at: the function that reads a point.
+    """
 
     @wp.func
     def area_vector_in_quads(fans: FanTable, points: Any, particle: wp.int32, point: Any):
@@ -53,7 +57,7 @@ def area_loop(quads: bool, at: Any) -> Any:
         return area_vector
 
     @wp.func
-    def area_vector_in_faces(fans: FanTable, points: Any, particle: wp.int32, point: Any):
+    def area_vector_in_faces(fans: Any, points: Any, particle: wp.int32, point: Any):
         """[m^2]"""
         area_vector = scaled(point, 0.0)
         for corner in range(fans.offsets[particle], fans.offsets[particle + 1]):
@@ -76,10 +80,10 @@ def area_loop(quads: bool, at: Any) -> Any:
 
 @cache
 def face_measures(at: Any) -> tuple[Any, Any]:
-    """The functions that give a face's center and its area vector."""
+    """The functions that give a face's center and its area vector, or those of eight faces."""
 
     @wp.func
-    def center_of_face(faces: FaceTable, points: Any, face: wp.int32):
+    def center_of_face(faces: Any, points: Any, face: wp.int32):
         """Mean of a face's corners [m]."""
         begin = faces.offsets[face]
         end = faces.offsets[face + 1]
@@ -89,7 +93,7 @@ def face_measures(at: Any) -> tuple[Any, Any]:
         return total / float(end - begin)
 
     @wp.func
-    def area_vector_of_face(faces: FaceTable, points: Any, face: wp.int32, center: Any):
+    def area_vector_of_face(faces: Any, points: Any, face: wp.int32, center: Any):
         """Area times unit normal of a polygon, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
         begin = faces.offsets[face]
         end = faces.offsets[face + 1]

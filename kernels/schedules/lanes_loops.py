@@ -14,14 +14,13 @@ from balloon_warp.kernels.algebra import (
     Lanes,
     Lanes3,
     Lanes4,
-    cross_product,
     dot_product,
     of_lane,
     scaled,
     set_lane,
     squared_length,
 )
-from balloon_warp.kernels.loops.areas import area_vector_of_corner, area_vector_of_quad_corner
+from balloon_warp.kernels.loops.areas import area_loop, area_vector_of_quad_corner
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
 from balloon_warp.kernels.loops.net_force import Loops
@@ -85,32 +84,23 @@ def lane_spring_loop(traits: Traits) -> Any:
 @cache
 def lane_area_loop(traits: Traits) -> Any:
     """The function that sums the area vectors of an item."""
+    area_vector_in_faces = area_loop(False, near)
 
     @wp.func
     def area_vector(t: Any, points: Any, own: Any, springs: Any, point: Lanes3):
         """[m^2]"""
-        total = Lanes3()
-        for entry in range(t.fan_offsets[own.item], t.fan_offsets[own.item + 1]):
-            begin = t.fan_begins[entry]
-            if wp.static(traits.quads):
+        if wp.static(not traits.quads):
+            return area_vector_in_faces(t.fans, points, own.item, point)
+        else:
+            total = Lanes3()
+            for entry in range(t.fans.offsets[own.item], t.fans.offsets[own.item + 1]):
+                begin = t.fans.begins[entry]
                 total += area_vector_of_quad_corner(
-                    near(points, t.fans[begin + 2]) - point,
-                    near(points, t.fans[begin + 1]) - point,
-                    near(points, t.fans[begin]) - point,
+                    near(points, t.fans.particles[begin + 2]) - point,
+                    near(points, t.fans.particles[begin + 1]) - point,
+                    near(points, t.fans.particles[begin]) - point,
                 )
-            else:
-                end = t.fan_begins[entry + 1]
-                first = near(points, t.fans[begin]) - point
-                arm = first
-                arms = first
-                double_area = Lanes3()
-                for other in range(begin + 1, end):
-                    next_arm = near(points, t.fans[other]) - point
-                    double_area += cross_product(arm, next_arm)
-                    arms += next_arm
-                    arm = next_arm
-                total += area_vector_of_corner(double_area, first - arm, arms, float(end - begin + 1))
-        return total
+            return total
 
     return area_vector
 

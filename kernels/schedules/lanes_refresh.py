@@ -5,8 +5,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, cross_product, of_lane, scaled
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane
 from balloon_warp.kernels.laws.inflation import FAR, aim_of, nearer_area
+from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, near, of_item, put_item, total_in_lanes
 from balloon_warp.kernels.traits import Traits
@@ -16,23 +17,7 @@ from balloon_warp.kernels.traits import Traits
 def refresh_function(traits: Traits, layout: Layout) -> Any:
     """The function that refreshes the aims of all particles."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
-
-    @wp.func
-    def measure_face(t: LaneTables, points: Any, face: wp.int32):
-        """Center and area vector of a face, or of eight: as `loops.areas` has them, of other corners."""
-        begin = t.face_offsets[face]
-        end = t.face_offsets[face + 1]
-        total = near(points, t.face_corners[begin])
-        for corner in range(begin + 1, end):
-            total += near(points, t.face_corners[corner])
-        center = total / float(end - begin)
-        arm = near(points, t.face_corners[begin]) - center
-        doubled = cross_product(near(points, t.face_corners[end - 1]) - center, arm)
-        for corner in range(begin + 1, end):
-            next_arm = near(points, t.face_corners[corner]) - center
-            doubled += cross_product(arm, next_arm)
-            arm = next_arm
-        return center, scaled(doubled, 0.5)
+    center_of_face, area_vector_of_face = face_measures(near)
 
     @wp.func
     def measure_faces(t: LaneTables, lanes: LaneState, group: wp.int32, points: Any):
@@ -41,12 +26,13 @@ def refresh_function(traits: Traits, layout: Layout) -> Any:
         area_vectors = lanes.face_area_vectors[group]
         for balloon in range(lanes.balloon_areas.shape[1]):
             lanes.balloon_areas[group, balloon] = Lanes()
-        for face in range(t.face_balloons.shape[0]):
-            center, area_vector = measure_face(t, points, face)
-            areas = lanes.balloon_areas[group, t.face_balloons[face]]
+        for face in range(t.faces.balloon.shape[0]):
+            center = center_of_face(t.faces, points, face)
+            area_vector = area_vector_of_face(t.faces, points, face, center)
+            areas = lanes.balloon_areas[group, t.faces.balloon[face]]
             for lane in range(LANE_COUNT):
                 areas[lane] += wp.length(of_lane(area_vector, lane))
-            lanes.balloon_areas[group, t.face_balloons[face]] = areas
+            lanes.balloon_areas[group, t.faces.balloon[face]] = areas
             put_item(centers, face, center)
             put_item(area_vectors, face, area_vector)
         if wp.static(not layout.worlds):
@@ -59,9 +45,9 @@ def refresh_function(traits: Traits, layout: Layout) -> Any:
         normals = Lanes3()
         squared_distances = Lanes(FAR)
         nearest_areas = Lanes()
-        for entry in range(t.around_offsets[item], t.around_offsets[item + 1]):
-            center = near(lanes.face_centers[group], t.around[entry])
-            area_vector = near(lanes.face_area_vectors[group], t.around[entry])
+        for entry in range(t.faces.particle_offsets[item], t.faces.particle_offsets[item + 1]):
+            center = near(lanes.face_centers[group], t.faces.around_particles[entry])
+            area_vector = near(lanes.face_area_vectors[group], t.faces.around_particles[entry])
             for lane in range(LANE_COUNT):
                 of_one = of_lane(area_vector, lane)
                 normal = wp.normalize(of_one)

@@ -11,9 +11,40 @@ from balloon_warp.kernels.tables import Tables
 
 
 @cache
+def face_structs(layout: Layout) -> tuple[Any, Any]:
+    """The types of the tables of faces and of their fans, whose fields are named as those of one world."""
+    Index = layout.index  # noqa: N806 - a type
+
+    @wp.struct
+    class LaneFaces:
+        """Faces, or eight at a time, and the faces around each item."""
+
+        offsets: wp.array[wp.int32]
+        """where the corners of each begin, and after the last, where they end"""
+        particles: wp.array[Index]
+        balloon: wp.array[wp.int32]
+        particle_offsets: wp.array[wp.int32]
+        """where the faces around each item begin in `around_particles`, and after the last, where they end"""
+        around_particles: wp.array[Index]
+
+    @wp.struct
+    class LaneFans:
+        """The corners of the faces at each item, each seen from there."""
+
+        offsets: wp.array[wp.int32]
+        """where each item's corners begin in `begins`, and after the last, where they end"""
+        begins: wp.array[wp.int32]
+        """where the others of each corner begin, and after the last, where they end"""
+        particles: wp.array[Index]
+
+    return LaneFaces, LaneFans
+
+
+@cache
 def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
     """The types of the tables, of the working memory, and of what an item knows of itself."""
     Number, Index, Vector = layout.number, layout.index, layout.vector  # noqa: N806 - types
+    LaneFaces, LaneFans = face_structs(layout)  # noqa: N806
 
     @wp.struct
     class LaneTables:
@@ -39,18 +70,8 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         spring_scales: wp.array[Number]
         """a spring's constant over that of its kind; empty if all are 1"""
         spring_lengths: wp.array[Number]
-        fan_offsets: wp.array[wp.int32]
-        """where the corners of faces at each item begin in `fan_begins`, and after the last, where they end"""
-        fan_begins: wp.array[wp.int32]
-        """where the other corners of each of these begin in `fans`, and after the last, where they end"""
-        fans: wp.array[Index]
-        face_offsets: wp.array[wp.int32]
-        """where the corners of each face, or of each eight faces, begin, and after the last, where they end"""
-        face_corners: wp.array[Index]
-        face_balloons: wp.array[wp.int32]
-        around_offsets: wp.array[wp.int32]
-        """where the faces around each item begin in `around`, and after the last, where they end"""
-        around: wp.array[Index]
+        fans: LaneFans
+        faces: LaneFaces
 
     @wp.struct
     class LaneState:
