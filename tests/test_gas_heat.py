@@ -39,7 +39,7 @@ def tank(volume: float, gas: dict) -> Balloon:
 
 @pytest.mark.parametrize("gamma", [1.2, 1.4])
 def test_p_v_gamma_stays_when_the_air_s_pressure_falls(gamma: float):
-    """By a tenth: the gas expands along its adiabat, as much as it would in reality. It gained 1 - 0.9^(gamma - 1)."""
+    """By a tenth: the gas expands along its adiabat, as much as it would in reality. It gained 0.9^(1 - gamma) - 1."""
     simulator = in_balloon(gamma, {"atmosphere.pressure": 0.9 * AIR_PRESSURE})
     before = simulator.read_frame()
     after = advanced(simulator, 90)

@@ -93,24 +93,30 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
         return word_at(known(), balloon * WORDS_OF_BALLOON + FREE_VOLUME + (substep & 1))
 
     @wp.func
-    def pump_before(t: Tables, state: WorldState, seat: Seat, substep: wp.int32):
-        """The gas of a substep."""
-        pump_gas(t, state, seat.world, float(substep) * t.step_seconds)
+    def put_gases(state: WorldState, world: wp.int32, substep: wp.int32):
+        """By one thread, as the state has them, for a substep."""
         for balloon in range(balloons):
             word = balloon * WORDS_OF_BALLOON + (substep & 1)
-            put_word(known(), word + AMOUNT, float(state.gas_amounts[seat.world, balloon]))
-            put_word(known(), word + FREE_VOLUME, float(state.free_volumes[seat.world, balloon]))
+            put_word(known(), word + AMOUNT, float(state.gas_amounts[world, balloon]))
+            put_word(known(), word + FREE_VOLUME, float(state.free_volumes[world, balloon]))
 
     @wp.func
     def begin(t: Tables, state: WorldState, seat: Seat):
         if seat.thread == 0:
             put_loads(state, seat.world)
-            pump_before(t, state, seat, 0)
+            pump_gas(t, state, seat.world, 0.0)
+            put_gases(state, seat.world, 0)
+            put_gases(state, seat.world, 1)
 
     @wp.func
     def pump(t: Tables, state: WorldState, seat: Seat):
         if seat.thread == 0 and seat.substep + 1 < t.substeps:
-            pump_before(t, state, seat, seat.substep + 1)
+            changes = bool(wp.static(traits.tubes))
+            for balloon in range(balloons):
+                changes = changes or wp.length_sq(state.inflation_ramp[seat.world, balloon]) > 0.0
+            if changes:  # or else what stands there stays, and nobody waits for the state
+                pump_gas(t, state, seat.world, seat.time_in_frame + t.step_seconds)
+                put_gases(state, seat.world, seat.substep + 1)
 
     @wp.func
     def row_of(balloon: wp.int32, warp: wp.int32):
