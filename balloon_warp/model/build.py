@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from balloon_warp.device import pick_device
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.model.model import Model
@@ -28,7 +29,7 @@ DTYPES: dict[str, Any] = {
 
 def build_model(
     scene: Scene,
-    device: wp.DeviceLike = None,
+    device: str | wp.Device | None = None,
     world_count: int = 1,
     vary: Vary | None = None,
     laws: Sequence[Law] = (),
@@ -41,9 +42,9 @@ def build_model(
     return lay_out(plan_model(scene, world_count, vary, laws=laws), device)
 
 
-def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
+def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
     """The planned model on a device. What is large is in states and schedules."""
-    device = wp.get_device(device)
+    device = pick_device(device)
     scene, shapes = plan.scene, plan.shapes
     offsets = np.cumsum([0] + [shape.mesh.vertex_count for shape in shapes])
 

@@ -36,7 +36,7 @@ def repeat_batch(
             raise InputError(f"{path}: has changed since the batch: its SHA-256 is {found}; expected {expected}")
     _require_laws(str(manifest), batch.get("laws", {}), describe_laws(laws))
     return run_batch(
-        Scene.model_validate(batch["scene"]),
+        Scene(**batch["scene"]),
         folder,
         batch["worlds"],
         batch["vary"],

@@ -2,11 +2,12 @@
 
 import itertools
 from pathlib import Path
-from typing import Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import InstanceOf, model_validator
+from pydantic import BeforeValidator, InstanceOf, model_validator
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.scene.schema.fields import (
     Color,
     Index,
@@ -114,11 +115,17 @@ KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
 }
 
 
+def _mesh_of(given: Any) -> Any:
+    """What Python has for a mesh, as a mesh; a file's name, and what can be none, as it is."""
+    return mesh_from(given) if is_mesh(given) else given
+
+
 class Balloon(Table):
     """A mesh that becomes a balloon."""
 
-    mesh: Path | InstanceOf[PolygonMesh]
-    """a mesh file, sought beside the scene file; from Python, a PolygonMesh too"""
+    mesh: Annotated[Path | InstanceOf[PolygonMesh], BeforeValidator(_mesh_of)]
+    """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
+    faces"""
     weld: bool = False
     """join faces where vertices of the mesh lie at exactly the same place, as along seams"""
     name: str = ""
