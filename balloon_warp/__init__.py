@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.batch import run_batch
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.repeat import repeat_batch
+    from balloon_warp.trajectories import Trajectories, simulate
     from balloon_warp.viewer.view import view
 
 __all__ = [
@@ -69,6 +70,7 @@ __all__ = [
     "StageWriter",
     "Stiffness",
     "String",
+    "Trajectories",
     "Tube",
     "Water",
     "WorkersLostError",
@@ -86,6 +88,7 @@ __all__ = [
     "render_stage",
     "repeat_batch",
     "run_batch",
+    "simulate",
     "spring_law",
     "view",
 ]
@@ -125,6 +128,7 @@ _HOMES = {
     "sweep.batch": ("run_batch",),
     "sweep.cluster": ("Cluster",),
     "sweep.repeat": ("repeat_batch",),
+    "trajectories": ("Trajectories", "simulate"),
     "viewer.view": ("view",),
 }
 

@@ -6,8 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike, NDArray
 
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.packing import views_of
@@ -16,7 +19,7 @@ from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """Device arrays of a batch of worlds. The balloons' particles, springs and faces each stand in one array, in order.
 
@@ -99,6 +102,11 @@ class Model:
     - of spheres, strings and tubes: see `model.rows`, shape (W, count of them)
     """
 
+    def __repr__(self) -> str:
+        balloons = ", ".join(f"{shape.name} of {shape.mesh.vertex_count} particles" for shape in self.shapes)
+        worlds = "1 world" if self.world_count == 1 else f"{self.world_count} worlds"
+        return f"Model({balloons}; {worlds}, {self.substeps} substeps a frame, {self.device})"
+
     def with_own_parameters(self) -> Self:
         """The same with parameters that may be written, though others use this model."""
         return self._with_parameters(wp.clone)
@@ -156,3 +164,21 @@ class Model:
     @property
     def string_count(self) -> int:
         return self.string_particle.shape[0]
+
+
+def fitting(model: Model, name: str, values: ArrayLike) -> NDArray[np.float32]:
+    """Values as a parameter of the model has them.
+
+    Raises:
+        InputError: there is no such parameter, or its values have another shape or are not finite.
+    """
+    if name not in model.parameters:
+        raise InputError(f"{name}: there is no such parameter; known are {', '.join(sorted(model.parameters))}")
+    shape = model.parameters[name].numpy().shape
+    try:
+        rows = np.broadcast_to(np.asarray(values, dtype=np.float32), shape)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: must be numbers of shape {shape} (got {str(values)[:60]})") from None
+    if not np.isfinite(rows).all():
+        raise InputError(f"{name}: must be finite (got {str(values)[:60]})")
+    return rows

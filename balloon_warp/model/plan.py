@@ -101,8 +101,8 @@ def plan_model(
         InputError: a law is not right, a mesh cannot be read or strung, or not hold gas, a particle is not in its
             balloon, a varied value is wrong, or the step is not stable.
     """
-    if world_count < 1:
-        raise InputError(f"world_count: must be at least 1 (got {world_count})")
+    if not isinstance(world_count, int | np.integer) or world_count < 1:
+        raise InputError(f"world_count: must be a whole number, at least 1 (got {world_count})")
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))
     scene = with_law_tables(scene, rows)

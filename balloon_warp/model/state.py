@@ -1,5 +1,6 @@
 """The state: what changes during a simulation."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,6 +84,21 @@ def initial_state(model: Model) -> State:
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
     state.first_bad.fill_(HEALTHY)
     return state
+
+
+def carry_over(state: State, before: State, spheres: Sequence[int | None]) -> None:
+    """Make a state what another of the same balloons is now.
+
+    Args:
+        spheres: for each sphere of the state its number in the one before, or None to leave it as it is.
+    """
+    for name, array in vars(before).items():
+        if not name.startswith("sphere_"):
+            wp.copy(getattr(state, name), array)
+            continue
+        for now, until_now in enumerate(spheres):
+            if until_now is not None:
+                wp.copy(getattr(state, name)[:, now], array[:, until_now])
 
 
 def world_bytes(model: Model) -> int:
