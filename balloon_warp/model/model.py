@@ -45,6 +45,9 @@ class Model:
     # particles
     initial_points: wp.array
     """where the scene puts them [m], shape (particle_count,), vec3d"""
+    balloon_origins: wp.array
+    """where it puts the origins of the balloons' meshes [m], about which a world turns them, shape (balloon_count,),
+    vec3d"""
     particle_balloon: wp.array
     """the balloon of each particle, shape (particle_count,), int32"""
     particle_mass_share: wp.array
@@ -95,7 +98,9 @@ class Model:
     """all by name, in the units of their rows. The laws' are views into the two above. The others are float32, but for
     places and velocities, which are vec3:
 
-    - of balloons, shape (W, balloon_count): `initial_shifts`, how far it starts from `initial_points` [m], vec3d;
+    - of balloons, shape (W, balloon_count): `initial_turns`, how it starts turned from `initial_points`, a matrix less
+      1, mat33d; `initial_shifts`, how far it starts from there [m], vec3d; `initial_centers`, of mass then [m], vec3d;
+      `initial_velocities` [m/s] and `initial_spins`, about that center [rad/s];
       `initial_gas_amounts` [mol], float64; `initial_pressures`, given, or of a gas, above the air's [Pa];
       `initial_loads`, the pressure at height 0 [Pa], and its rise with height [Pa/m], vec2; and `keyframe_values`:
       k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, shape (W, balloon_count, keyframe_count)

@@ -64,13 +64,16 @@ def new_state(model: Model, room: Room) -> State:
 
 
 def initial_state(model: Model) -> State:
-    """Every world at the start: at rest, in the shape of the meshes."""
+    """Every world at the start: in the shape of the meshes, each balloon as fast as the scene says, as a rigid body."""
     state, parameters = new_state(model, Allocating(model.device)), model.parameters
     wp.launch(
         place_balloons,
         state.points.shape,
-        inputs=[model.initial_points, parameters["initial_shifts"], model.particle_balloon],
-        outputs=[state.points],
+        inputs=[
+            *(model.initial_points, model.particle_balloon, model.particle_mass_share, model.balloon_origins),
+            *(parameters[f"initial_{name}"] for name in ("turns", "shifts", "centers", "velocities", "spins")),
+        ],
+        outputs=[state.points, state.velocities],
         device=model.device,
     )
     for array, name in (

@@ -134,6 +134,10 @@ class Balloon(Table):
     """where the mesh's origin goes [m]"""
     rotation: Vector = (0.0, 0.0, 0.0)
     """about x, then y, then z [degrees], before `position`"""
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """of the whole balloon at the start [m/s]"""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """at the start, about its center of mass, along the axes of the scene [rad/s]"""
     scale: Positive = 1.0
     """factor on the mesh's size, before `rotation`"""
     mass: float = field_of("mass")
