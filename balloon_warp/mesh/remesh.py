@@ -65,6 +65,7 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
         face_vertex_counts=kept.face_vertex_counts,
         face_vertex_indices=kept.face_vertex_indices,
         texture_coordinates=None,
+        groups={},
         warnings=(*mesh.warnings, *warnings),
     )
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.defects import describe_defects
@@ -16,6 +15,7 @@ from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.repair import repaired, welded
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.model.fixed import fixed_particles
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs, build_springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -100,8 +100,6 @@ def _mass_shares(mesh: PolygonMesh, balloon: Balloon) -> NDArray[np.float64]:
     """Equal shares for the particles that move: those of a face, and not fixed."""
     moves = np.zeros(mesh.vertex_count, dtype=bool)
     moves[mesh.face_vertex_indices] = True
-    for particle in balloon.fixed:
-        if particle >= mesh.vertex_count:
-            raise InputError(f"fixed: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {particle})")
+    for particle in fixed_particles(balloon.fixed, mesh):
         moves[particle] = False
     return moves / max(int(moves.sum()), 1)

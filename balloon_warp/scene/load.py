@@ -115,6 +115,10 @@ def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path
     Raises:
         InputError: names the option whose value spoils a table that is right without it, else the file.
     """
+    if any(callable(value) for _, value in overrides):  # which is told of the points of a mesh
+        for balloon in table["balloon"]:
+            if isinstance(balloon, dict) and isinstance(balloon.get("mesh"), str):
+                balloon["mesh"] = (path.parent / balloon["mesh"]).resolve()
     before = copy.deepcopy(table)
     apply_overrides(table, overrides)
     try:

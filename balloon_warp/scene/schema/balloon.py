@@ -4,10 +4,13 @@ import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, InstanceOf, model_validator
+from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 
+from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.scene.pinned import pinned_by, pins_of
 from balloon_warp.scene.schema.fields import (
     Color,
     Index,
@@ -146,8 +149,21 @@ class Balloon(Table):
     drag_coefficient: float = field_of("drag_coefficient")
     stiffness: Stiffness = Stiffness()
     inflation: Inflation = Inflation()
-    fixed: list[Index] = []
-    """particles that do not move, by the order of the file's vertices"""
+    fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []
+    """particles that do not move: by the order of the file's vertices, or all of a group of the mesh, by its name (`g`
+    and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the mesh's own points,
+    shape (n, 3), and says yes or no of each, shape (n,)"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     law: LawTables = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_rules(cls, given: Any) -> Any:
+        """A function that says what is fixed becomes what it says, so that a scene can be written down."""
+        if not isinstance(given, dict) or not callable(given.get("fixed")) or "mesh" not in given:
+            return given
+        try:
+            return {**given, "fixed": pinned_by(given["fixed"], load_mesh(given["mesh"]).points)}
+        except InputError as mistake:
+            raise ValueError(f"fixed: {mistake}") from None

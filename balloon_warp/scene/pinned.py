@@ -1,0 +1,36 @@
+"""Which particles of a balloon do not move, as Python says it: a mask, or a rule for points."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+
+
+def pins_of(given: Any) -> Any:
+    """Arrays of numbers, masks, and a single name, as lists; what is neither, as it is."""
+    if isinstance(given, str):
+        return [given]
+    if not isinstance(given, np.ndarray):
+        return given
+    return (np.flatnonzero(given) if given.dtype == bool else given).tolist()
+
+
+def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[int]:
+    """The points of a mesh that a rule holds for, by their numbers.
+
+    Args:
+        points: as the mesh has them, shape (n, 3).
+
+    Raises:
+        InputError: the rule does not say yes or no of each point.
+    """
+    said = np.asarray(rule(points.copy()))
+    if said.shape != (len(points),) or said.dtype != bool:
+        raise InputError(
+            f"the function must give yes or no for each point, of shape ({len(points)},) "
+            f"(got {said.dtype} of shape {said.shape})"
+        )
+    return np.flatnonzero(said).tolist()
