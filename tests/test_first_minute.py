@@ -109,6 +109,17 @@ def simulator(**arguments: Any) -> bw.Simulator:
     return bw.Simulator(scene(), **{"device": "cpu", **arguments})
 
 
+def test_numbers_and_arrays_of_numpy_are_taken():
+    balloon = bw.Balloon(
+        mesh=BALL, mass=np.float32(2.0), position=np.arange(3), inflation={"k_normal": np.array([[0, 1], [2, 3]])}
+    )
+    assert (balloon.mass, balloon.position, balloon.inflation.k_normal) == (2.0, (0.0, 1.0, 2.0), [(0, 1), (2, 3)])
+    changed = bw.load_scene(
+        scene(), {"gravity": np.float64(3.0), "balloon.0.velocity": np.ones(3), "frames": np.int64(4)}
+    )
+    assert (changed.gravity, changed.balloon[0].velocity, changed.frames) == (3.0, (1.0, 1.0, 1.0), 4)
+
+
 MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "field": (lambda: bw.Balloon(mesh="a.obj", mas=3), r"^balloon\.mas: unknown field; did you mean mass\?$"),
     "value": (lambda: bw.Sphere(position=(0, 0, 0), mass=-1), r"^sphere\.mass: must be greater than 0 \(got -1\)$"),

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.defects import describe_defects
@@ -54,8 +55,8 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
     """Read, repair, place and string the balloon's mesh.
 
     Raises:
-        InputError: the mesh cannot be read or has no face, its size or place is too much for float32, or a fixed
-            particle is not in it.
+        InputError: the mesh cannot be read or has no face, its size or place is too much for float32, a fixed
+            particle is not in it, or its weights are not as many as its vertices.
     """
     mesh, source = _repaired_mesh(balloon)
     placed = place_mesh(mesh, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
@@ -79,7 +80,19 @@ def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) 
     lowest, size = used.min(), max(float(np.ptp(used)), LEAST_SIZE)
     place = (along[springs.pairs].mean(axis=1) - lowest) / size
     low, high = stiffness.gradient
-    return (1.0 + stiffness.variation * draws) * (low + (high - low) * place)
+    return (1.0 + stiffness.variation * draws) * (low + (high - low) * place) * _weights(mesh, springs, stiffness)
+
+
+def _weights(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
+    """What the vertices say of each spring's constant: 1 where they say nothing."""
+    if stiffness.weights is None:
+        return np.ones(springs.count)
+    if len(stiffness.weights) != mesh.vertex_count:
+        raise InputError(
+            f"stiffness.weights: {mesh.name} has {mesh.vertex_count} vertices; expected a number for each "
+            f"(got {len(stiffness.weights)})"
+        )
+    return np.array(stiffness.weights)[springs.pairs].mean(axis=1)
 
 
 def _repaired_mesh(balloon: Balloon) -> tuple[PolygonMesh, object]:

@@ -10,12 +10,11 @@ from balloon_warp.errors import InputError
 
 
 def pins_of(given: Any) -> Any:
-    """Arrays of numbers, masks, and a single name, as lists; what is neither, as it is."""
+    """A single name, as a list, and a mask as the numbers of what it holds for; what is neither, as it is."""
     if isinstance(given, str):
         return [given]
-    if not isinstance(given, np.ndarray):
-        return given
-    return (np.flatnonzero(given) if given.dtype == bool else given).tolist()
+    is_mask = isinstance(given, list) and bool(given) and all(isinstance(pin, bool) for pin in given)
+    return np.flatnonzero(given).tolist() if is_mask else given
 
 
 def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[int]:

@@ -67,6 +67,6 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a manifest: {error}") from None
     needed = {"scene", "worlds", "vary", "export", "meshes", "device", "workers", "schedule_asked"}
-    if not isinstance(batch, dict) or not needed <= batch.keys():
+    if not isinstance(batch, dict) or not needed <= batch.keys() or not isinstance(batch["scene"], dict):
         raise InputError(f"{path}: is not the manifest of a batch; expected the manifest.json beside its table")
     return batch

@@ -43,6 +43,8 @@ class Stiffness(Table):
     """factors on the constants of springs at the balloon's lowest and highest coordinate, and linear between them"""
     gradient_axis: Literal["X", "Y", "Z"] = "Y"
     """of the scene, along which they change; where the middles of springs are at the start counts"""
+    weights: list[NonNegative] | None = None
+    """a number for each vertex of the file: a spring's constant is multiplied by the mean of those at its ends"""
     viscosity: float = field_of("viscosity")
     yield_stretch: float | None = optional_field_of("yield_stretch")
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import PARAMETERS, Parameter
@@ -79,6 +80,17 @@ class Table(BaseModel):
         def __setattr__(self, name: str, value: Any) -> None:
             other = "load_scene(scene, {PATH: VALUE}) makes another scene"
             raise InputError(f"{name}: a {type(self).__name__} does not change; {other}")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_numpy(cls, given: Any) -> Any:
+        """Arrays and numbers of NumPy's, as lists and plain numbers."""
+        if not isinstance(given, dict):
+            return given
+        return {
+            name: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+            for name, value in given.items()
+        }
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """What is not as it is by default."""
