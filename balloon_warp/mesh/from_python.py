@@ -45,7 +45,8 @@ def mesh_from(given: Any) -> PolygonMesh:
     if isinstance(given, PolygonMesh):
         return given
     if isinstance(given, tuple | list):
-        return _of_arrays(*given, "mesh")
+        points, faces = given
+        return _of_arrays(points, faces, "mesh")
     if hasattr(given, "to_mesh"):
         given = given.to_mesh()
     return _of_arrays(given.vertices, given.faces, _name_of(given))
