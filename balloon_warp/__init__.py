@@ -1,13 +1,13 @@
 """Balloon simulation on NVIDIA Warp: any mesh in, animated USD out.
 
-    scene = load_scene("squirrel_tether")
-    for frame in Simulator(scene).run():
-        print(frame.number, frame.points[0].mean(axis=0))
+    for frame in Simulator("squirrel_tether").run():
+        print(frame.time, frame.points[0].mean(axis=0))
 
 What is named in `__all__` loads when first used: importing the package stays light.
 """
 
 import importlib
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.batch import run_batch
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.repeat import repeat_batch
+    from balloon_warp.trajectories import Trajectories, simulate
     from balloon_warp.viewer.view import view
 
 __all__ = [
@@ -69,6 +70,7 @@ __all__ = [
     "StageWriter",
     "Stiffness",
     "String",
+    "Trajectories",
     "Tube",
     "Water",
     "WorkersLostError",
@@ -86,6 +88,7 @@ __all__ = [
     "render_stage",
     "repeat_batch",
     "run_batch",
+    "simulate",
     "spring_law",
     "view",
 ]
@@ -125,6 +128,7 @@ _HOMES = {
     "sweep.batch": ("run_batch",),
     "sweep.cluster": ("Cluster",),
     "sweep.repeat": ("repeat_batch",),
+    "trajectories": ("Trajectories", "simulate"),
     "viewer.view": ("view",),
 }
 
@@ -134,7 +138,15 @@ if not (Path(__file__).parent / "kernels").is_dir():
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("balloon-warp")
     for module, names in _HOMES.items():
         if name in names:
             return getattr(importlib.import_module(f"{__name__}.{module}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    # with both, Python asks whether a name that is like it was meant
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
+
+
+def __dir__() -> list[str]:
+    """What tab completion offers, before anything is loaded."""
+    return sorted({*(name for name in globals() if name.startswith("__")), *__all__, "__version__"})

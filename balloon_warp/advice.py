@@ -7,7 +7,7 @@ from math import ceil
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.stability import Network
-from balloon_warp.scene import Scene
+from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.scene.overrides import override_scene
 
 
@@ -32,7 +32,7 @@ class StepAdvice:
     """where that is at the start [m]"""
 
 
-def advise_step(scene: Scene, laws: Sequence[Law] = ()) -> StepAdvice:
+def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
     """The stable step of a scene, even if the scene itself asks for too few substeps.
 
     Args:
@@ -41,6 +41,7 @@ def advise_step(scene: Scene, laws: Sequence[Law] = ()) -> StepAdvice:
     Raises:
         InputError: the scene's meshes or particles are wrong, or no step would do.
     """
+    scene = scene_of(scene)
     plan = plan_model(override_scene(scene, [("substeps", "auto")]), laws=laws)
     network = Network(plan.shapes, plan.held, plan.laws)
     step = network.stable_step(plan.scene, plan.parameters)

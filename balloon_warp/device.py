@@ -3,16 +3,18 @@
 import warp as wp
 
 from balloon_warp.errors import InputError
+from balloon_warp.quiet import quiet_warp
 
 
-def pick_device(name: str | None) -> wp.Device:
-    """The device of that name, such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
+def pick_device(name: str | wp.Device | None) -> wp.Device:
+    """The device of that name, such as "cpu" or "cuda:0"; the GPU where there is one, when missing. Starts Warp.
 
     Raises:
         InputError: there is no such device.
     """
+    quiet_warp()
     try:
         return wp.get_device(name) if name else wp.get_preferred_device()
-    except ValueError:
+    except (ValueError, TypeError, AttributeError):
         known = ", ".join(str(device) for device in wp.get_devices())
         raise InputError(f"--device {name}: no such device; this machine has {known}") from None

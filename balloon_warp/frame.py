@@ -1,6 +1,6 @@
 """A frame on the host."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -9,14 +9,19 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.law import FAR
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model, State
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Frame:
     """One world as it is displayed or written, on the host."""
 
     number: int
+    """how many came before it"""
+    time: float
+    """since the start [s]"""
     points: list[NDArray[np.float32]]
     """of each balloon [m], shape (particle_count, 3)"""
     velocities: list[NDArray[np.float32]]
@@ -39,6 +44,29 @@ class Frame:
     """[m], minus infinity where there is no ground"""
     water_level: float
     """[m], minus infinity where there is no water"""
+    meshes: list[PolygonMesh]
+    """of the balloons, as they are at the start"""
+
+    @cached_property
+    def volumes(self) -> NDArray[np.float64]:
+        """of the balloons [m^3], shape (balloon_count,): what a closed one encloses"""
+        return np.array([signed_volume(mesh) for mesh in self._meshes_now()])
+
+    @cached_property
+    def areas(self) -> NDArray[np.float64]:
+        """of the balloons [m^2], shape (balloon_count,)"""
+        return np.array([total_area(mesh) for mesh in self._meshes_now()])
+
+    def _meshes_now(self) -> list[PolygonMesh]:
+        pairs = zip(self.meshes, self.points, strict=True)
+        return [replace(mesh, points=points.astype(np.float64)) for mesh, points in pairs]
+
+    def __repr__(self) -> str:
+        balloons = ", ".join(
+            f"{mesh.name} of {mesh.vertex_count} particles and {volume:.3g} m^3"
+            for mesh, volume in zip(self.meshes, self.volumes, strict=True)
+        )
+        return f"Frame({self.number}, {self.time:.3f} s: {balloons})"
 
     @property
     def is_finite(self) -> bool:
@@ -66,6 +94,7 @@ class FrameReader:
         of_all, of_inflation = self._read_forces(state, world, net_forces)
         return Frame(
             number=number,
+            time=number * self.model.frame_seconds,
             points=self._of_balloons(state.points, world),
             velocities=self._of_balloons(state.velocities, world),
             net_forces=of_all,
@@ -77,6 +106,7 @@ class FrameReader:
             string_anchors=_copy(anchors, world % anchors.shape[0]),
             ground_height=_height(self.model.parameters["ground_height"], world),
             water_level=_height(self.model.parameters["water_level"], world),
+            meshes=[shape.mesh for shape in self.model.shapes],
         )
 
     def _read_forces(

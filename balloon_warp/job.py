@@ -13,7 +13,7 @@ from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
-from balloon_warp.scene import Scene
+from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.simulator import Simulator
 
 
@@ -51,7 +51,7 @@ class Summary:
 
 
 def animate(
-    scene: Scene,
+    scene: SceneLike,
     output: str | Path,
     *,
     name: str = "",
@@ -72,7 +72,7 @@ def animate(
     `OUTPUT.partial`, which is removed once the stage is there. Ctrl-C, too, saves what there is.
 
     Args:
-        scene: what to simulate.
+        scene: what to simulate: a scene, or what `load_scene` makes one of.
         output: the stage to write; .usdc, .usda or .usd.
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
@@ -95,6 +95,7 @@ def animate(
         In all cases the stage that was there stays.
     """
     began = time.perf_counter()
+    scene = scene_of(scene)
     check_policy(on_blowup)
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)

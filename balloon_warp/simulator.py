@@ -12,18 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.blow_ups import BlowUp, Origin, diagnose
 from balloon_warp.device import pick_device
+from balloon_warp.display import Displayed
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame, FrameReader
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.kernels.schedules.timeline import hold_spheres
 from balloon_warp.model import (
     DueChange,
     Model,
-    State,
     Vary,
     build_model,
+    carry_over,
     copy_of,
+    fitting,
     initial_state,
     overwrite,
     world_bytes,
@@ -31,8 +32,8 @@ from balloon_warp.model import (
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.vary import METHODS
-from balloon_warp.scene import Scene
-from balloon_warp.scene.timeline import frame_at
+from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
 
@@ -41,11 +42,11 @@ KEPT_FRAMES = 512
 than five frames, and so less than a hundredth of all"""
 
 
-class Simulator:
+class Simulator(Displayed):
     """Advances a batch of worlds frame by frame.
 
     Args:
-        scene: what to simulate.
+        scene: what to simulate: a scene, the name of a bundled one, a scene file, or a mesh, in a file or not.
         device: a Warp device such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
         world_count: how many copies of the scene.
         vary: what differs between the worlds: dotted paths as in overrides, and arrays of shape (world_count,), such as
@@ -61,14 +62,14 @@ class Simulator:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: SceneLike,
         device: str | None = None,
         world_count: int = 1,
         vary: Vary | None = None,
         schedule: str = "auto",
         laws: Sequence[Law] = (),
     ):
-        self._begin(build_model(scene, pick_device(device), world_count, vary, laws), schedule)
+        self._begin(build_model(scene_of(scene), pick_device(device), world_count, vary, laws), schedule)
 
     @classmethod
     def of_model(cls, model: Model, schedule: str = "auto") -> Self:
@@ -86,11 +87,19 @@ class Simulator:
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
         self._turns, self._asked_schedule = deque(model.turns), schedule
         self._start, self._kept = Origin(model, kind.name), None
+        self._first = model, schedule
         self.model = model.with_own_parameters() if model.turns else model
         self.state = initial_state(model)
         self.schedule = kind(self.model)
-        self._first_frames = _first_frames(model)
+        self._late_spheres = LateSpheres(model)
         self.frame_number = 0
+        self._forget_records()
+
+    def reset(self) -> None:
+        """Back to the start, as it was when the simulator was made: parameters and methods, too."""
+        self._forget_records()
+        del self.state, self.schedule  # their memory is wanted
+        self._begin(*self._first)
 
     @classmethod
     def from_origin(cls, origin: Origin) -> Self:
@@ -149,7 +158,7 @@ class Simulator:
         Raises:
             InputError: there is no such world.
         """
-        if not 0 <= world < self.model.world_count:
+        if not isinstance(world, int | np.integer) or not 0 <= world < self.model.world_count:
             raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
         return self._frame_reader.read(self.state, self.frame_number, world, wanted)
@@ -163,12 +172,18 @@ class Simulator:
 
         Args:
             parameters: arrays by their names in `Model.parameters`, of the shapes there; a row for all worlds, too.
+
+        Raises:
+            InputError: there is no such parameter, or its values have another shape or are not finite.
         """
+        written = {name: fitting(self.model, name, values) for name, values in parameters.items()}
         self._kept = None  # what comes now does not follow from it
-        keep_pressures(self.model, self.state, parameters)
-        for name, values in parameters.items():
-            array = self.model.parameters[name]
-            array.assign(np.broadcast_to(np.asarray(values, dtype=np.float32), array.numpy().shape))
+        keep_pressures(self.model, self.state, written)
+        first, schedule = self._first
+        if first.parameters is self.model.parameters:
+            self._first = first.with_own_parameters(), schedule
+        for name, values in written.items():
+            self.model.parameters[name].assign(values)
         if not self.schedule.depends_on.isdisjoint(parameters):
             self._make_schedule()
 
@@ -182,29 +197,23 @@ class Simulator:
         """
         self._kept = None
         if spheres is not None:
-            self._carry_over(initial_state(model), spheres)
+            until_now, self.state = self.state, initial_state(model)
+            carry_over(self.state, until_now, spheres)
         if model.scene.contact != self.model.scene.contact:  # where momentum is exchanged, they have acted already
             self.state.sphere_forces.zero_()
         if model.scene.solver != self.model.scene.solver:
             self._asked_schedule = "auto"  # what was asked for may be of the other solver
         self.model = model
-        self._first_frames = _first_frames(model)
+        self._late_spheres = LateSpheres(model)
         self._make_schedule()
-
-    def _carry_over(self, state: State, spheres: Sequence[int | None]) -> None:
-        """Go on in another state with what there is in this one; see `go_on_in`."""
-        for name, array in vars(self.state).items():
-            if not name.startswith("sphere_"):
-                wp.copy(getattr(state, name), array)
-                continue
-            for now, until_now in enumerate(spheres):
-                if until_now is not None:
-                    wp.copy(getattr(state, name)[:, now], array[:, until_now])
-        self.state = state
 
     def _make_schedule(self) -> None:
         """The schedule of the model as it is now, and nothing left of the last."""
         self.schedule = solver_named(self._asked_schedule, self.model)(self.model)
+        self._forget_records()
+
+    def _forget_records(self) -> None:
+        """What was recorded or laid out for another schedule."""
         for cached in ("_frame_graph", "_frame_reader"):
             self.__dict__.pop(cached, None)
 
@@ -278,20 +287,4 @@ class Simulator:
 
     def _advance_frame(self) -> None:
         self.schedule.advance_frame(self.state)
-        if self._first_frames is not None:
-            starts = [self.model.parameters[f"initial_sphere_{name}"] for name in ("positions", "velocities")]
-            wp.launch(
-                hold_spheres,
-                self.state.sphere_positions.shape,
-                inputs=[
-                    *(self._first_frames, *starts),
-                    *(self.state.frame, self.state.sphere_positions, self.state.sphere_velocities),
-                ],
-                device=self.model.device,
-            )
-
-
-def _first_frames(model: Model) -> wp.array | None:
-    """At which each sphere appears, shape (sphere_count,), int32; nothing where all are there from the start."""
-    frames = [frame_at(model.scene, sphere.start) for sphere in model.scene.sphere]
-    return wp.array(frames, dtype=wp.int32, device=model.device) if any(frames) else None
+        self._late_spheres.hold(self.state)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import warp as wp
 
 from balloon_warp.benchmarks.measure import seconds_a_frame
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.device import pick_device
 from balloon_warp.model import build_model
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 

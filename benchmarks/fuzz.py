@@ -25,11 +25,11 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from balloon_warp.benchmarks.bad_meshes import CUBE, MESH_CASES, MeshCase
 from balloon_warp.benchmarks.mutation import MESH_PIECES, SCENE_PIECES, mesh_seeds, mutated, scene_seeds
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.model import ModelPlan, plan_model
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import load_scene
 
 LONGEST = 10.0

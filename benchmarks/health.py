@@ -10,10 +10,10 @@ import warp as wp
 
 from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.schedules import block_resident
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.schedules import block
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck

@@ -23,8 +23,8 @@ from pathlib import Path
 from pxr import Usd, UsdGeom
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Scene, load_scene
 
 FRAMES_BEFORE, FRAMES = 2, 60

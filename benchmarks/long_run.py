@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.job import animate
 from balloon_warp.outputs.usd import grid, stage
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch

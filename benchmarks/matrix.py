@@ -11,12 +11,12 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Scene
 from balloon_warp.scene.overrides import override_scene, parse_override
 from balloon_warp.schedules import SCHEDULES

@@ -17,9 +17,9 @@ import warp as wp
 from balloon_warp.benchmarks.cases import Case
 from balloon_warp.benchmarks.measure import prepared
 from balloon_warp.benchmarks.result import Result
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.model import build_model, initial_state
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.lanes import LanesSchedule
 

@@ -11,9 +11,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.device import pick_device
 from balloon_warp.model import build_model
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, String
 from balloon_warp.simulator import Simulator
 

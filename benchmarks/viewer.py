@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")

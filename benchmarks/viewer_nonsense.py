@@ -25,7 +25,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Scene, String
 from balloon_warp.viewer.guard import MOST_NONSENSE
 from balloon_warp.viewer.messages import understood

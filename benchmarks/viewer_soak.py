@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.benchmarks.viewer import FLAGS, find_chromium
-from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene
 
 SCENES = ("squirrel_inflate", "squirrel_tether", "sphere_launch", "bowl_to_sphere")

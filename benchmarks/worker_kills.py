@@ -19,7 +19,7 @@ from pathlib import Path
 from pxr import Sdf
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.cli.quiet import quiet_warp
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Scene, String
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.cluster import Cluster

@@ -14,20 +14,20 @@ FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.p
 TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 
 LAYERS = (
-    ("kernels", "errors"),
+    ("kernels", "errors", "quiet"),
     ("files", "device", "interrupts", "laws"),
     ("mesh",),
     ("springs", "scene"),
     ("model", "provenance"),
     ("schedules", "advice", "inspection", "solids"),
     ("solvers", "frame"),
-    ("blow_ups",),
+    ("blow_ups", "outputs"),
+    ("display",),
     ("simulator",),
-    ("outputs",),
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("comparison",),
+    ("comparison", "trajectories"),
     ("benchmarks", "scenes"),
     ("cli",),
 )

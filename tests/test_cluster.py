@@ -18,8 +18,8 @@ from meshes import cube, quad_sphere
 from pxr import Sdf
 
 from balloon_warp import Cluster, InputError, Scene, WorkersLostError, run_batch
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import shares

@@ -5,7 +5,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from meshes import quad_sphere
 
+from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Scene
 
 ROOT = Path(__file__).parent.parent
@@ -18,8 +20,21 @@ def block(language: str) -> str:
 
 def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    exec(block("python"), {})
+    exec(block("python"), names := {})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["squirrel.png", "squirrel.usdc"]
+    assert names["moved"].points[0].shape[:2] == (2, 61)
+
+
+def test_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """All its blocks, one after the other."""
+    monkeypatch.chdir(tmp_path)
+    write_obj(Path("ball.obj"), quad_sphere(2))
+    page = (ROOT / "docs" / "PYTHON.md").read_text(encoding="utf-8")
+    exec("".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL)), names := {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "compare.png", "out"]
+    assert names["heavy"].balloon[0].mass == 2.0
+    assert names["many"].points[0].shape == (8, 3, 26, 3)
+    assert names["pinned"].fixed
 
 
 def test_scene_example_is_valid():

@@ -4,10 +4,11 @@ balloon."""
 import numpy as np
 import pytest
 import warp as wp
-from meshes import mesh_of, quad_sphere
+from meshes import cube, mesh_of, quad_sphere
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import build_model, initial_state
+from balloon_warp.model.shape import shape_balloon
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.schedules.scatter import ScatterSchedule
@@ -108,6 +109,24 @@ def test_constants_change_along_an_axis():
     height = shape.mesh.points[shape.springs.pairs].mean(axis=1)[:, 2]
     np.testing.assert_allclose(shape.stiffness_scale, 0.5 + 2.5 * (height - 6.0) / 2.0)
     assert np.ptp(shape.stiffness_scale) > 2.0
+
+
+def test_weights_of_vertices_make_parts_stiffer():
+    """The mean of a spring's two ends, on top of all else; as many as there are vertices."""
+    mesh = cube()
+    weights = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+
+    def shape(**fields):
+        balloon = Balloon(mesh=mesh, name="box", stiffness=Stiffness(variation=0.4, **fields))
+        return shape_balloon(balloon, Scene(balloon=[balloon]))
+
+    weighted, plain = shape(weights=weights), shape()
+    expected = plain.stiffness_scale * weights[plain.springs.pairs].mean(axis=1)
+    np.testing.assert_allclose(weighted.stiffness_scale, expected, rtol=1e-15)
+    with pytest.raises(
+        InputError, match=r"^stiffness\.weights: box has 8 vertices; expected a number for each \(got 2"
+    ):
+        shape(weights=[1.0, 2.0])
 
 
 def test_the_seed_decides_on_the_draws_alone():

@@ -11,9 +11,9 @@ from rich.markup import escape
 
 from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
 from balloon_warp.cli.words import counted
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene, scene_name
 
 if TYPE_CHECKING:

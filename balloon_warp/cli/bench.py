@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.cli.options import Device
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.errors import InputError
+from balloon_warp.quiet import quiet_warp
 
 FILE_WIDTH = 200
 """columns where no terminal says how many it has"""

@@ -10,10 +10,10 @@ from rich.table import Table
 
 from balloon_warp.cli.options import Device, SceneName, Schedule, scene_changes
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.size import parse_size
 from balloon_warp.comparison.choices import parse_choices, shown
 from balloon_warp.errors import InputError
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene, scene_name
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import LOADERS, write_obj
 from balloon_warp.mesh.placement import in_y_up_meters
+from balloon_warp.quiet import quiet_warp
 
 
 def remesh(

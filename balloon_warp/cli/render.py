@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from balloon_warp.cli.options import Device
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.size import parse_size
+from balloon_warp.quiet import quiet_warp
 
 
 def render(

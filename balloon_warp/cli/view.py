@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.options import Device, SceneName, Weld, scene_changes
-from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import warn
+from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene, scene_name
 
 if TYPE_CHECKING:

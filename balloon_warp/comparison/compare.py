@@ -18,7 +18,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.render.alike import render_alike
 from balloon_warp.outputs.render.files import write_png
 from balloon_warp.outputs.render.render import MOST_PIXELS, MOST_SAMPLES
-from balloon_warp.scene import Scene
+from balloon_warp.scene import SceneLike, scene_of
 
 MOST_COLUMNS = 4
 """of the picture, where one thing varies"""
@@ -51,7 +51,7 @@ class Comparison:
 
 
 def compare(
-    scene: Scene,
+    scene: SceneLike,
     vary: Mapping[str, Sequence[Any]],
     picture: str | Path,
     *,
@@ -70,7 +70,7 @@ def compare(
     A run that is refused or blows up is shown as such.
 
     Args:
-        scene: what is common to all runs.
+        scene: what is common to all runs: a scene, or what `load_scene` makes one of.
         vary: dotted paths, as in overrides, and the values of each.
         picture: the .png to write.
         table: a .csv to write, a row a run.
@@ -87,6 +87,7 @@ def compare(
         InputError: nothing varies, an output cannot be written, or every run is refused; nothing is written then.
         BlowUpError: no run reaches the frame; nothing is written then.
     """
+    scene = scene_of(scene)
     picture, table = Path(picture), Path(table) if table else None
     combinations = [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
     columns = _column_count(vary)

@@ -1,25 +1,34 @@
-"""Any mesh file, by its suffix. Each format says in its own file which suffixes are its, and how they are read."""
+"""Any mesh: a file, by its suffix, or what Python has for a mesh. Each format says in its own file which suffixes are
+its, and how they are read."""
 
 from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import obj, trimesh_formats, usd
+from balloon_warp.mesh.check import check_mesh
+from balloon_warp.mesh.from_python import MeshLike, mesh_from
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import welded
 
 LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS
 
 
-def load_mesh(path: Path | str, weld: bool = False) -> PolygonMesh:
+def load_mesh(source: Path | str | MeshLike, weld: bool = False) -> PolygonMesh:
     """Read a mesh: polygons from OBJ and USD, triangles from STL, PLY, OFF, glTF and GLB.
 
     Args:
+        source: a file; or a PolygonMesh, a trimesh.Trimesh, or points of shape (n, 3) [m] and faces, each a list of
+            points' numbers from 0.
         weld: join faces where vertices lie at exactly the same place.
 
     Raises:
         InputError: there is no such file, its suffix is none of these, or its content is wrong.
     """
-    path = Path(path)
+    if not isinstance(source, str | Path):
+        mesh = mesh_from(source)
+        check_mesh(mesh, mesh.name)
+        return welded(mesh) if weld else mesh
+    path = Path(source)
     if path.is_dir():
         raise InputError(f"{path}: is a folder, not a mesh file")
     suffix = path.suffix.lower()

@@ -1,6 +1,7 @@
 """Wavefront OBJ files: vertices and polygons, kept as they are written. The n-th `v` line is vertex n.
 
-Texture coordinates go along. Normals, groups, materials, lines and curves are passed over, and no other file is opened.
+Texture coordinates go along, and the names of groups and objects. Normals, materials, lines and curves are passed over,
+and no other file is opened.
 """
 
 import io
@@ -13,6 +14,7 @@ import numpy as np
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
+from balloon_warp.mesh.obj_groups import ObjGroups
 from balloon_warp.mesh.obj_textures import ObjTextures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
@@ -36,7 +38,7 @@ def read_obj(path: Path | str) -> PolygonMesh:
     # Arrays of machine numbers: lists would take ten times as much memory as the file.
     coordinates, vertex_lines = array("d"), array("i")
     corners, sizes, face_lines = array("i"), array("i"), array("i")
-    textures = ObjTextures()
+    textures, groups = ObjTextures(), ObjGroups()
     for number, line in _lines(path):
         kind, *rest = line.split(None, 1) or [b""]
         words = rest[0].split() if rest and kind in (b"v", b"f", b"vt") else []
@@ -52,6 +54,8 @@ def read_obj(path: Path | str) -> PolygonMesh:
                 textures.add_face(words)
             elif kind == b"vt":
                 textures.add_vertex(words)
+            elif kind in (b"g", b"o"):
+                groups.begin(kind, rest[0] if rest else b"", len(sizes))
         except _LineError as problem:
             raise InputError(f"{path}, line {number}: {problem} (got {_quote(line)})") from None
     if not vertex_lines:
@@ -59,12 +63,14 @@ def read_obj(path: Path | str) -> PolygonMesh:
     if not face_lines:
         raise InputError(f"{path}: has no faces, that is, no line that begins with f")
 
+    counts, indices = np.frombuffer(sizes, dtype=np.int32), np.frombuffer(corners, dtype=np.int32)
     mesh = PolygonMesh(
         points=np.frombuffer(coordinates).reshape(-1, 3),
-        face_vertex_counts=np.frombuffer(sizes, dtype=np.int32),
-        face_vertex_indices=np.frombuffer(corners, dtype=np.int32),
+        face_vertex_counts=counts,
+        face_vertex_indices=indices,
         name=path.stem,
         texture_coordinates=textures.of_corners(),
+        groups=groups.of_vertices(counts, indices),
     )
     outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
     if outside.any():

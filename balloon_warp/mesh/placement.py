@@ -30,6 +30,12 @@ def place_mesh(
     return replace(mesh, points=points + np.array(position), up_axis=up_axis, meters_per_unit=1.0)
 
 
+def rotation_matrix(rotation: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """The matrix of a rotation about x, then y, then z [degrees], which takes a column to where it is then."""
+    about_x, about_y, about_z = (_rotation(axis, float(degrees)) for axis, degrees in enumerate(rotation))
+    return about_z @ about_y @ about_x
+
+
 def in_y_up_meters(mesh: PolygonMesh) -> PolygonMesh:
     """The mesh in meters, y up, which is how an OBJ file is taken. To the last bit: axes change places."""
     points = mesh.points * mesh.meters_per_unit

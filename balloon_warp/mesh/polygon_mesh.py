@@ -1,12 +1,13 @@
 """The polygon mesh that every other part of the package speaks of."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PolygonMesh:
     """A mesh of polygons of any size, named as in USD. The n-th point is the n-th vertex of the file."""
 
@@ -26,6 +27,12 @@ class PolygonMesh:
     """u and v at each corner, shape (corner_count, 2), if the file has them"""
     warnings: tuple[str, ...] = field(default=())
     """what the reader had to put up with, a sentence each"""
+    groups: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
+    """vertices by the names that the file has for parts of the mesh, each ascending: of an OBJ file its groups and
+    objects, of USD its subsets"""
+
+    def __repr__(self) -> str:
+        return f"PolygonMesh({self.name!r}, {self.vertex_count} vertices, {self.face_count} faces)"
 
     @property
     def vertex_count(self) -> int:

@@ -13,6 +13,7 @@ from balloon_warp.mesh.orientation import oriented_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.surface_nets import surface_nets
 from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.quiet import quiet_warp
 
 MIN_CELLS, MAX_CELLS = 4, 256
 CRUMB = 0.01
@@ -35,6 +36,7 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     """
     if not MIN_CELLS <= cells <= MAX_CELLS:
         raise InputError(f"cells must be from {MIN_CELLS} to {MAX_CELLS} (got {cells})")
+    quiet_warp()
     used = mesh.points[np.unique(mesh.face_vertex_indices)]
     lower, upper = used.min(axis=0), used.max(axis=0)
     middle, cell = 0.5 * (lower + upper), float((upper - lower).max()) / cells
@@ -63,6 +65,7 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
         face_vertex_counts=kept.face_vertex_counts,
         face_vertex_indices=kept.face_vertex_indices,
         texture_coordinates=None,
+        groups={},
         warnings=(*mesh.warnings, *warnings),
     )
 

@@ -25,22 +25,27 @@ def require_size(mesh: PolygonMesh, source: object) -> None:
     if not LEAST_SIZE <= size <= LARGEST_SIZE:
         expected = f"expected {LEAST_SIZE:g} to {LARGEST_SIZE:g} m; balloon.scale changes it"
         raise InputError(f"{source}: is {size:g} m large; {expected}")
-    require_reach(mesh, source, np.zeros((1, 3)))
+    require_reach(mesh, source, box_corners(mesh))
 
 
-def require_reach(mesh: PolygonMesh, source: object, shifts: NDArray[np.float64]) -> None:
+def box_corners(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Of the box around the mesh's faces, along the axes, shape (8, 3)."""
+    points = mesh.points[mesh.face_vertex_indices]
+    ends = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.array([[ends[x, 0], ends[y, 1], ends[z, 2]] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+
+
+def require_reach(mesh: PolygonMesh, source: object, corners: NDArray[np.float64]) -> None:
     """Make sure that float32 resolves the balloon wherever a world puts it.
 
     Args:
-        shifts: from where it stands [m], shape (W, 3).
+        corners: of the box around it, there [m], shape (..., 3).
 
     Raises:
         InputError: it does not.
     """
-    points = mesh.points[mesh.face_vertex_indices]
-    lowest, highest = points.min(axis=0), points.max(axis=0)
-    size = float((highest - lowest).max())
-    reach = max(float(np.abs(lowest + shifts).max()), float(np.abs(highest + shifts).max()))
+    size = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max())
+    reach = float(np.abs(corners).max())
     if size < LEAST_SIZE_OVER_DISTANCE * reach:
         raise InputError(
             f"{source}: is {size:g} m large and {reach:g} m from the origin, too far for 32-bit numbers; "

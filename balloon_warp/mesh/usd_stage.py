@@ -62,10 +62,28 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, warnings: tuple[st
         warnings=warnings,
     )
     check_mesh(mesh, source)
-    mesh = replace(mesh, texture_coordinates=_texture_coordinates(geometry, indices))
+    mesh = replace(
+        mesh,
+        texture_coordinates=_texture_coordinates(geometry, indices),
+        groups=_groups(geometry, counts, indices, len(points)),
+    )
     if left_handed != (np.linalg.det(to_world[:3, :3]) < 0.0):
         mesh = with_corners(mesh, backward_corners(mesh))
     return mesh
+
+
+def _groups(
+    geometry: UsdGeom.Mesh, counts: NDArray[np.int32], indices: NDArray[np.int32], point_count: int
+) -> dict[str, NDArray[np.int32]]:
+    """The points of the mesh's subsets, of faces or of points, ascending; without what names nothing there is."""
+    groups, faces = {}, np.repeat(np.arange(len(counts)), counts)
+    for subset in UsdGeom.Subset.GetAllGeomSubsets(geometry):
+        named = np.array(subset.GetIndicesAttr().Get() or (), dtype=np.int32)
+        if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
+            groups[subset.GetPrim().GetName()] = np.unique(indices[np.isin(faces, named)])
+        elif subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.point:
+            groups[subset.GetPrim().GetName()] = np.unique(named[(named >= 0) & (named < point_count)])
+    return groups
 
 
 def _texture_coordinates(geometry: UsdGeom.Mesh, indices: NDArray[np.int32]) -> NDArray[np.float32] | None:

@@ -1,9 +1,9 @@
 """What is simulated: the model (fixed) and the state (changes)."""
 
 from balloon_warp.model.build import build_model, lay_out
-from balloon_warp.model.model import Model
+from balloon_warp.model.model import Model, fitting
 from balloon_warp.model.plan import ModelPlan, plan_model
-from balloon_warp.model.state import State, copy_of, initial_state, overwrite, world_bytes
+from balloon_warp.model.state import State, carry_over, copy_of, initial_state, overwrite, world_bytes
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.model.vary import Vary
 
@@ -14,7 +14,9 @@ __all__ = [
     "State",
     "Vary",
     "build_model",
+    "carry_over",
     "copy_of",
+    "fitting",
     "initial_state",
     "lay_out",
     "overwrite",

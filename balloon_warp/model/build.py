@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from balloon_warp.device import pick_device
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.model.model import Model
@@ -19,7 +20,9 @@ KINDS = ("normal_force", "pressure", "gas")
 """of inflation, as the kernels number them"""
 DTYPES: dict[str, Any] = {
     **dict.fromkeys(("initial_sphere_positions", "initial_sphere_velocities", "string_anchor"), wp.vec3),
-    "initial_shifts": wp.vec3d,
+    **dict.fromkeys(("initial_velocities", "initial_spins"), wp.vec3),
+    **dict.fromkeys(("initial_shifts", "initial_centers"), wp.vec3d),
+    "initial_turns": wp.mat33d,
     "initial_loads": wp.vec2,
     **dict.fromkeys(("initial_gas_amounts", "initial_free_volumes"), wp.float64),
 }
@@ -28,7 +31,7 @@ DTYPES: dict[str, Any] = {
 
 def build_model(
     scene: Scene,
-    device: wp.DeviceLike = None,
+    device: str | wp.Device | None = None,
     world_count: int = 1,
     vary: Vary | None = None,
     laws: Sequence[Law] = (),
@@ -41,9 +44,9 @@ def build_model(
     return lay_out(plan_model(scene, world_count, vary, laws=laws), device)
 
 
-def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
+def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
     """The planned model on a device. What is large is in states and schedules."""
-    device = wp.get_device(device)
+    device = pick_device(device)
     scene, shapes = plan.scene, plan.shapes
     offsets = np.cumsum([0] + [shape.mesh.vertex_count for shape in shapes])
 
@@ -78,6 +81,7 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
         frame_seconds=1.0 / scene.frames_per_second,
         up=wp.vec3(*scene.up),
         initial_points=array(np.concatenate([shape.mesh.points for shape in shapes]), wp.vec3d),
+        balloon_origins=array([balloon.position for balloon in scene.balloon], wp.vec3d),
         particle_balloon=array(np.repeat(np.arange(len(shapes)), np.diff(offsets)), wp.int32),
         particle_mass_share=joined([shape.mass_share for shape in shapes], float),
         particle_face_offsets=array(incidence_offsets, wp.int32),
@@ -106,8 +110,8 @@ def lay_out(plan: ModelPlan, device: wp.DeviceLike = None) -> Model:
 
 
 def _items(values: NDArray[np.float64], dtype: Any, device: wp.Device) -> wp.array:
-    """An array of numbers, or of vectors of the last dimension."""
-    if dtype in (wp.float32, wp.float64):
+    """An array of numbers, of vectors of the last dimension, or of matrices of the last two."""
+    if dtype in (wp.float32, wp.float64, wp.mat33d):
         return wp.array(values, dtype=dtype, device=device)
     flat = values.reshape(-1, values.shape[-1])  # Warp does not tell an empty array's last dimension
     return wp.array(flat, dtype=dtype, device=device).reshape(values.shape[:-1])

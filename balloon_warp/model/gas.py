@@ -65,8 +65,7 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
     gas_density = amounts * parameters["molar_mass"] / volume
     air = density_of_given_air(*(parameters[f"air_{name}"][:, None] for name in ("pressure", "temperature", "density")))
     rise = (air - gas_density) * parameters["gravity"][:, None] * holds_gas
-    centers = np.stack([shape.mass_share @ shape.mesh.points for shape in shapes]) + parameters["initial_shifts"]
-    loads = np.broadcast_arrays(pressures - rise * (centers @ np.array(scene.up)), rise)
+    loads = np.broadcast_arrays(pressures - rise * (parameters["initial_centers"] @ np.array(scene.up)), rise)
     return {
         "initial_gas_amounts": amounts,
         "initial_free_volumes": volume * (inside / STANDARD_PRESSURE) ** (1.0 / gamma),

@@ -8,7 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike, NDArray
 
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.packing import views_of
@@ -18,7 +20,7 @@ from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """Device arrays of a batch of worlds. The balloons' particles, springs and faces each stand in one array, in order.
 
@@ -44,6 +46,9 @@ class Model:
     # particles
     initial_points: wp.array
     """where the scene puts them [m], shape (particle_count,), vec3d"""
+    balloon_origins: wp.array
+    """where it puts the origins of the balloons' meshes [m], about which a world turns them, shape (balloon_count,),
+    vec3d"""
     particle_balloon: wp.array
     """the balloon of each particle, shape (particle_count,), int32"""
     particle_mass_share: wp.array
@@ -94,13 +99,19 @@ class Model:
     """all by name, in the units of their rows. The laws' are views into the two above. The others are float32, but for
     places and velocities, which are vec3:
 
-    - of balloons, shape (W, balloon_count): `initial_shifts`, how far it starts from `initial_points` [m], vec3d;
-      `initial_gas_amounts` [mol] and `initial_free_volumes` [m^3], float64, see `State`; `initial_pressures`, given, or
-      of a gas, above the air's [Pa];
+    - of balloons, shape (W, balloon_count): `initial_turns`, how it starts turned from `initial_points`, a matrix less
+      1, mat33d; `initial_shifts`, how far it starts from there [m], vec3d; `initial_centers`, of mass then [m], vec3d;
+      `initial_velocities` [m/s] and `initial_spins`, about that center [rad/s]; `initial_gas_amounts` [mol] and
+      `initial_free_volumes` [m^3], float64, see `State`; `initial_pressures`, given, or of a gas, above the air's [Pa];
       `initial_loads`, the pressure at height 0 [Pa], and its rise with height [Pa/m], vec2; and `keyframe_values`:
       k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, shape (W, balloon_count, keyframe_count)
     - of spheres, strings and tubes: see `model.rows`, shape (W, count of them)
     """
+
+    def __repr__(self) -> str:
+        balloons = ", ".join(f"{shape.name} of {shape.mesh.vertex_count} particles" for shape in self.shapes)
+        worlds = "1 world" if self.world_count == 1 else f"{self.world_count} worlds"
+        return f"Model({balloons}; {worlds}, {self.substeps} substeps a frame, {self.device})"
 
     def with_own_parameters(self) -> Self:
         """The same with parameters that may be written, though others use this model."""
@@ -169,3 +180,21 @@ class Model:
     @property
     def tube_count(self) -> int:
         return self.tube_balloons.shape[0]
+
+
+def fitting(model: Model, name: str, values: ArrayLike) -> NDArray[np.float32]:
+    """Values as a parameter of the model has them.
+
+    Raises:
+        InputError: there is no such parameter, or its values have another shape or are not finite.
+    """
+    if name not in model.parameters:
+        raise InputError(f"{name}: there is no such parameter; known are {', '.join(sorted(model.parameters))}")
+    shape = model.parameters[name].numpy().shape
+    try:
+        rows = np.broadcast_to(np.asarray(values, dtype=np.float32), shape)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: must be numbers of shape {shape} (got {str(values)[:60]})") from None
+    if not np.isfinite(rows).all():
+        raise InputError(f"{name}: must be finite (got {str(values)[:60]})")
+    return rows

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
-from balloon_warp.mesh.size import require_reach
 from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import Parameters, parameters_at
@@ -22,6 +21,7 @@ from balloon_warp.model.passing import warnings_of
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
+from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
 from balloon_warp.model.strings import held_particle, string_lengths
 from balloon_warp.model.timeline import DueChange, turns
 from balloon_warp.model.vary import Vary, vary_parameters
@@ -103,8 +103,8 @@ def plan_model(
         InputError: a law is not right, a mesh cannot be read or strung, or not hold gas, a particle is not in its
             balloon, a varied value is wrong, or the step is not stable.
     """
-    if world_count < 1:
-        raise InputError(f"world_count: must be at least 1 (got {world_count})")
+    if not isinstance(world_count, int | np.integer) or world_count < 1:
+        raise InputError(f"world_count: must be a whole number, at least 1 (got {world_count})")
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))
     scene = with_law_tables(scene, rows)
@@ -121,7 +121,7 @@ def plan_model(
         held=held,
         own_laws=tuple(laws),
         parameters=parameters,
-        substeps=_substeps(scene, network, parameters, changes),
+        substeps=_substeps(scene, network, parameters, changes, start_velocities(shapes, parameters)),
         turns=changes,
     )
 
@@ -129,32 +129,41 @@ def plan_model(
 def _settled(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], said: Mapping[str, NDArray[np.float64]]
 ) -> Parameters:
-    """The parameters, and what follows of them and of the shapes: how far each balloon starts from where the scene
-    puts it [m], the lengths of strings, and what gas there is.
+    """The parameters, and what follows of them and of the shapes: where each balloon starts, the lengths of strings,
+    and what gas there is.
 
     Raises:
-        InputError: a balloon cannot hold gas, or is too far away for float32.
+        InputError: a balloon cannot hold gas, is too far away for float32, or cannot be turned so.
     """
     for balloon, shape in zip(scene.balloon, shapes, strict=True):
         if balloon.inflation.kind == "gas":
             require_sealed(shape)
-    parameters = dict(said)
-    positions = parameters.pop("initial_balloon_positions")
-    parameters["initial_shifts"] = positions - np.array([balloon.position for balloon in scene.balloon])
-    for number, shape in enumerate(shapes):
-        require_reach(shape.mesh, shape.name, parameters["initial_shifts"][:, number])
+    parameters = dict(said) | settle_starts(scene, shapes, dict(said))
+    for name in ("initial_balloon_positions", "initial_rotations"):
+        del parameters[name]
+    for number, particle in enumerate(held):
+        require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
     parameters["string_length"] = string_lengths(scene, shapes, held, parameters)
     return parameters | settle_gas(scene, shapes, parameters)
 
 
-def _substeps(scene: Scene, network: Network, parameters: Parameters, changes: Sequence[DueChange]) -> int:
+def _substeps(
+    scene: Scene,
+    network: Network,
+    parameters: Parameters,
+    changes: Sequence[DueChange],
+    velocities: Sequence[NDArray[np.float64]] | None,
+) -> int:
     """Substeps at the start. Left to us, they are enough for all that follows; else the scene's, which must be enough
     until they change.
+
+    Args:
+        velocities: at the start, as `Network.stable_step` has them.
 
     Raises:
         InputError: they are not, or what changes differs between worlds.
     """
-    chosen = [choose_substeps(scene, network.stable_step(scene, parameters))]
+    chosen = [choose_substeps(scene, network.stable_step(scene, parameters, velocities))]
     values, before = {name: rows.copy() for name, rows in parameters.items()}, scene
     for turn in changes:
         for name, (which, _) in turn.values.items():

@@ -18,6 +18,9 @@ KEYFRAME_VALUES = Parameter(
 )
 ROWS: tuple[Parameter, ...] = (
     Parameter("initial_balloon_positions", "m", path="position", size=3),
+    Parameter("initial_rotations", "degrees", path="rotation", size=3),
+    Parameter("initial_velocities", "m/s", path="velocity", size=3),
+    Parameter("initial_spins", "rad/s", path="angular_velocity", size=3),
     Parameter("initial_gas_amounts", "mol", np.nan, least=0.0, path="inflation.amount"),
     Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="of a gas, above the air's"),
     Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),

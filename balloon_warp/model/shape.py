@@ -16,6 +16,7 @@ from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.repair import repaired, welded
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.model.fixed import fixed_particles
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs, build_springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -54,8 +55,8 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
     """Read, repair, place and string the balloon's mesh.
 
     Raises:
-        InputError: the mesh cannot be read or has no face, its size or place is too much for float32, or a fixed
-            particle is not in it.
+        InputError: the mesh cannot be read or has no face, its size or place is too much for float32, a fixed
+            particle is not in it, or its weights are not as many as its vertices.
     """
     mesh, source = _repaired_mesh(balloon)
     placed = place_mesh(mesh, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
@@ -79,7 +80,19 @@ def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) 
     lowest, size = used.min(), max(float(np.ptp(used)), LEAST_SIZE)
     place = (along[springs.pairs].mean(axis=1) - lowest) / size
     low, high = stiffness.gradient
-    return (1.0 + stiffness.variation * draws) * (low + (high - low) * place)
+    return (1.0 + stiffness.variation * draws) * (low + (high - low) * place) * _weights(mesh, springs, stiffness)
+
+
+def _weights(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
+    """What the vertices say of each spring's constant: 1 where they say nothing."""
+    if stiffness.weights is None:
+        return np.ones(springs.count)
+    if len(stiffness.weights) != mesh.vertex_count:
+        raise InputError(
+            f"stiffness.weights: {mesh.name} has {mesh.vertex_count} vertices; expected a number for each "
+            f"(got {len(stiffness.weights)})"
+        )
+    return np.array(stiffness.weights)[springs.pairs].mean(axis=1)
 
 
 def _repaired_mesh(balloon: Balloon) -> tuple[PolygonMesh, object]:
@@ -100,8 +113,6 @@ def _mass_shares(mesh: PolygonMesh, balloon: Balloon) -> NDArray[np.float64]:
     """Equal shares for the particles that move: those of a face, and not fixed."""
     moves = np.zeros(mesh.vertex_count, dtype=bool)
     moves[mesh.face_vertex_indices] = True
-    for particle in balloon.fixed:
-        if particle >= mesh.vertex_count:
-            raise InputError(f"fixed: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {particle})")
+    for particle in fixed_particles(balloon.fixed, mesh):
         moves[particle] = False
     return moves / max(int(moves.sum()), 1)

@@ -1,5 +1,6 @@
 """The state: what changes during a simulation."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,13 +77,16 @@ def new_state(model: Model, room: Room) -> State:
 
 
 def initial_state(model: Model) -> State:
-    """Every world at the start: at rest, in the shape of the meshes."""
+    """Every world at the start: in the shape of the meshes, each balloon as fast as the scene says, as a rigid body."""
     state, parameters = new_state(model, Allocating(model.device)), model.parameters
     wp.launch(
         place_balloons,
         state.points.shape,
-        inputs=[model.initial_points, parameters["initial_shifts"], model.particle_balloon],
-        outputs=[state.points],
+        inputs=[
+            *(model.initial_points, model.particle_balloon, model.particle_mass_share, model.balloon_origins),
+            *(parameters[f"initial_{name}"] for name in ("turns", "shifts", "centers", "velocities", "spins")),
+        ],
+        outputs=[state.points, state.velocities],
         device=model.device,
     )
     for array, name in (
@@ -97,6 +101,21 @@ def initial_state(model: Model) -> State:
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
     state.first_bad.fill_(HEALTHY)
     return state
+
+
+def carry_over(state: State, before: State, spheres: Sequence[int | None]) -> None:
+    """Make a state what another of the same balloons is now.
+
+    Args:
+        spheres: for each sphere of the state its number in the one before, or None to leave it as it is.
+    """
+    for name, array in vars(before).items():
+        if not name.startswith("sphere_"):
+            wp.copy(getattr(state, name), array)
+            continue
+        for now, until_now in enumerate(spheres):
+            if until_now is not None:
+                wp.copy(getattr(state, name)[:, now], array[:, until_now])
 
 
 def world_bytes(model: Model) -> int:

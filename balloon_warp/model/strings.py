@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene, String
 
 
@@ -37,6 +38,11 @@ def string_lengths(
     if not np.isnan(lengths).any():
         return lengths
     balloons = [string.balloon for string in scene.string]
-    points = np.array([shapes[balloon].mesh.points[particle] for balloon, particle in zip(balloons, held, strict=True)])
-    starts = points + parameters["initial_shifts"][:, balloons]
+    starts = np.concatenate(
+        [
+            start_of(scene, parameters, balloon, shapes[balloon].mesh.points[[particle]])
+            for balloon, particle in zip(balloons, held, strict=True)
+        ],
+        axis=1,
+    )
     return np.where(np.isnan(lengths), np.linalg.norm(starts - parameters["string_anchor"], axis=-1), lengths)

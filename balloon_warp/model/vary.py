@@ -1,5 +1,6 @@
 """What differs between worlds, and what may change while they are simulated."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -15,6 +16,8 @@ from balloon_warp.scene.overrides import override_scene
 
 Vary = Mapping[str, ArrayLike]
 """a dotted path of the scene, as in overrides, and its value in each world, shape (world_count,)"""
+SHAPING = re.compile(r"balloon\.(\d+\.)?(mesh|scale|stiffness\.(variation|seed|gradient\.[01]))")
+"""paths whose values make another model: batches group their worlds by them"""
 METHODS = ("substeps", "solver", "normals", "correction", "correction_sweeps", "contact")
 """fields of the scene that are no parameters, and may change during a simulation all the same"""
 SURROUNDINGS = ("ground", "water")
@@ -46,6 +49,8 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
     Raises:
         InputError: as `vary_parameters`.
     """
+    if not isinstance(vary, Mapping):
+        raise InputError(f'vary: must be paths and values, as in {{"balloon.mass": [1.0, 2.0]}} (got {str(vary)[:60]})')
     places = places_of(scene, rows)
     checked = {}
     for path, given in vary.items():
@@ -54,6 +59,8 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
             table = path.partition(".")[0]
             if table in SURROUNDINGS and not getattr(scene, table):
                 raise InputError(f"{path}: cannot differ between worlds, the scene has no {table}")
+            if SHAPING.fullmatch(path):
+                raise InputError(f"{path}: makes another model of each world; batches and `simulate` can vary it")
             raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
         checked[path] = _checked(scene, rows, path, given, world_count)
     return checked

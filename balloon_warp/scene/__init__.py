@@ -1,6 +1,6 @@
 """Scenes: what a TOML file says, checked, with overrides and defaults applied."""
 
-from balloon_warp.scene.load import bundled_scenes, load_scene
+from balloon_warp.scene.load import SceneLike, bundled_scenes, load_scene, scene_of
 from balloon_warp.scene.schema import (
     Atmosphere,
     Balloon,
@@ -22,6 +22,7 @@ __all__ = [
     "Ground",
     "Inflation",
     "Scene",
+    "SceneLike",
     "Sphere",
     "Stiffness",
     "String",
@@ -29,4 +30,5 @@ __all__ = [
     "Water",
     "bundled_scenes",
     "load_scene",
+    "scene_of",
 ]

@@ -24,8 +24,8 @@ MOST_FLOW = 9e11
 """that a pump may have [mol/s]: what is kilometers large gets less"""
 
 
-def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dict[str, Any]:
-    """A scene's table for the mesh in `path`.
+def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: str | None) -> dict[str, Any]:
+    """A scene's table for a mesh, or the mesh of a file.
 
     Accelerations and k_normal grow with the mesh's size, so that a mesh in centimeters moves as one in meters does:
     with masses and spring constants alike, forces, lengths and accelerations all scale together.
@@ -40,25 +40,26 @@ def scene_table_around(path: Path, balloon: Balloon, up_axis: str | None) -> dic
     Raises:
         InputError: the mesh cannot be read, has no face or no size, or its size or place is too much for float32.
     """
-    mesh = repaired(load_mesh(path, balloon.weld), path)
+    label = source.name if isinstance(source, PolygonMesh) else source
+    mesh = repaired(load_mesh(source, balloon.weld), label)
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
     lowest, highest = points.min(axis=0), points.max(axis=0)
     size = float((highest - lowest).max())
     if size == 0.0:
-        raise InputError(f"{path}: all its vertices stand at one place; expected a mesh with some size")
-    require_size(placed, path)
+        raise InputError(f"{label}: all its vertices stand at one place; expected a mesh with some size")
+    require_size(placed, label)
     gas = balloon.inflation.kind == "gas"
     return {
-        "description": f"{path.name} inflates above a floor",
+        "description": f"{source.name} inflates above a floor",
         "up_axis": up_axis,
         "gravity": (WEIGHT if gas else 9.81) * size,
         "frames": 120,
         "normals": "fresh",
         "balloon": [
             {
-                "mesh": path.resolve(),
+                "mesh": source if isinstance(source, PolygonMesh) else source.resolve(),
                 "mass": 2.0,
                 "helium": 0.0 if gas else (9.81 - WEIGHT) * size,
                 "damping": 20.0,

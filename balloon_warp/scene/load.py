@@ -5,16 +5,21 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 from pydantic import ValidationError
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.from_python import MeshLike, is_mesh
+from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
-from balloon_warp.scene.overrides import Override, apply_overrides
+from balloon_warp.scene.overrides import Override, apply_overrides, override_scene
 from balloon_warp.scene.schema import Scene
 
+SceneLike: TypeAlias = Scene | str | Path | MeshLike
+"""a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh, in a file or not"""
 LARGEST_FILE = 1 << 24
 """bytes of a scene file"""
 
@@ -36,31 +41,72 @@ def find_mesh(name: str, source: str | Path) -> Path:
     return path if path.exists() else bundled_scenes().get(str(source), Path(source)).parent / path
 
 
-def load_scene(source: str | Path, overrides: Mapping[str, Any] | Iterable[Override] = ()) -> Scene:
+def scene_of(source: SceneLike) -> Scene:
+    """The scene itself, or what `load_scene` makes of what is none yet."""
+    return source if isinstance(source, Scene) else load_scene(source)
+
+
+def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Override] = ()) -> Scene:
     """Load a scene.
 
     Args:
-        source: a bundled scene's name, a scene file (.toml), or a mesh file, which gets a scene around it.
+        source: a bundled scene's name, a scene file (.toml), or a mesh file, which gets a scene around it; so does a
+            mesh that is no file, such as a trimesh.Trimesh or points and faces. Of a scene, another is made.
         overrides: dotted paths and values, as a mapping or as pairs, applied in order before the scene is checked.
 
     Raises:
         InputError: there is no such scene, the file is not valid TOML, or a field is wrong.
     """
+    if not isinstance(source, str | Path):
+        return _from_python(source, _pairs(overrides))
     bundled = bundled_scenes()
     path = bundled.get(str(source), Path(source))
     if path.suffix.lower() != ".toml" and not path.exists():
         raise InputError(
             f"{source}: no such scene or file; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         )
-    given = cast("Iterable[Override]", overrides.items() if isinstance(overrides, Mapping) else overrides)
-    pairs = [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in given]
+    pairs = _pairs(overrides)
     if path.suffix.lower() == ".toml":
-        table = _read_toml(path)
-    else:
-        bare: dict[str, Any] = {"balloon": [{"mesh": path.resolve()}]}
-        placed = _overridden(bare, pairs, path)
-        table = scene_table_around(path, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
-    return _overridden(table, pairs, path)
+        return _overridden(_read_toml(path), pairs, path)
+    return _around(path, pairs, path)
+
+
+def _from_python(source: Scene | MeshLike, overrides: Sequence[Override]) -> Scene:
+    """What is no file: a scene, with its overrides made, or a mesh, with a scene around it.
+
+    Raises:
+        InputError: it is neither, or as `load_scene`.
+    """
+    if isinstance(source, Scene):
+        return override_scene(source, overrides)
+    if not is_mesh(source):
+        kinds = "a Scene, the name of a bundled scene, a file, or a mesh"
+        raise InputError(f"scene: must be {kinds} (got {type(source).__name__})")
+    mesh = load_mesh(source)
+    return _around(mesh, overrides, Path(mesh.name))
+
+
+def _pairs(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override]:
+    """Paths and values as pairs.
+
+    Raises:
+        InputError: they are none.
+    """
+    given = cast("Iterable[Override]", overrides.items() if isinstance(overrides, Mapping) else overrides)
+    try:
+        return [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in given]
+    except (TypeError, ValueError, AttributeError):
+        raise InputError(
+            f'overrides: must be dotted paths and values, as in {{"balloon.mass": 2.0}} (got {str(overrides)[:60]})'
+        ) from None
+
+
+def _around(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path) -> Scene:
+    """The scene around a mesh, which complaints call `path`."""
+    bare: dict[str, Any] = {"balloon": [{"mesh": mesh.resolve() if isinstance(mesh, Path) else mesh}]}
+    placed = _overridden(bare, overrides, path)
+    table = scene_table_around(mesh, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
+    return _overridden(table, overrides, path)
 
 
 def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path) -> Scene:
@@ -69,6 +115,10 @@ def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path
     Raises:
         InputError: names the option whose value spoils a table that is right without it, else the file.
     """
+    if any(callable(value) for _, value in overrides):  # which is told of the points of a mesh
+        for balloon in table["balloon"]:
+            if isinstance(balloon, dict) and isinstance(balloon.get("mesh"), str):
+                balloon["mesh"] = (path.parent / balloon["mesh"]).resolve()
     before = copy.deepcopy(table)
     apply_overrides(table, overrides)
     try:

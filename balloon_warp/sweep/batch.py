@@ -11,7 +11,7 @@ from balloon_warp.blow_ups import check_policy
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.resume import CHECKPOINT_SECONDS
-from balloon_warp.scene import Scene
+from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.local import simulate_locally
@@ -67,7 +67,7 @@ class BatchSummary:
 
 
 def run_batch(
-    scene: Scene,
+    scene: SceneLike,
     folder: str | Path,
     world_count: int,
     vary: BatchVary | None = None,
@@ -95,7 +95,7 @@ def run_batch(
     is removed once all is there. Ctrl-C, too, saves what there is.
 
     Args:
-        scene: what all worlds have in common.
+        scene: what all worlds have in common: a scene, or what `load_scene` makes one of.
         folder: where the files go; made if it is not there.
         world_count: how many worlds.
         vary: what differs: dotted paths as in overrides, and a value for each world, shape (world_count,).
@@ -125,6 +125,7 @@ def run_batch(
         WorkersLostError: the cluster's workers end, or its scheduler does; what was there stays.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
     """
+    scene = scene_of(scene)
     check_policy(on_blowup)
     vary, chosen = vary or {}, np.unique(np.asarray(export, dtype=np.int64))
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:

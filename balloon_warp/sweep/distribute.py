@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
@@ -99,7 +98,7 @@ def distribute_batch(
 def _require_table_memory(task: BatchTask) -> None:
     """The table is in memory."""
     counts = [len(group.worlds) for group in task.groups]
-    require_memory(wp.get_device("cpu"), counts, [table_bytes(task.scene)] * len(counts))
+    require_memory(pick_device("cpu"), counts, [table_bytes(task.scene)] * len(counts))
 
 
 def _require_laws_that_travel(task: BatchTask, cluster: Cluster) -> None:

@@ -1,4 +1,4 @@
-"""Worlds of a batch grouped by mesh: one topology is one model."""
+"""Worlds of a batch grouped by what makes a model: a mesh, its scale, and its springs' constants beside each other."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,17 +15,17 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.rows import rows_of
-from balloon_warp.model.vary import check_vary
+from balloon_warp.model.vary import SHAPING, check_vary
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
 BatchVary = Mapping[str, Any]
-"""a dotted path of the scene, and a number for each world; for the path of a mesh, a file or a PolygonMesh for each"""
+"""a dotted path of the scene, and a number for each world; for the path of a mesh, a mesh or its file for each"""
 
 
 @dataclass(frozen=True)
 class Group:
-    """Worlds of the same meshes."""
+    """Worlds of one model."""
 
     plan: ModelPlan
     worlds: NDArray[np.int64]
@@ -45,7 +45,8 @@ class Group:
 
 
 def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[Law] = ()) -> list[Group]:
-    """Plan a model for each set of meshes. All take the same step, which suits the stiffest world.
+    """Plan a model for each set of meshes, and of what else makes one. All take the same step, which suits the stiffest
+    world.
 
     Args:
         laws: that act beside the built-in ones.
@@ -55,17 +56,19 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
     """
     if world_count < 1:
         raise InputError(f"--worlds {world_count}: expected at least 1")
-    meshes = {path: _mesh_column(path, values, world_count) for path, values in vary.items() if _is_mesh(path)}
+    if not isinstance(vary, Mapping):
+        raise InputError(f'vary: must be paths and values, as in {{"balloon.mass": [1.0, 2.0]}} (got {str(vary)[:60]})')
+    shaping = {path: _column(path, vary[path], world_count) for path in vary if SHAPING.fullmatch(path)}
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))
     scene = with_law_tables(scene, rows)
-    scalars = check_vary(scene, rows, world_count, {path: vary[path] for path in vary if path not in meshes})
+    scalars = check_vary(scene, rows, world_count, {path: vary[path] for path in vary if path not in shaping})
     members: dict[tuple[Any, ...], list[int]] = {}
     for world in range(world_count):
-        members.setdefault(tuple(_identity(column[world]) for column in meshes.values()), []).append(world)
+        members.setdefault(tuple(_identity(column[world]) for column in shaping.values()), []).append(world)
     groups = []
     for worlds in members.values():
-        own_scene = override_scene(scene, [(path, column[worlds[0]]) for path, column in meshes.items()])
+        own_scene = _own_scene(scene, {path: column[worlds[0]] for path, column in shaping.items()}, worlds[0])
         own_values = {path: values[worlds] for path, values in scalars.items()}
         groups.append(Group(plan_model(own_scene, len(worlds), own_values, laws=laws), np.array(worlds)))
     substeps = max(group.plan.substeps for group in groups)
@@ -84,15 +87,37 @@ def _is_mesh(path: str) -> bool:
     return path.startswith("balloon.") and path.endswith(".mesh")
 
 
-def _mesh_column(path: str, values: Any, world_count: int) -> list[Path | PolygonMesh]:
-    column = list(values)
+def _column(path: str, values: Any, world_count: int) -> list[Any]:
+    """A value for each world: a mesh or a file, or a number, whole where it may be."""
+    what = "mesh" if _is_mesh(path) else "number"
+    try:
+        column = list(values)
+    except TypeError:
+        raise InputError(f"{path}: expected a {what} for each of {world_count} worlds (got {values})") from None
     if len(column) != world_count:
-        raise InputError(f"{path}: expected a mesh for each of {world_count} worlds (got {len(column)})")
+        raise InputError(f"{path}: expected a {what} for each of {world_count} worlds (got {len(column)})")
+    if not _is_mesh(path):
+        return [value.item() if isinstance(value, np.generic) else value for value in column]
     return [Path(value) if isinstance(value, str) else value for value in column]
 
 
-def _identity(mesh: Path | PolygonMesh) -> Path | int:
-    return mesh if isinstance(mesh, Path) else id(mesh)
+def _own_scene(scene: Scene, values: Mapping[str, Any], world: int) -> Scene:
+    """The scene of a group, whose first world is given.
+
+    Raises:
+        InputError: names that world, where a number is wrong.
+    """
+    try:
+        return override_scene(scene, values.items())
+    except InputError as mistake:
+        if all(map(_is_mesh, values)):
+            raise
+        raise InputError(f"{mistake}, in world {world}") from None
+
+
+def _identity(value: Any) -> Any:
+    """What tells two values apart: of a mesh that is no file, which one it is."""
+    return value if isinstance(value, Path | float | int | str) else id(value)
 
 
 def _label(mesh: str | Path | PolygonMesh) -> str:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.device import pick_device
 from balloon_warp.model import Model, world_bytes
 from balloon_warp.model.memory import require_memory
 from balloon_warp.scene import Scene
@@ -44,7 +44,7 @@ def require_batch_memory(
         on_host = [sum(both) for both in zip(on_device, on_host, strict=True)]
     else:
         require_memory(device, counts, on_device)
-    require_memory(wp.get_device("cpu"), counts, on_host)
+    require_memory(pick_device("cpu"), counts, on_host)
 
 
 def table_bytes(scene: Scene) -> int:

@@ -36,7 +36,7 @@ def repeat_batch(
             raise InputError(f"{path}: has changed since the batch: its SHA-256 is {found}; expected {expected}")
     _require_laws(str(manifest), batch.get("laws", {}), describe_laws(laws))
     return run_batch(
-        Scene.model_validate(batch["scene"]),
+        Scene(**batch["scene"]),
         folder,
         batch["worlds"],
         batch["vary"],
@@ -67,6 +67,6 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a manifest: {error}") from None
     needed = {"scene", "worlds", "vary", "export", "meshes", "device", "workers", "schedule_asked"}
-    if not isinstance(batch, dict) or not needed <= batch.keys():
+    if not isinstance(batch, dict) or not needed <= batch.keys() or not isinstance(batch["scene"], dict):
         raise InputError(f"{path}: is not the manifest of a batch; expected the manifest.json beside its table")
     return batch

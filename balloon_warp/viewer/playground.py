@@ -18,7 +18,7 @@ from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
 from balloon_warp.simulator import Simulator
-from balloon_warp.viewer.bodies import as_vector, new_body
+from balloon_warp.viewer.bodies import as_vector
 from balloon_warp.viewer.journal import Journal
 from balloon_warp.viewer.moment import Moment
 
@@ -123,7 +123,7 @@ class Playground:
         Raises:
             InputError: it is too small, too heavy, or somewhere that cannot be.
         """
-        sphere = new_body(Sphere, position=as_vector(position), velocity=as_vector(velocity), radius=radius, mass=mass)
+        sphere = Sphere(position=as_vector(position), velocity=as_vector(velocity), radius=radius, mass=mass)
         self._take_over()
         spheres, kept = [*self.live.sphere, sphere], list(range(len(self.live.sphere)))
         numbers = self.numbers[0]
@@ -146,8 +146,7 @@ class Playground:
         offsets = self.simulator.model.particle_offsets
         balloon = int(np.searchsorted(offsets, particle, side="right")) - 1
         weight = self.live.balloon[balloon].mass
-        string = new_body(
-            String,
+        string = String(
             anchor=as_vector(anchor),
             balloon=balloon,
             particle=particle - offsets[balloon],

@@ -1,7 +1,7 @@
 """What is recorded while it is played: a stage, and the scene that replays it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -92,11 +92,4 @@ def _with_all_bodies(frame: Frame, bodies: tuple[list[int], list[int]], model: M
     positions[bodies[0]] = frame.sphere_positions[: len(bodies[0])]
     velocities[bodies[0]] = frame.sphere_velocities[: len(bodies[0])]
     anchors[bodies[1]] = frame.string_anchors[: len(bodies[1])]
-    return Frame(
-        **{
-            **vars(frame),
-            "sphere_positions": positions,
-            "sphere_velocities": velocities,
-            "string_anchors": anchors,
-        }
-    )
+    return replace(frame, sphere_positions=positions, sphere_velocities=velocities, string_anchors=anchors)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.scene import Scene
+from balloon_warp.scene import SceneLike, scene_of
 
 if TYPE_CHECKING:
     from balloon_warp.viewer.page import Page
 
 
 def view(
-    scene: Scene,
+    scene: SceneLike,
     *,
     name: str = "scene",
     device: str | None = None,
@@ -30,7 +30,7 @@ def view(
     """Play with a scene in the browser, until Ctrl-C.
 
     Args:
-        scene: where it starts.
+        scene: where it starts: a scene, or what `load_scene` makes one of.
         name: what the page and recordings call it.
         device: a Warp device; the GPU where there is one, when missing.
         folder: where recordings go.
@@ -45,6 +45,7 @@ def view(
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
         MissingExtraError: viser is not installed.
     """
+    scene = scene_of(scene)
     if not Path(folder).is_dir():
         raise InputError(f"{folder}: the folder does not exist")
     try:

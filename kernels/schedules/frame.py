@@ -166,14 +166,31 @@ def note_given_loads(
 def place_balloons(
     # model
     points: wp.array[wp.vec3d],
-    shifts: wp.array2d[wp.vec3d],
     particle_balloon: wp.array[wp.int32],
+    particle_mass_share: wp.array[float],
+    origins: wp.array[wp.vec3d],
+    turns: wp.array2d[wp.mat33d],
+    shifts: wp.array2d[wp.vec3d],
+    centers: wp.array2d[wp.vec3d],
+    starts: wp.array2d[wp.vec3],
+    spins: wp.array2d[wp.vec3],
     # out
     every: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): its place. In double precision, so that it is what the host would place there."""
+    """A thread a (world, particle): its place, its balloon turned about the mesh's origin and shifted, and its velocity
+    there, its balloon's and that of the spin about its center; none if it is fixed. In double precision, so that the
+    place is what the host would place there."""
     world, particle = wp.tid()
-    every[world, particle] = wp.vec3(points[particle] + shifts[world % shifts.shape[0], particle_balloon[particle]])
+    balloon = particle_balloon[particle]
+    arm = points[particle] - origins[balloon]
+    place = points[particle] + turns[row_of_world(world, turns.shape[0]), balloon] * arm
+    place += shifts[row_of_world(world, shifts.shape[0]), balloon]
+    every[world, particle] = wp.vec3(place)
+    if particle_mass_share[particle] > 0.0:
+        lever = wp.vec3(place - centers[row_of_world(world, centers.shape[0]), balloon])
+        spin = spins[row_of_world(world, spins.shape[0]), balloon]
+        velocities[world, particle] = starts[row_of_world(world, starts.shape[0]), balloon] + wp.cross(spin, lever)
 
 
 @wp.kernel

@@ -1,13 +1,10 @@
 """A balloon in the stage: a polygon mesh of fixed topology."""
 
-from dataclasses import replace
-
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, paint
 
@@ -54,9 +51,8 @@ class BalloonPrim:
             self._measures[name].Set(value, frame.number)
 
     def _measure(self, frame: Frame) -> dict[str, float]:
-        mesh = replace(self.mesh, points=frame.points[self.number].astype(np.float64))
-        area = total_area(mesh)
-        return {"volume": signed_volume(mesh), "area": area, "pressure": self._pressure(frame, area)}
+        volume, area = float(frame.volumes[self.number]), float(frame.areas[self.number])
+        return {"volume": volume, "area": area, "pressure": self._pressure(frame, area)}
 
     def _pressure(self, frame: Frame, area: float) -> float:
         """Above the air's [Pa]; of normal forces, their sum over the area."""

@@ -6,7 +6,9 @@ from math import ceil, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.mesh.size import box_corners
 from balloon_warp.model import ModelPlan
+from balloon_warp.model.starts import start_of
 
 ROOM = 2.0
 """a cell's side, as a multiple of the largest world's width at the start"""
@@ -22,8 +24,7 @@ def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArr
     clouds = []
     for plan in plans:
         for number, shape in enumerate(plan.shapes):
-            shifts, points = plan.parameters["initial_shifts"][:, number], shape.mesh.points
-            clouds += [points.min(axis=0) + shifts, points.max(axis=0) + shifts]
+            clouds += [start_of(plan.scene, plan.parameters, number, box_corners(shape.mesh)).reshape(-1, 3)]
         clouds += [plan.parameters["string_anchor"].reshape(-1, 3)]
         centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]
         clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3)]

@@ -2,11 +2,15 @@
 
 import itertools
 from pathlib import Path
-from typing import Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import InstanceOf, model_validator
+from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 
+from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.from_python import is_mesh, mesh_from
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.scene.pinned import pinned_by, pins_of
 from balloon_warp.scene.schema.fields import (
     Color,
     Index,
@@ -39,6 +43,8 @@ class Stiffness(Table):
     """factors on the constants of springs at the balloon's lowest and highest coordinate, and linear between them"""
     gradient_axis: Literal["X", "Y", "Z"] = "Y"
     """of the scene, along which they change; where the middles of springs are at the start counts"""
+    weights: list[NonNegative] | None = None
+    """a number for each vertex of the file: a spring's constant is multiplied by the mean of those at its ends"""
     viscosity: float = field_of("viscosity")
     yield_stretch: float | None = optional_field_of("yield_stretch")
 
@@ -115,11 +121,17 @@ KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
 }
 
 
+def _mesh_of(given: Any) -> Any:
+    """What Python has for a mesh, as a mesh; a file's name, and what can be none, as it is."""
+    return mesh_from(given) if is_mesh(given) else given
+
+
 class Balloon(Table):
     """A mesh that becomes a balloon."""
 
-    mesh: Path | InstanceOf[PolygonMesh]
-    """a mesh file, sought beside the scene file; from Python, a PolygonMesh too"""
+    mesh: Annotated[Path | InstanceOf[PolygonMesh], BeforeValidator(_mesh_of)]
+    """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
+    faces"""
     weld: bool = False
     """join faces where vertices of the mesh lie at exactly the same place, as along seams"""
     name: str = ""
@@ -128,6 +140,10 @@ class Balloon(Table):
     """where the mesh's origin goes [m]"""
     rotation: Vector = (0.0, 0.0, 0.0)
     """about x, then y, then z [degrees], before `position`"""
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """of the whole balloon at the start [m/s]"""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """at the start, about its center of mass, along the axes of the scene [rad/s]"""
     scale: Positive = 1.0
     """factor on the mesh's size, before `rotation`"""
     mass: float = field_of("mass")
@@ -136,8 +152,21 @@ class Balloon(Table):
     drag_coefficient: float = field_of("drag_coefficient")
     stiffness: Stiffness = Stiffness()
     inflation: Inflation = Inflation()
-    fixed: list[Index] = []
-    """particles that do not move, by the order of the file's vertices"""
+    fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []
+    """particles that do not move: by the order of the file's vertices, or all of a group of the mesh, by its name (`g`
+    and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the mesh's own points,
+    shape (n, 3), and says yes or no of each, shape (n,)"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     law: LawTables = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_rules(cls, given: Any) -> Any:
+        """A function that says what is fixed becomes what it says, so that a scene can be written down."""
+        if not isinstance(given, dict) or not callable(given.get("fixed")) or "mesh" not in given:
+            return given
+        try:
+            return {**given, "fixed": pinned_by(given["fixed"], load_mesh(given["mesh"]).points)}
+        except InputError as mistake:
+            raise ValueError(f"fixed: {mistake}") from None

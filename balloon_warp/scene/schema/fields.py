@@ -1,11 +1,16 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
-from typing import Annotated, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import PARAMETERS, Parameter
 from balloon_warp.kernels.laws.law import FAR, TINY
+from balloon_warp.scene.complaint import complaint
 
 Real = Annotated[float, Field(gt=-FAR, lt=FAR)]
 Positive = Annotated[float, Field(ge=TINY, lt=FAR)]
@@ -49,6 +54,49 @@ def _description(row: Parameter) -> str:
 
 
 class Table(BaseModel):
-    """A table of the scene file: no unknown fields, no NaN, no infinity."""
+    """A table of the scene file: no unknown fields, no NaN, no infinity.
+
+    Raises:
+        InputError: made in Python, it has a field that is wrong, which is named as in a scene file.
+    """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True)
+
+    if not TYPE_CHECKING:  # where each table's own fields are the arguments
+
+        def __init__(self, *given: Any, **fields: Any):
+            name, first = type(self).__name__, next(iter(type(self).model_fields))
+            if given:
+                raise InputError(f"{name}: takes fields by their names, as in {name}({first}=...)")
+            try:
+                super().__init__(**fields)
+            except ValidationError as error:
+                place = "" if name == "Scene" else f"{name.lower()}."
+                raise InputError(f"{place}{complaint(error, type(self))}") from None
+
+        # a table within another is made without it, so that the whole path is known
+        __init__.__pydantic_base_init__ = True
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            other = "load_scene(scene, {PATH: VALUE}) makes another scene"
+            raise InputError(f"{name}: a {type(self).__name__} does not change; {other}")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_numpy(cls, given: Any) -> Any:
+        """Arrays and numbers of NumPy's, as lists and plain numbers."""
+        if not isinstance(given, dict):
+            return given
+        return {
+            name: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+            for name, value in given.items()
+        }
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """What is not as it is by default."""
+        for name, field in type(self).model_fields.items():
+            if (value := getattr(self, name)) != field.get_default():
+                yield name, str(value) if isinstance(value, Path) else value
+
+    def __str__(self) -> str:
+        return repr(self)

@@ -1,14 +1,21 @@
-"""Warp's own messages, kept off a user's terminal."""
+"""Warp's own messages, kept off a user's terminal and notebook."""
 
 import os
 import tempfile
+from functools import cache
 
 
+@cache
 def quiet_warp() -> None:
-    """Start Warp with only its errors shown: no banner, no word of each kernel compiled, none about a missing GPU."""
+    """Start Warp with only its errors shown: no banner, no word of each kernel compiled, none about a missing GPU.
+
+    Whoever wants to hear more is heard: this happens once, so that a `warp.config.log_level` that is set afterwards
+    stays, and one that asks for more than Warp says by itself (`warp.LOG_DEBUG`) stays anyway.
+    """
     import warp as wp
 
-    wp.config.log_level = wp.LOG_ERROR
+    if wp.config.log_level >= wp.LOG_INFO:
+        wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)
     # Warp's native library says on standard error itself, whatever the level, that there is no GPU.
     standard_error = os.dup(2)
     with open(os.devnull, "wb") as nowhere:

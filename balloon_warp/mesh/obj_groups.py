@@ -1,0 +1,47 @@
+"""The groups of an OBJ file, `g` and `o` lines: names for the vertices of the faces that follow."""
+
+from array import array
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_GROUPS = 10_000
+"""names that are kept of a file"""
+
+
+class ObjGroups:
+    """Collects `g` and `o` lines. A face is in the groups of the last `g` line, and in the object of the last `o`."""
+
+    def __init__(self) -> None:
+        self._ranges: dict[str, array[int]] = {}
+        """by name, where runs of faces begin and end"""
+        self._open: dict[bytes, tuple[list[str], int]] = {}
+        """by `g` or `o`, the names now, and the first face that has them"""
+
+    def begin(self, kind: bytes, text: bytes, face: int) -> None:
+        """A line, whose names stand in a text, and the number of the next face."""
+        self._end(kind, face)
+        words = text.split() if kind == b"g" else [text.strip()]
+        self._open[kind] = [word.decode("utf-8", "replace") for word in words if word], face
+
+    def of_vertices(self, sizes: NDArray[np.int32], corners: NDArray[np.int32]) -> dict[str, NDArray[np.int32]]:
+        """The vertices of each group, ascending.
+
+        Args:
+            sizes: of all faces.
+            corners: of all faces, one after the other.
+        """
+        for kind in list(self._open):
+            self._end(kind, len(sizes))
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        groups = {}
+        for name, ranges in self._ranges.items():
+            runs = [corners[ends[begin] : ends[end]] for begin, end in zip(ranges[::2], ranges[1::2], strict=True)]
+            groups[name] = np.unique(np.concatenate(runs))
+        return groups
+
+    def _end(self, kind: bytes, face: int) -> None:
+        names, begin = self._open.pop(kind, ([], face))
+        for name in names if face > begin else ():
+            if name in self._ranges or len(self._ranges) < MOST_GROUPS:
+                self._ranges.setdefault(name, array("i")).extend((begin, face))

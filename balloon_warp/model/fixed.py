@@ -1,0 +1,29 @@
+"""The particles of a balloon that do not move, from what the scene says of them."""
+
+from collections.abc import Sequence
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+
+MOST_NAMED = 20
+"""groups that a refusal lists"""
+
+
+def fixed_particles(fixed: Sequence[int | str], mesh: PolygonMesh) -> list[int]:
+    """The numbers of particles, those of groups among them.
+
+    Raises:
+        InputError: the mesh has no such particle or group.
+    """
+    particles: list[int] = []
+    for pin in fixed:
+        if isinstance(pin, int):
+            if pin >= mesh.vertex_count:
+                raise InputError(f"fixed: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {pin})")
+            particles.append(pin)
+        elif pin in mesh.groups:
+            particles += mesh.groups[pin].tolist()
+        else:
+            known = ", ".join(list(mesh.groups)[:MOST_NAMED]) or "none"
+            raise InputError(f"fixed: {mesh.name} has no group {pin[:60]}; it has {known}")
+    return particles

@@ -1,0 +1,32 @@
+"""A picture of a frame that is in no stage yet."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from balloon_warp.errors import InputError
+from balloon_warp.frame import Frame
+from balloon_warp.model import Model
+
+
+def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) -> bytes:
+    """The frame as a PNG file has it, seen as `render_stage` sees it.
+
+    Args:
+        size: width and height in pixels.
+        samples: rays a pixel.
+
+    Raises:
+        InputError: the frame is not finite, or the size cannot be drawn.
+    """
+    if not frame.is_finite:
+        raise InputError(f"frame {frame.number}: is not finite, so that there is nothing to draw")
+    # only who looks waits for USD and Pillow
+    from balloon_warp.outputs.render import render_stage
+    from balloon_warp.outputs.usd import StageWriter
+
+    with TemporaryDirectory() as folder:
+        stage, picture = Path(folder) / "frame.usdc", Path(folder) / "frame.png"
+        with StageWriter(stage, model) as writer:
+            writer.write(frame)
+        render_stage(stage, picture, frame.number, size, samples, str(model.device))
+        return picture.read_bytes()

@@ -1,0 +1,35 @@
+"""Which particles of a balloon do not move, as Python says it: a mask, or a rule for points."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+
+
+def pins_of(given: Any) -> Any:
+    """A single name, as a list, and a mask as the numbers of what it holds for; what is neither, as it is."""
+    if isinstance(given, str):
+        return [given]
+    is_mask = isinstance(given, list) and bool(given) and all(isinstance(pin, bool) for pin in given)
+    return np.flatnonzero(given).tolist() if is_mask else given
+
+
+def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[int]:
+    """The points of a mesh that a rule holds for, by their numbers.
+
+    Args:
+        points: as the mesh has them, shape (n, 3).
+
+    Raises:
+        InputError: the rule does not say yes or no of each point.
+    """
+    said = np.asarray(rule(points.copy()))
+    if said.shape != (len(points),) or said.dtype != bool:
+        raise InputError(
+            f"the function must give yes or no for each point, of shape ({len(points)},) "
+            f"(got {said.dtype} of shape {said.shape})"
+        )
+    return np.flatnonzero(said).tolist()

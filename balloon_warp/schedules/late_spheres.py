@@ -1,0 +1,29 @@
+"""Spheres that appear later, on the host's side."""
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.timeline import hold_spheres
+from balloon_warp.model import Model, State
+from balloon_warp.scene.timeline import frame_at
+
+
+class LateSpheres:
+    """Those of a model that are not there from the start: until they appear, they stay where they will."""
+
+    def __init__(self, model: Model):
+        self._model = model
+        frames = [frame_at(model.scene, sphere.start) for sphere in model.scene.sphere]
+        self._first_frames = wp.array(frames, dtype=wp.int32, device=model.device) if any(frames) else None
+        """at which each sphere appears, shape (sphere_count,); nothing where all are there from the start"""
+
+    def hold(self, state: State) -> None:
+        """At the end of a frame, put those back that have not appeared."""
+        if self._first_frames is None:
+            return
+        starts = [self._model.parameters[f"initial_sphere_{name}"] for name in ("positions", "velocities")]
+        wp.launch(
+            hold_spheres,
+            state.sphere_positions.shape,
+            inputs=[self._first_frames, *starts, state.frame, state.sphere_positions, state.sphere_velocities],
+            device=self._model.device,
+        )

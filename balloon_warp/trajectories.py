@@ -1,0 +1,160 @@
+"""A scene in, arrays of all that moves out: what was simulated, in one call."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.device import pick_device
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.kernels.laws import Law
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.model import lay_out
+from balloon_warp.model.memory import require_memory
+from balloon_warp.scene import Scene, SceneLike, load_scene
+from balloon_warp.scene.overrides import Override
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
+
+
+@dataclass(frozen=True, repr=False)
+class Trajectories:
+    """What was simulated, on the host. Of several worlds, arrays but `times` have world_count as their first dimension,
+    before those named here."""
+
+    scene: Scene
+    meshes: list[PolygonMesh]
+    """of the balloons, as they are at the start: names, faces"""
+    times: NDArray[np.float64]
+    """of the frames [s], shape (frame_count,): the start, and then each recorded one"""
+    points: list[NDArray[np.float32]]
+    """of each balloon [m], shape (frame_count, particle_count, 3)"""
+    velocities: list[NDArray[np.float32]]
+    """of each balloon [m/s], shape (frame_count, particle_count, 3)"""
+    pressures: NDArray[np.float32]
+    """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (frame_count, balloon_count)"""
+    gas_amounts: NDArray[np.float64]
+    """in each balloon [mol], shape (frame_count, balloon_count)"""
+    sphere_positions: NDArray[np.float32]
+    """[m], shape (frame_count, sphere_count, 3)"""
+    sphere_velocities: NDArray[np.float32]
+    """[m/s], shape (frame_count, sphere_count, 3)"""
+
+    @cached_property
+    def volumes(self) -> NDArray[np.float64]:
+        """of the balloons [m^3], shape (frame_count, balloon_count): what a closed one encloses"""
+        return self._measured(signed_volume)
+
+    @cached_property
+    def areas(self) -> NDArray[np.float64]:
+        """of the balloons [m^2], shape (frame_count, balloon_count)"""
+        return self._measured(total_area)
+
+    def _measured(self, measure: Callable[[PolygonMesh], float]) -> NDArray[np.float64]:
+        columns = []
+        for mesh, points in zip(self.meshes, self.points, strict=True):
+            shapes = points.reshape(-1, *points.shape[-2:]).astype(np.float64)
+            column = [measure(replace(mesh, points=shape)) for shape in shapes]
+            columns.append(np.array(column).reshape(points.shape[:-2]))
+        return np.stack(columns, axis=-1)
+
+    def __repr__(self) -> str:
+        *worlds, frames = self.pressures.shape[:-1]
+        names = ", ".join(f"{mesh.name} of {mesh.vertex_count} particles" for mesh in self.meshes)
+        many = f"{worlds[0]} worlds, " if worlds else ""
+        return f"Trajectories({names}; {many}{frames} frames, {self.times[0]:g} to {self.times[-1]:g} s)"
+
+
+def simulate(
+    scene: SceneLike,
+    overrides: Mapping[str, Any] | Iterable[Override] = (),
+    *,
+    world_count: int = 1,
+    vary: BatchVary | None = None,
+    every: int = 1,
+    device: str | None = None,
+    schedule: str = "auto",
+    laws: Sequence[Law] = (),
+    on_frame: Callable[[int], None] = lambda number: None,
+) -> Trajectories:
+    """Simulate a scene from start to end, and hand back how everything moved.
+
+    Args:
+        scene: a scene, the name of a bundled one, a scene file, or a mesh, in a file or not.
+        overrides: dotted paths and values, as in `load_scene`: {"frames": 60, "balloon.mass": 2.0}.
+        world_count: how many copies of the scene, side by side.
+        vary: what differs between the worlds: dotted paths, and a value for each world.
+        every: 2 records every second frame, and so on.
+        device: a Warp device; the GPU where there is one, when missing.
+        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        on_frame: told the number of each frame when it is simulated.
+
+    Raises:
+        InputError: the scene cannot be simulated, a varied value is wrong or makes other meshes, or the trajectories do
+            not fit into the memory.
+        BlowUpError: a world left the finite numbers.
+    """
+    scene = load_scene(scene, overrides)
+    if not isinstance(every, int) or every < 1:
+        raise InputError(f"every: must be a whole number, at least 1 (got {every})")
+    groups = plan_groups(scene, world_count, vary or {}, laws)
+    meshes = [shape.mesh for shape in groups[0].plan.shapes]
+    tracks = _tracks(groups, world_count, scene.frames // every + 1)
+    for group in groups:
+        simulator = Simulator.of_model(lay_out(group.plan, pick_device(device)), schedule)
+        for number in range(scene.frames + 1):
+            if number:
+                simulator.step()
+            if number % every == 0:
+                _record(tracks, simulator, group, number // every)
+            on_frame(number)
+    times = np.arange(0, scene.frames + 1, every) / scene.frames_per_second
+    return Trajectories(scene, meshes, times, **_by_balloon(tracks, meshes))
+
+
+def _tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict[str, NDArray]:
+    """Room for all that is recorded, by the names of the state's arrays, shape (world_count, frames, ...).
+
+    Raises:
+        InputError: it does not fit, or the groups are of other meshes.
+    """
+    plan = groups[0].plan
+    if any(group.plan.particle_count != plan.particle_count for group in groups):
+        raise InputError("vary: meshes of other sizes have trajectories of their own; expected one mesh, or run_batch")
+    particles, spheres, balloons = plan.particle_count, len(plan.scene.sphere), len(plan.shapes)
+    require_memory(pick_device("cpu"), [world_count], [frames * 24 * (particles + spheres + balloons)])
+
+    def room(*shape: int, dtype: Any = np.float32) -> NDArray:
+        return np.zeros((world_count, frames, *shape), dtype=dtype)
+
+    return {
+        "points": room(particles, 3),
+        "velocities": room(particles, 3),
+        "pressures": room(balloons),
+        "gas_amounts": room(balloons, dtype=np.float64),
+        "sphere_positions": room(spheres, 3),
+        "sphere_velocities": room(spheres, 3),
+    }
+
+
+def _record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, place: int) -> None:
+    """Write down where a group's worlds are."""
+    for name, track in tracks.items():
+        if track.size:
+            track[group.worlds, place] = getattr(simulator.state, name).numpy()
+            if not np.isfinite(track[group.worlds, place]).all():
+                bad = ~np.isfinite(track[group.worlds, place]).reshape(len(group.worlds), -1).all(axis=1)
+                raise BlowUpError(simulator.diagnose(int(bad.argmax()), simulator.frame_number))
+
+
+def _by_balloon(tracks: dict[str, NDArray], meshes: Sequence[PolygonMesh]) -> dict[str, Any]:
+    """The tracks as `Trajectories` has them: particles by balloon, and a single world without its dimension."""
+    ends = np.cumsum([mesh.vertex_count for mesh in meshes])[:-1]
+    alone = len(tracks["pressures"]) == 1
+    found: dict[str, Any] = {name: track[0] if alone else track for name, track in tracks.items()}
+    return found | {name: np.split(found[name], ends, axis=-2) for name in ("points", "velocities")}

@@ -1,0 +1,168 @@
+"""What Python's users meet in their first minute: names, sources of scenes and meshes, silence, text and pictures."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from meshes import cube, quad_sphere
+
+import balloon_warp as bw
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.quiet import quiet_warp
+
+LOOK_AROUND = """
+import sys
+import balloon_warp as bw
+assert {"Simulator", "load_scene", "__version__"} <= set(dir(bw)), dir(bw)
+assert not {"warp", "numpy", "pydantic"} & set(sys.modules)  # nothing is loaded yet
+import warp
+bw.Simulator(([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]), "cpu").step()
+"""
+
+
+def test_names_are_there_before_they_load_and_warp_is_silent(tmp_path: Path):
+    """Also where Warp was imported before."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOOK_AROUND], capture_output=True, text=True, cwd=tmp_path, timeout=600
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_whoever_asks_warp_for_more_hears_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(wp.config, "log_level", wp.LOG_DEBUG)
+    quiet_warp.__wrapped__()
+    assert wp.config.log_level == wp.LOG_DEBUG
+
+
+def test_the_version_is_that_of_the_package():
+    assert bw.__version__ == metadata.version("balloon-warp")
+
+
+def test_a_name_that_is_not_there_is_asked_about():
+    """Python looks for what is like it in `dir`, of the object that the error has."""
+    with pytest.raises(AttributeError, match="has no attribute 'Simulater'") as caught:
+        _ = bw.Simulater
+    assert (caught.value.name, caught.value.obj) == ("Simulater", bw)
+
+
+BALL = quad_sphere(3)
+AS_LISTS = (BALL.points.tolist(), BALL.face_vertex_indices.reshape(-1, 4).tolist())
+OTHERS = {
+    "lists": AS_LISTS,
+    "arrays": (BALL.points, np.array(AS_LISTS[1])),
+    "mesh": BALL,
+    "another library's": SimpleNamespace(vertices=BALL.points, faces=AS_LISTS[1]),
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_a_mesh_may_be_no_file(kind: str, tmp_path: Path):
+    """It gets the scene that it gets as a file."""
+    write_obj(tmp_path / "ball.obj", BALL)
+    read, given = bw.load_mesh(tmp_path / "ball.obj"), bw.load_mesh(OTHERS[kind])
+    np.testing.assert_array_equal(given.points, read.points)
+    np.testing.assert_array_equal(given.face_vertex_indices, read.face_vertex_indices)
+    around, of_file = bw.load_scene(OTHERS[kind], {"balloon.mass": 3.0}), bw.load_scene(tmp_path / "ball.obj")
+    without_mesh = {"balloon": {0: {"mesh", "mass"}}, "description": True}
+    assert around.model_dump(exclude=without_mesh) == of_file.model_dump(exclude=without_mesh)
+    assert around.balloon[0].mass == 3.0
+    np.testing.assert_array_equal(bw.Balloon(mesh=OTHERS[kind]).mesh.points, read.points)
+
+
+def test_meshes_of_trimesh_are_taken():
+    ball, box = trimesh.creation.icosphere(1), trimesh.creation.box()
+    box.metadata["name"] = "crate"
+    assert bw.load_mesh(ball).vertex_count == 42
+    assert bw.load_mesh(box).name == "crate"
+    assert bw.load_mesh(trimesh.Scene([ball, box])).vertex_count == 42 + 8
+
+
+def test_a_simulator_takes_what_run_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    write_obj(tmp_path / "ball.obj", BALL)
+    (tmp_path / "mine.toml").write_text('frames = 7\n[[balloon]]\nmesh = "ball.obj"\n')
+    monkeypatch.chdir(tmp_path)
+    assert bw.Simulator("squirrel_tether", "cpu").model.scene == bw.load_scene("squirrel_tether")
+    assert bw.Simulator("ball.obj", "cpu").model.scene == bw.load_scene("ball.obj")
+    assert bw.Simulator(Path("mine.toml"), "cpu").model.scene.frames == 7
+    assert bw.Simulator(AS_LISTS, "cpu").model.particle_count == 56
+
+
+def test_a_scene_is_changed_by_making_another():
+    scene = bw.load_scene("squirrel_tether")
+    assert bw.load_scene(scene, {"balloon.mass": 3.0}).balloon[0].mass == 3.0
+    assert scene.balloon[0].mass != 3.0
+
+
+def scene() -> bw.Scene:
+    return bw.Scene(balloon=[bw.Balloon(mesh=cube())])
+
+
+def simulator(**arguments: Any) -> bw.Simulator:
+    return bw.Simulator(scene(), **{"device": "cpu", **arguments})
+
+
+def test_numbers_and_arrays_of_numpy_are_taken():
+    balloon = bw.Balloon(
+        mesh=BALL, mass=np.float32(2.0), position=np.arange(3), inflation={"k_normal": np.array([[0, 1], [2, 3]])}
+    )
+    assert (balloon.mass, balloon.position, balloon.inflation.k_normal) == (2.0, (0.0, 1.0, 2.0), [(0, 1), (2, 3)])
+    changed = bw.load_scene(
+        scene(), {"gravity": np.float64(3.0), "balloon.0.velocity": np.ones(3), "frames": np.int64(4)}
+    )
+    assert (changed.gravity, changed.balloon[0].velocity, changed.frames) == (3.0, (1.0, 1.0, 1.0), 4)
+
+
+MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
+    "field": (lambda: bw.Balloon(mesh="a.obj", mas=3), r"^balloon\.mas: unknown field; did you mean mass\?$"),
+    "value": (lambda: bw.Sphere(position=(0, 0, 0), mass=-1), r"^sphere\.mass: must be greater than 0 \(got -1\)$"),
+    "inner value": (lambda: bw.Scene(balloon=[{"mesh": "a.obj", "mass": -1}]), r"^balloon\.0\.mass: must be greater"),
+    "whole": (lambda: bw.Inflation(kind="pressure", amount=1.0), r'^inflation\.amount: needs kind = "gas"'),
+    "missing": (lambda: bw.Balloon(), r"^balloon\.mesh: is missing$"),
+    "unnamed": (lambda: bw.Balloon("a.obj"), r"^Balloon: takes fields by their names, as in Balloon\(mesh=\.\.\.\)$"),
+    "set": (lambda: setattr(scene(), "frames", 3), r"^frames: a Scene does not change; load_scene"),
+    "mesh": (lambda: bw.Balloon(mesh=42), r"^balloon\.mesh: must be a path or a PolygonMesh \(got 42\)$"),
+    "points": (lambda: bw.Balloon(mesh=([[0, 0]], [[0]])), r"^balloon\.mesh\.points: must have shape \(n, 3\)"),
+    "faces": (lambda: bw.load_mesh((BALL.points, [["a"]])), r"^faces: face 0 must be points' numbers, counted from 0"),
+    "no faces": (lambda: bw.load_mesh((BALL.points, 3)), r"^faces: must be lists of points' numbers \(got int\)$"),
+    "no point": (
+        lambda: bw.load_mesh((BALL.points, [[0, 1, 56]])),
+        r"^mesh: a face names point 56, but the points are 0",
+    ),
+    "source": (lambda: bw.Simulator(42), r"^scene: must be a Scene, the name of a bundled scene, a file, or"),
+    "no source": (lambda: bw.load_mesh(None), r"^mesh: must be a file, a PolygonMesh, a trimesh\.Trimesh, or a pair"),
+    "overrides": (lambda: bw.load_scene(scene(), [1]), r"^overrides: must be dotted paths and values"),
+    "override": (lambda: bw.load_scene(scene(), {"balloon.mas": 1}), r"balloon\.0\.mas: unknown field"),
+    "vary": (lambda: simulator(world_count=2, vary=[1, 2]), r"^vary: must be paths and values"),
+    "worlds": (lambda: simulator(world_count="2"), r"^world_count: must be a whole number, at least 1 \(got 2\)$"),
+    "laws": (lambda: simulator(laws=3), r"^laws: expected a list of laws \(got 3\)$"),
+    "device": (lambda: simulator(device=3), r"^--device 3: no such device; this machine has "),
+    "world": (lambda: simulator().read_frame("0"), r"^world: there is no world 0; expected 0 to 0$"),
+    "name": (lambda: simulator().set_parameters({"mas": 1}), r"^mas: there is no such parameter; known are "),
+    "shape": (lambda: simulator().set_parameters({"mass": [1, 2]}), r"^mass: must be numbers of shape \(1, 1\)"),
+    "nan": (lambda: simulator().set_parameters({"mass": np.nan}), r"^mass: must be finite \(got nan\)$"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_gets_one_sentence(mistake: str):
+    make, sentence = MISTAKES[mistake]
+    with pytest.raises(bw.InputError, match=sentence) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_everything_says_what_it_is_in_a_line_or_two():
+    shown = bw.Simulator(bw.Scene(balloon=[bw.Balloon(mesh=BALL, mass=0.3, name="ball")]), "cpu")
+    model = f"Model(ball of 56 particles; 1 world, {shown.model.substeps} substeps a frame, cpu)"
+    assert repr(shown) == f"Simulator({model}, frame 0, 0.000 s)"
+    assert repr(shown.model.scene.balloon[0]).startswith("Balloon(mesh=PolygonMesh('mesh', 56 vertices, 54 faces), ")
+    assert str(shown.model.scene) == f"Scene(balloon=[{shown.model.scene.balloon[0]}])"
+    assert repr(shown.read_frame()) == "Frame(0, 0.000 s: ball of 56 particles and 3.72 m^3)"

@@ -1,0 +1,83 @@
+"""What a simulator hands out of the moment it is at, and that it goes back to its start."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from meshes import cube, quad_sphere
+from PIL import Image
+
+from balloon_warp import Balloon, Change, InputError, Scene, Simulator, Sphere, display
+
+TWO = Scene(
+    balloon=[
+        Balloon(mesh=cube(), inflation={"kind": "pressure", "pressure": 50.0}),
+        Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0), scale=2.0),
+    ],
+    sphere=[Sphere(position=(0.0, 4.0, 0.0), start=1 / 60)],
+    change=[
+        Change(time=1 / 60, set={"balloon.mass": 0.5}),
+        Change(time=2 / 60, set={"normals": "fresh", "substeps": 100}),
+    ],
+)
+
+
+def test_a_frame_knows_its_time_and_its_balloons_size():
+    """A unit cube has 1 m^3 and 6 m^2; later both are those of the solids."""
+    simulator = Simulator(TWO, "cpu")
+    start = simulator.read_frame()
+    assert (start.number, start.time, simulator.time) == (0, 0.0, 0.0)
+    assert (start.volumes[0], start.areas[0]) == pytest.approx((1.0, 6.0), rel=1e-12)
+    for _ in range(3):
+        simulator.step()
+    later = simulator.read_frame()
+    assert later.time == simulator.time == pytest.approx(3 / 60)
+    assert later.volumes[0] > 1.0
+    # the device sums in float64 the float32 places that the host sums, too
+    np.testing.assert_allclose(later.volumes, simulator.mass_properties().volume[0], rtol=1e-9)
+    assert later.pressures[0] == 50.0
+
+
+def test_reset_goes_back_to_the_same_start():
+    """After changes of parameters and of methods, and after parameters that were written, to the same bits."""
+    simulator = Simulator(TWO, "cpu")
+    for _ in range(4):
+        simulator.step()
+    first = simulator.read_frame()
+    simulator.set_parameters({"gravity": 0.0})
+    simulator.step()
+    simulator.reset()
+    assert (simulator.frame_number, simulator.model.scene.normals) == (0, "cached")
+    frames = list(zip(range(5), simulator.run(), strict=False))
+    np.testing.assert_array_equal(frames[4][1].points[1], first.points[1])
+    np.testing.assert_array_equal(frames[4][1].sphere_positions, first.sphere_positions)
+
+
+def test_reset_forgets_what_was_written_where_nothing_changes_by_itself():
+    simulator = Simulator(TWO.model_copy(update={"change": []}), "cpu")
+    simulator.set_parameters({"gravity": 0.0})
+    simulator.step()
+    simulator.reset()
+    assert simulator.model.parameters["gravity"].numpy() == np.float32(9.81)
+    simulator.set_parameters({"gravity": 1.0})
+    simulator.reset()
+    assert simulator.model.parameters["gravity"].numpy() == np.float32(9.81)
+
+
+def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
+    """Of the balloons, red and blue on gray; and none of what is not finite."""
+    monkeypatch.setattr(display, "NOTEBOOK_SIZE", (64, 36))
+    simulator = Simulator(TWO, "cpu")
+    shown = simulator._repr_png_()
+    assert shown is not None
+    pixels = np.asarray(Image.open(io.BytesIO(shown)).convert("RGB")).astype(int)
+    assert pixels.shape == (36, 64, 3)
+    assert (pixels[..., 0] - pixels[..., 2] > 80).any()
+    assert (pixels[..., 2] - pixels[..., 0] > 40).any()
+    frame = simulator.read_frame()
+    broken = replace(frame, points=[np.full_like(points, np.nan) for points in frame.points])
+    monkeypatch.setattr(simulator, "read_frame", lambda world: broken)
+    assert simulator._repr_png_() is None
+    with pytest.raises(InputError, match="frame 0: is not finite"):
+        simulator.picture()
