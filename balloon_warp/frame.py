@@ -61,8 +61,8 @@ class FrameReader:
         inflation_forces = self._of_balloons(self._forces.inflation_forces(state), world)
         return Frame(
             number=number,
-            points=self._of_balloons(state.points, world),
-            velocities=self._of_balloons(state.velocities, world),
+            points=self._moving_along(state.points, world),
+            velocities=self._moving_along(state.velocities, world),
             net_forces=self._of_balloons(self._forces.net_forces(state), world) if net_forces else [],
             inflation_forces=inflation_forces,
             pressures=state.pressures.numpy()[world].copy(),
@@ -77,6 +77,12 @@ class FrameReader:
     def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
         """One world's rows of a particle array, split by balloon."""
         return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
+
+    def _moving_along(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
+        """The same, welded vertices with the rows of those that stand in for them."""
+        stand_ins = (shape.mesh.stand_ins for shape in self.model.shapes)
+        rows = self._of_balloons(array, world)
+        return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]
 
 
 def _copy(array: wp.array, world: int) -> NDArray[np.float32]:

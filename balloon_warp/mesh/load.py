@@ -5,16 +5,12 @@ from pathlib import Path
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import obj, trimesh_formats, usd
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.repair import welded
 
 LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS
 
 
-def load_mesh(path: Path | str, weld: bool = False) -> PolygonMesh:
-    """Read a mesh: polygons from OBJ and USD, triangles from STL, PLY, OFF, glTF and GLB.
-
-    Args:
-        weld: join faces where vertices lie at exactly the same place.
+def load_mesh(path: Path | str) -> PolygonMesh:
+    """Read a mesh as it is: polygons from OBJ and USD, triangles from STL, PLY, OFF, glTF and GLB.
 
     Raises:
         InputError: there is no such file, its suffix is none of these, or its content is wrong.
@@ -27,5 +23,4 @@ def load_mesh(path: Path | str, weld: bool = False) -> PolygonMesh:
         raise InputError(f"{path}: expected a mesh file ({' '.join(LOADERS)}), got suffix {suffix or 'none'}")
     if not path.exists():
         raise InputError(f"{path}: no such file")
-    mesh = LOADERS[suffix](path)
-    return welded(mesh) if weld else mesh
+    return LOADERS[suffix](path)

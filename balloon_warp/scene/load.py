@@ -13,7 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, apply_overrides
-from balloon_warp.scene.schema import Scene
+from balloon_warp.scene.schema import Balloon, Scene
 
 LARGEST_FILE = 1 << 24
 """bytes of a scene file"""
@@ -57,10 +57,23 @@ def load_scene(source: str | Path, overrides: Mapping[str, Any] | Iterable[Overr
     if path.suffix.lower() == ".toml":
         table = _read_toml(path)
     else:
-        bare: dict[str, Any] = {"balloon": [{"mesh": path.resolve()}]}
-        placed = _overridden(bare, pairs, path)
-        table = scene_table_around(path, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
+        bare = _bare_scene(path, pairs)
+        up_axis = bare.up_axis if "up_axis" in bare.model_fields_set else None
+        table = scene_table_around(path, bare.balloon[0], up_axis)
     return _overridden(table, pairs, path)
+
+
+def mesh_balloon(path: Path, overrides: Sequence[Override] = ()) -> Balloon:
+    """A mesh by itself as a balloon, with values changed at paths of the scene that it gets; its mesh is not read.
+
+    Raises:
+        InputError: names the path or field that is wrong.
+    """
+    return _bare_scene(path, overrides).balloon[0]
+
+
+def _bare_scene(path: Path, overrides: Sequence[Override]) -> Scene:
+    return _overridden({"balloon": [{"mesh": path.resolve()}]}, overrides, path)
 
 
 def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path) -> Scene:

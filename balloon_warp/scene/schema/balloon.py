@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import InstanceOf, model_validator
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
 from balloon_warp.scene.schema.fields import (
     Color,
     Index,
@@ -119,8 +120,14 @@ class Balloon(Table):
 
     mesh: Path | InstanceOf[PolygonMesh]
     """a mesh file, sought beside the scene file; from Python, a PolygonMesh too"""
-    weld: bool = False
-    """join faces where vertices of the mesh lie at exactly the same place, as along seams"""
+    weld: Weld = "auto"
+    """join faces where vertices of the mesh lie at exactly the same place: along seams, open edges that do ("auto"),
+    everywhere (true) or nowhere (false)"""
+    holes: Holes = "cap"
+    """close holes in the mesh's surface, such as pinholes and eye sockets, or "keep" them; openings such as the rim of
+    a bowl or a sleeve always stay"""
+    parts: Parts = "held"
+    """hold parts of the mesh that share no vertex together by springs, of the structural kind, or leave them "free" """
     name: str = ""
     """what its prim is called in the stage; the mesh's name when empty"""
     position: Vector = (0.0, 0.0, 0.0)
@@ -140,3 +147,8 @@ class Balloon(Table):
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     law: LawTables = {}
+
+    @property
+    def treatment(self) -> Treatment:
+        """what becomes of the mesh's seams, holes and parts"""
+        return Treatment(self.weld, self.holes, self.parts)
