@@ -95,8 +95,8 @@ class FrameReader:
         return Frame(
             number=number,
             time=number * self.model.frame_seconds,
-            points=self._of_balloons(state.points, world),
-            velocities=self._of_balloons(state.velocities, world),
+            points=self._moving_along(state.points, world),
+            velocities=self._moving_along(state.velocities, world),
             net_forces=of_all,
             inflation_forces=of_inflation,
             pressures=state.pressures.numpy()[world].copy(),
@@ -123,6 +123,12 @@ class FrameReader:
     def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
         """One world's rows of a particle array, split by balloon."""
         return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
+
+    def _moving_along(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
+        """The same, welded vertices with the rows of those that stand in for them."""
+        stand_ins = (shape.mesh.stand_ins for shape in self.model.shapes)
+        rows = self._of_balloons(array, world)
+        return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]
 
 
 def _copy(array: wp.array, world: int) -> NDArray[np.float32]:

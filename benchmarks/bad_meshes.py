@@ -119,6 +119,19 @@ def inside_out() -> bytes:
     return CUBE_POINTS + b"".join(b"f " + b" ".join(reversed(face)) + b"\n" for face in faces)
 
 
+def pierced() -> bytes:
+    """A cube of 8 by 8 quads a side, without one of them."""
+    places, faces = {}, []
+    for axis in range(3):
+        for side in (0, 8):
+            for i in range(8):
+                for j in range(8):
+                    square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+                    corners = [np.roll((side, *corner), axis) for corner in square[:: 1 if side else -1]]
+                    faces.append([places.setdefault(tuple(corner.tolist()), len(places)) for corner in corners])
+    return obj(np.array(list(places)) / 8.0, faces[:27] + faces[28:])
+
+
 def two_cubes() -> bytes:
     """Two cubes, apart along z."""
     faces = [[int(corner) - 9 for corner in line.split()[1:]] for line in CUBE_FACES.splitlines()]
@@ -171,7 +184,13 @@ REFUSED = [
     _refused("a scale of 1e18", lambda: cube_of(1e18), ": is 1e+18 m large; expected 1e-06 to 1e+09 m"),
     _refused("gas in a Moebius strip", moebius, f"{OPEN} to 2, counting from 1; expected a closed mesh or", *GAS),
     _refused("gas in an open mesh", without_face(3), f"{OPEN} to 2, counting from 1; expected a closed mesh or", *GAS),
-    _refused("gas behind seams", seams, f"{OPEN} to 2, counting from 1; expected --weld, which closes it, or", *GAS),
+    _refused(
+        "gas behind open seams",
+        seams,
+        f"{OPEN} to 2, counting from 1; expected --weld, which closes it, or",
+        *GAS,
+        ("balloon.weld", False),
+    ),
 ]
 ACCEPTED = [
     _accepted("plain", CUBE),
@@ -205,9 +224,13 @@ WARNED = [
     _warned("inward winding", inside_out, "1 closed component winds inward; it has face 1, counting from 1. Such"),
     _warned("no winding fits", moebius, "1 edge joins faces of opposite winding; it goes from vertex"),
     _warned("open border", without_face(3), "4 edges are on open borders; the first goes from vertex 1 to 2"),
-    _warned("unwelded seams", seams, "16 vertices lie exactly on others; the first is vertex"),
+    _warned("seams", seams, "16 vertices along seams, exactly on others, have been welded to them"),
     _warned("welded seams", seams, "16 vertices that lay exactly on others have been welded", ("balloon.weld", True)),
-    _warned("several components", two_cubes, "It has 2 components, which nothing joins; face 7 is the first"),
+    _warned("open seams", seams, "16 vertices lie exactly on others; the first is vertex", ("balloon.weld", False)),
+    _warned("several components", two_cubes, "It has 2 components, which share no vertex; face 7 is the first"),
+    _warned("components that are free", two_cubes, "It has 2 components, which share", ("balloon.parts", "free")),
+    _warned("a pinhole", pierced, "1 hole in the surface is closed by faces after the file's; it has 4"),
+    _warned("a hole that is kept", pierced, "4 edges are on open borders", ("balloon.holes", "keep")),
     _warned("an edge of 100 faces", fan_at_an_edge, "1 edge has more than two faces; it goes from vertex 1 to 2"),
     _warned("a hub of 5,000 quads", hub, "1 vertex has more than 256 neighbors; it is vertex 1"),
 ]

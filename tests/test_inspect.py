@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inspecting import command, inside_out, with_faces
 from meshes import cube, grid, joined, mesh_of, moebius, open_cube, prism, quad_sphere, torus, two_quads_at_a_vertex
 from work import lines_executed
 
@@ -21,23 +22,15 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import load_scene
 
 
-def with_faces(mesh: PolygonMesh, *faces: list[int]) -> PolygonMesh:
-    """The mesh and more faces."""
-    added = mesh_of([], faces)
-    return replace(
-        mesh,
-        face_vertex_counts=np.concatenate([mesh.face_vertex_counts, added.face_vertex_counts]),
-        face_vertex_indices=np.concatenate([mesh.face_vertex_indices, added.face_vertex_indices]),
-    )
-
-
 def with_points(mesh: PolygonMesh, *points: tuple[float, float, float]) -> PolygonMesh:
     """The mesh and more vertices."""
     return replace(mesh, points=np.concatenate([mesh.points, np.array(points, dtype=np.float64)]))
 
 
-def inside_out(mesh: PolygonMesh) -> PolygonMesh:
-    return replace(mesh, face_vertex_indices=mesh.face_vertex_indices[::-1].copy())
+def curve(count: int) -> np.ndarray:
+    """So many points, no four of them in a plane."""
+    along = np.arange(count, dtype=np.float64)
+    return np.stack([along, along**2, along**3], axis=1)
 
 
 def test_report_of_a_cube() -> None:
@@ -47,7 +40,8 @@ def test_report_of_a_cube() -> None:
         "triangles": 0,
         "quads": 6,
         "ngons": 0,
-        "springs": {"structural": 12, "shear": 12, "flexion": 0},
+        "springs": {"structural": 12, "shear": 12, "flexion": 0, "holding": 0},
+        "in_file": {},
         "closed": True,
         "border_edges": 0,
         "manifold": True,
@@ -61,7 +55,7 @@ def test_report_of_a_cube() -> None:
 
 
 def test_report_of_polygons_of_all_sizes() -> None:
-    report = inspect_mesh(mesh_of(np.eye(7, 3), [[0, 1, 2], [2, 3, 4, 5], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5]]))
+    report = inspect_mesh(mesh_of(curve(7), [[0, 1, 2], [2, 3, 4, 5], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5]]))
     assert (report.faces, report.triangles, report.quads, report.ngons, report.unused_vertices) == (4, 1, 1, 2, 1)
 
 
@@ -87,7 +81,7 @@ WARNINGS = {
         "2 faces repeat a corner; the first is face 7, counting from 1. Each corner is taken once.",
     ),
     "repeated corner, and two faces that only follow each other": (
-        mesh_of(np.eye(5, 3), [[0, 1, 2], [2, 3, 4], [4, 0, 4]]),
+        mesh_of(curve(5), [[0, 1, 2], [2, 3, 4], [4, 0, 4]]),
         "1 face repeats a corner; it is face 3, counting from 1. Each corner is taken once.",
     ),
     "no area": (
@@ -119,7 +113,7 @@ WARNINGS = {
         " An open balloon is inflated, but cannot hold gas.",
     ),
     "non-manifold edge": (
-        mesh_of(np.eye(5, 3), [[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
+        mesh_of(curve(5), [[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
         "1 edge has more than two faces; it goes from vertex 1 to 2, counting from 1."
         " Each face is inflated to the side that it winds to, and gas is refused.",
     ),
@@ -153,16 +147,6 @@ def test_a_sound_mesh_has_no_warnings(mesh: PolygonMesh) -> None:
 
 def test_numbers_in_sentences_have_thousands_separators() -> None:
     assert "1,002 edges are on open borders" in inspect_mesh(grid(500, 1)).warnings[0]
-
-
-def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "balloon_warp", "inspect", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env={**os.environ, "COLUMNS": "100"},
-    )
 
 
 def test_command_prints_json_alone(tmp_path: Path) -> None:
@@ -234,14 +218,13 @@ def test_command_reports_a_scene_and_its_step(tmp_path: Path) -> None:
     assert "sphere_lunch: no such scene or file; bundled scenes are" in unknown.stderr
 
 
-def test_a_mesh_that_makes_no_balloon_is_reported_all_the_same(tmp_path: Path) -> None:
+def test_a_mesh_that_makes_no_balloon_is_reported_all_the_same_and_refused(tmp_path: Path) -> None:
     write_obj(tmp_path / "point.obj", replace(cube(), points=np.zeros((8, 3))))
     result = command(tmp_path / "point.obj", "--json")
-    assert result.returncode == 0
+    assert result.returncode == 2
     report = json.loads(result.stdout)
-    assert report["step"] is None
-    assert report["warnings"][-1].startswith("It makes no balloon as it is: ")
-    assert "all its vertices stand at one place" in report["warnings"][-1]
+    assert (report["step"], report["vertices"]) == (None, 8)
+    assert result.stderr.startswith(f"error: {tmp_path / 'point.obj'}: all its vertices stand at one place")
 
 
 def test_no_loop_goes_over_vertices() -> None:

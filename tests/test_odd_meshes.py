@@ -65,14 +65,14 @@ def test_each_face_of_a_crowded_edge_is_inflated_to_its_side(tmp_path: Path, dev
     np.testing.assert_allclose(forces[faces[:, 2]], 12.0 * area_vectors / 3.0, atol=1e-4)
 
 
-def test_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path, device: str):
+def test_free_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path, device: str):
     """The paper's inflation is shared by area: a cube of two has half the push of one alone."""
     alone = (
         simulator_of(CUBE, tmp_path, device, inflation={"k_normal": 3.0})
         .read_frame(net_forces=True)
         .inflation_forces[0]
     )
-    simulator = simulator_of(case("several components"), tmp_path, device, inflation={"k_normal": 3.0})
+    simulator = simulator_of(case("several components"), tmp_path, device, inflation={"k_normal": 3.0}, parts="free")
     both = simulator.read_frame(net_forces=True).inflation_forces[0]
     np.testing.assert_allclose(both, 0.5 * np.concatenate([alone, alone]), atol=1e-4)
     pairs = simulator.model.shapes[0].springs.pairs

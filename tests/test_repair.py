@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from meshes import cube, grid, joined, mesh_of, moebius, quad_sphere, torus
+from meshes import grid, joined, mesh_of, moebius, quad_sphere, torus
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corner_faces, flip_faces
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.mesh.orientation import facing_outward
-from balloon_warp.mesh.repair import distinct_faces, repaired, welded
+from balloon_warp.mesh.repair import distinct_faces, repaired
 from balloon_warp.mesh.topology import inconsistent_edges, mesh_edges
 
 
@@ -74,12 +74,3 @@ def test_corners_and_faces_are_taken_once() -> None:
     assert (kept.tolist(), mesh.face_vertex_counts.tolist()) == ([0, 3, 4], [3, 3, 4])
     with pytest.raises(InputError, match=r"^thing: has no face with three different corners$"):
         repaired(mesh_of(np.eye(4, 3), [[0, 1, 0], [2, 2, 2]]), "thing")
-
-
-def test_welding_takes_the_first_vertex_at_a_place_and_tells_how_many_went() -> None:
-    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 0, 0), (2, 0, 0), (1, 1, -0.0), (0, 0, 0)]
-    mesh = welded(mesh_of(points, [[0, 1, 2], [3, 4, 5]]))
-    assert mesh.face_vertex_indices.tolist() == [0, 1, 2, 1, 4, 2]
-    assert mesh.warnings == ("2 vertices that lay exactly on others have been welded.",)
-    whole = cube()
-    assert welded(whole) is whole

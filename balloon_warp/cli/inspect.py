@@ -1,7 +1,7 @@
 """`balloon-warp inspect`"""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from balloon_warp.cli.options import WELD, Weld, scene_changes
+from balloon_warp.cli.options import Weld, scene_changes
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
-from balloon_warp.inspection import MeshReport, inspect_mesh
+from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import Scene, bundled_scenes, load_scene
+from balloon_warp.scene.load import mesh_balloon
 from balloon_warp.scene.overrides import Override
 
 
@@ -43,8 +44,8 @@ def inspect(
 
 
 def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
-    meshes = [(balloon.mesh, balloon.weld) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
-    reports = {mesh: inspect_mesh(load_mesh(*mesh), mesh[0]) for mesh in dict.fromkeys(meshes)}
+    meshes = [(balloon.mesh, balloon.treatment) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
+    reports = {mesh: inspect_mesh(load_mesh(mesh[0]), *mesh) for mesh in dict.fromkeys(meshes)}
     from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
 
     step = asdict(advise_step(scene))
@@ -62,21 +63,22 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
 
 
 def _inspect_mesh(mesh: Path, changes: list[Override], as_json: bool) -> None:
-    """The step is that of the scene that a mesh by itself gets."""
-    report = inspect_mesh(load_mesh(mesh, weld=WELD in changes), mesh)
+    """The step is that of the scene that a mesh by itself gets. A mesh of which that makes no balloon is reported on
+    first, and then refused."""
+    report = inspect_mesh(load_mesh(mesh), mesh, mesh_balloon(mesh, changes).treatment)
     from balloon_warp.advice import advise_step
 
-    step = None
+    step, refusal = None, None
     try:
         step = asdict(advise_step(load_scene(str(mesh), changes)))
     except InputError as mistake:
-        if changes:
-            raise
-        report.warnings.append(f"It makes no balloon as it is: {mistake}")
+        refusal = mistake
     if as_json:
         print(json.dumps({**asdict(report), "step": step}))
     else:
         _print_mesh(_console(), mesh.name, report, _step_rows(step) if step else {})
+    if refusal:
+        raise refusal
 
 
 def _console() -> Console:
@@ -85,22 +87,31 @@ def _console() -> Console:
 
 def _print_mesh(console: Console, name: str, report: MeshReport, more: dict[str, str]) -> None:
     springs = report.springs
-    of_sizes = f"{report.triangles:,} triangles, {report.quads:,} quads, {report.ngons:,} n-gons"
     of_kinds = f"{springs.structural:,} structural, {springs.shear:,} shear, {springs.flexion:,} flexion"
-    rows = {
-        "vertices": f"{report.vertices:,}" + (f", {report.unused_vertices:,} unused" if report.unused_vertices else ""),
-        "faces": f"{report.faces:,} ({of_sizes})",
-        "springs": f"{springs.structural + springs.shear + springs.flexion:,} ({of_kinds})",
-        "closed": "yes" if report.closed else f"no, {report.border_edges:,} border edges",
-        "manifold": "yes" if report.manifold else "no",
-        "components": f"{report.components:,}",
-        "genus": "-" if report.genus is None else f"{report.genus:,}",
-        "volume": "-" if report.volume is None else f"{report.volume:,.6g} cubic units",
-        "area": f"{report.area:,.6g} square units",
+    holding = f"; {springs.holding:,} hold parts together" if springs.holding else ""
+    total = springs.structural + springs.shear + springs.flexion
+    figures = {field.name: getattr(report, field.name) for field in fields(Figures)}
+    rows, in_file = _mesh_rows(Figures(**figures)), _mesh_rows(Figures(**{**figures, **report.in_file}))
+    said = {
+        label: row if row == in_file[label] else f"{row}; in the file: {in_file[label]}" for label, row in rows.items()
     }
-    console.print(_table(name, {**rows, **more}))
+    console.print(_table(name, {**said, "springs": f"{total:,} ({of_kinds}{holding})", **more}))
     for warning in report.warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}")
+
+
+def _mesh_rows(mesh: Figures) -> dict[str, str]:
+    of_sizes = f"{mesh.triangles:,} triangles, {mesh.quads:,} quads, {mesh.ngons:,} n-gons"
+    return {
+        "vertices": f"{mesh.vertices:,}" + (f", {mesh.unused_vertices:,} unused" if mesh.unused_vertices else ""),
+        "faces": f"{mesh.faces:,} ({of_sizes})",
+        "closed": "yes" if mesh.closed else f"no, {counted(mesh.border_edges, 'border edge')}",
+        "manifold": "yes" if mesh.manifold else "no",
+        "components": f"{mesh.components:,}",
+        "genus": "-" if mesh.genus is None else f"{mesh.genus:,}",
+        "volume": "-" if mesh.volume is None else f"{mesh.volume:,.6g} cubic units",
+        "area": f"{mesh.area:,.6g} square units",
+    }
 
 
 def _step_rows(step: dict) -> dict[str, str]:

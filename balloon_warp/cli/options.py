@@ -12,7 +12,11 @@ WELD: Override = ("balloon.weld", True)
 SceneName = Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")]
 Weld = Annotated[
     bool,
-    typer.Option("--weld", help="Join faces where vertices lie at exactly the same place: --set balloon.weld=true"),
+    typer.Option(
+        "--weld",
+        help="Join faces wherever vertices lie at exactly the same place, not along open seams alone: "
+        "--set balloon.weld=true",
+    ),
 ]
 Device = Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")]
 Schedule = Annotated[str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")]

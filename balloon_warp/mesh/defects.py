@@ -1,6 +1,8 @@
 """What is odd about a mesh, and what is done about it, for people: two sentences for each kind of defect. Faces and
 vertices are counted from 1."""
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,12 +28,15 @@ from balloon_warp.mesh.topology import (
 NO_AREA = 1e-9
 
 
-def describe_defects(mesh: PolygonMesh) -> list[str]:
-    """For each kind of defect that the mesh has: how many there are, the first, and what is done about it."""
+def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held", "free"]) -> list[str]:
+    """For each kind of defect that the mesh has: how many there are, the first, and what is done about it.
+
+    Args:
+        whole: the mesh once repaired, which tells what stays open.
+        parts: whether components are held together.
+    """
     distinct, kept = distinct_faces(mesh)
-    if not len(kept):
-        return ["It has no face with three different corners."]
-    edges = mesh_edges(distinct)
+    edges, edges_left = mesh_edges(distinct), mesh_edges(whole)
     sentences = [
         _about_faces(
             np.unique(corner_faces(mesh)[repeated_corners(mesh)]),
@@ -53,7 +58,7 @@ def describe_defects(mesh: PolygonMesh) -> list[str]:
         ),
         _about_coincident_vertices(mesh),
         _about_vertices(
-            unused_vertices(mesh),
+            np.setdiff1d(unused_vertices(mesh), mesh.left_vertices),
             "belongs to no face",
             "belong to no face",
             "Such a vertex keeps its number, has no mass and stays where it is.",
@@ -71,8 +76,8 @@ def describe_defects(mesh: PolygonMesh) -> list[str]:
             "Past it each of them gets one flexion spring, instead of one to every other.",
         ),
         _about_edges(
-            border_edges(edges),
-            edges,
+            border_edges(edges_left),
+            edges_left,
             "is on an open border",
             "are on open borders",
             "An open balloon is inflated, but cannot hold gas.",
@@ -86,7 +91,7 @@ def describe_defects(mesh: PolygonMesh) -> list[str]:
         ),
         _about_opposite_winding(distinct, edges),
         _about_inward_components(distinct, edges, kept),
-        _about_components(distinct, edges, kept),
+        _about_components(distinct, edges, kept, parts),
     ]
     return [sentence for sentence in sentences if sentence]
 
@@ -145,14 +150,21 @@ def _about_inward_components(mesh: PolygonMesh, edges: MeshEdges, kept: NDArray[
         )
 
 
-def _about_components(mesh: PolygonMesh, edges: MeshEdges, kept: NDArray[np.int64]) -> str | None:
+def _about_components(
+    mesh: PolygonMesh, edges: MeshEdges, kept: NDArray[np.int64], parts: Literal["held", "free"]
+) -> str | None:
     component = _face_components(mesh, edges)
     count = len(np.unique(component))
     if count > 1:
         apart = kept[int((component != component[0]).argmax())] + 1
+        became = (
+            'Springs hold them together; parts = "free" lets them part.'
+            if parts == "held"
+            else "They are inflated as one balloon, and free to part."
+        )
         return (
-            f"It has {count:,} components, which nothing joins; face {apart} is the first apart from face "
-            f"{kept[0] + 1}, counting from 1. They are inflated as one balloon."
+            f"It has {count:,} components, which share no vertex; face {apart} is the first apart from face "
+            f"{kept[0] + 1}, counting from 1. {became}"
         )
 
 

@@ -8,18 +8,16 @@ from balloon_warp.mesh import obj, trimesh_formats, usd
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.from_python import MeshLike, mesh_from
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.mesh.repair import welded
 
 LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS
 
 
-def load_mesh(source: Path | str | MeshLike, weld: bool = False) -> PolygonMesh:
-    """Read a mesh: polygons from OBJ and USD, triangles from STL, PLY, OFF, glTF and GLB.
+def load_mesh(source: Path | str | MeshLike) -> PolygonMesh:
+    """Read a mesh as it is: polygons from OBJ and USD, triangles from STL, PLY, OFF, glTF and GLB.
 
     Args:
         source: a file; or a PolygonMesh, a trimesh.Trimesh, or points of shape (n, 3) [m] and faces, each a list of
             points' numbers from 0.
-        weld: join faces where vertices lie at exactly the same place.
 
     Raises:
         InputError: there is no such file, its suffix is none of these, or its content is wrong.
@@ -27,7 +25,7 @@ def load_mesh(source: Path | str | MeshLike, weld: bool = False) -> PolygonMesh:
     if not isinstance(source, str | Path):
         mesh = mesh_from(source)
         check_mesh(mesh, mesh.name)
-        return welded(mesh) if weld else mesh
+        return mesh
     path = Path(source)
     if path.is_dir():
         raise InputError(f"{path}: is a folder, not a mesh file")
@@ -36,5 +34,4 @@ def load_mesh(source: Path | str | MeshLike, weld: bool = False) -> PolygonMesh:
         raise InputError(f"{path}: expected a mesh file ({' '.join(LOADERS)}), got suffix {suffix or 'none'}")
     if not path.exists():
         raise InputError(f"{path}: no such file")
-    mesh = LOADERS[suffix](path)
-    return welded(mesh) if weld else mesh
+    return LOADERS[suffix](path)

@@ -11,20 +11,24 @@ from balloon_warp.kernels.measure.signed_distance import signed_distances, unsig
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import first_coincident
 
+SLAB = 1.5
+"""of the given thickness is what is thin, and what it becomes"""
+
 
 class MeshDistance:
     """Distance to a triangle mesh, negative inside, where its winding number is above one half.
 
-    Parts thinner than `thickness`, a sheet among them, count as a slab of 1.5 times that thickness about the surface;
-    but not the edge of a wedge nor the tip of a cone, which are thin for a short way only.
+    Parts thinner than 1.5 times `thickness`, a sheet among them, count as a slab of that about the surface: a rod that
+    is thicker has a node of a grid of that width in every cell along it, wherever it lies. So does such a slab;
+    but not the edge of a wedge nor the tip of a cone, which are thin for a short way only. With 0, no part does.
     """
 
     def __init__(self, points: NDArray[np.float64], triangles: NDArray[np.integer[Any]], thickness: float):
         """Takes points of shape (n, 3), outward triangles of shape (m, 3), and a thickness in the points' unit."""
         self._farthest = 10.0 * float(np.linalg.norm(np.ptp(points, axis=0))) + 10.0 * thickness
-        self._half_slab = 0.75 * thickness
+        self._half_slab = 0.5 * SLAB * thickness
         self._mesh = _warp_mesh(points, triangles, winding_number=True)
-        self._sheets = self._thin_parts(points, triangles, thickness)
+        self._sheets = self._thin_parts(points, triangles, thickness) if thickness > 0.0 else None
 
     @property
     def has_thin_parts(self) -> bool:
@@ -47,7 +51,7 @@ class MeshDistance:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
         triangles, centers = triangles[lengths > 0.0], corners.mean(axis=1)[lengths > 0.0]
-        depth = thickness * normals[lengths > 0.0] / lengths[lengths > 0.0, None]
+        depth = SLAB * thickness * normals[lengths > 0.0] / lengths[lengths > 0.0, None]
         behind = self._query(signed_distances, self._mesh, centers - depth)
         thin = behind > 0.0
 

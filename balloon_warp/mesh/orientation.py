@@ -27,8 +27,7 @@ def oriented_outward(mesh: PolygonMesh) -> PolygonMesh:
 
 def facing_outward(mesh: PolygonMesh) -> PolygonMesh:
     """The mesh with neighboring faces wound alike, and closed components outward, but for hollows in the largest."""
-    if len(inconsistent_edges(mesh_edges(mesh))):
-        mesh = wound_alike(mesh)
+    mesh = wound_alike(mesh)
     inward = inward_faces(mesh, mesh_edges(mesh))
     return _flipped(mesh, inward) if inward.any() else mesh
 
@@ -59,6 +58,8 @@ def inward_faces(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.bool_]:
 def wound_alike(mesh: PolygonMesh) -> PolygonMesh:
     """The mesh with neighboring faces wound alike where a winding fits them all; as few are turned as it takes."""
     edges = mesh_edges(mesh)
+    if not len(inconsistent_edges(edges)):
+        return mesh
     pairs = edges.starts[edges.face_counts == 2]
     face = corner_faces(mesh)[edges.corners]
     first, second = face[pairs], face[pairs + 1]

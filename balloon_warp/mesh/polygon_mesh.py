@@ -25,6 +25,9 @@ class PolygonMesh:
     """metres in one unit of `points`"""
     texture_coordinates: NDArray[np.float32] | None = None
     """u and v at each corner, shape (corner_count, 2), if the file has them"""
+    stand_ins: NDArray[np.int64] | None = None
+    """for each vertex the one that faces have in its place, itself where it was not welded, shape (vertex_count,); None
+    where nothing was"""
     warnings: tuple[str, ...] = field(default=())
     """what the reader had to put up with, a sentence each"""
     groups: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
@@ -41,3 +44,13 @@ class PolygonMesh:
     @property
     def face_count(self) -> int:
         return len(self.face_vertex_counts)
+
+    def stand_in(self, vertex: int) -> int:
+        """The vertex that faces have in the place of this one of the file."""
+        return vertex if self.stand_ins is None else int(self.stand_ins[vertex])
+
+    @property
+    def left_vertices(self) -> NDArray[np.int64]:
+        """those that faces have left for others, in order"""
+        own = np.arange(self.vertex_count)
+        return np.flatnonzero((own if self.stand_ins is None else self.stand_ins) != own)

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.geometry import face_volumes, triangulate
+from balloon_warp.mesh.faithful import infidelity
+from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.orientation import oriented_outward
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -16,35 +17,51 @@ from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.quiet import quiet_warp
 
 MIN_CELLS, MAX_CELLS = 4, 256
-CRUMB = 0.01
-"""A part is a crumb if it has less than this share of the largest part's volume."""
+TRIES, FINER = 3, 1.5
+"""times that a surface is tried with more cells each time, where what comes of it is not faithful to it"""
+CRUMB = 3.0
+"""cells: a part is a crumb that no box has of more than that, which is what a speck of a cell and a half becomes"""
 
 
 def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
-    What the surface winds around becomes the inside; holes are closed by a smooth membrane. Where it is thinner than a
-    cell it becomes a slab 1.5 cells thick. Crumbs are dropped. `warnings` says what was done. Runs on Warp's default
-    device.
+    What the surface winds around becomes the inside; holes are closed by a smooth membrane. Where it is thinner than
+    1.5 cells it becomes a slab of that. Crumbs are dropped; else each part of the surface is there in one piece, which
+    may take more cells. `warnings` says what was done. Runs on Warp's default device.
 
     Args:
         mesh: the surface; the result keeps its name, unit and up axis.
         cells: grid cells along the longest side of its bounding box, from 4 to 256. Edges are about a cell long.
 
     Raises:
-        InputError: `cells` is out of range, or the mesh has no size.
+        InputError: `cells` is out of range, the mesh has no size, or more cells do not help either.
     """
     if not MIN_CELLS <= cells <= MAX_CELLS:
         raise InputError(f"cells must be from {MIN_CELLS} to {MAX_CELLS} (got {cells})")
     quiet_warp()
     used = mesh.points[np.unique(mesh.face_vertex_indices)]
+    size = float(np.ptp(used, axis=0).max())
+    if size == 0.0:
+        raise InputError(f"{mesh.name}: all its vertices are at one place, expected a surface")
+    tried = [min(round(cells * FINER**power), MAX_CELLS) for power in range(TRIES)]
+    number, mistake, wrong = cells, None, None
+    for number in dict.fromkeys(tried):
+        quads, warnings = _quads(mesh, number)
+        mistake = infidelity(mesh, quads, size / number)
+        if mistake is None:
+            more = [f"With {cells} cells {wrong}: {number} were taken."] if number > cells else []
+            return replace(quads, warnings=(*mesh.warnings, *more, *warnings))
+        wrong = wrong or mistake
+    raise InputError(f"{mesh.name}: with {number} cells {mistake}; expected more cells, or a surface without that")
+
+
+def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
+    """A closed quad mesh of a surface, with so many cells, and what to say about it."""
+    used = mesh.points[np.unique(mesh.face_vertex_indices)]
     lower, upper = used.min(axis=0), used.max(axis=0)
     middle, cell = 0.5 * (lower + upper), float((upper - lower).max()) / cells
-    if cell == 0.0:
-        raise InputError(f"{mesh.name}: all its vertices are at one place, expected a surface")
-
-    outward = oriented_outward(mesh)
-    triangles, _ = triangulate(outward)
+    triangles, _ = triangulate(oriented_outward(mesh))
     # In cells about the middle: Warp measures in float32.
     distance = MeshDistance((mesh.points - middle) / cell, triangles, thickness=1.0)
     # Half of a slab and its blend stand out of the box.
@@ -57,31 +74,34 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     kept, warnings = _without_crumbs(nets)
     if distance.has_thin_parts:
         warnings.append(
-            f"Parts thinner than a cell ({cell:.3g}) were made 1.5 cells thick; more cells keep them thinner."
+            f"Parts thinner than 1.5 cells ({1.5 * cell:.3g}) were made 1.5 cells thick; more cells keep them thinner."
         )
-    return replace(
+    placed = replace(
         mesh,
         points=kept.points * cell + middle,
         face_vertex_counts=kept.face_vertex_counts,
         face_vertex_indices=kept.face_vertex_indices,
         texture_coordinates=None,
         groups={},
-        warnings=(*mesh.warnings, *warnings),
+        stand_ins=None,
     )
+    return placed, warnings
 
 
 def _without_crumbs(mesh: PolygonMesh) -> tuple[PolygonMesh, list[str]]:
-    """The components of the mesh that are worth keeping, and what to say about it."""
+    """The components of the mesh that are worth keeping, and what to say about it; points are in cells."""
     edges = mesh_edges(mesh)
     labels = component_labels(mesh.vertex_count, edges.ends[:, 0], edges.ends[:, 1])
-    quads = mesh.face_vertex_indices.reshape(-1, 4)
-    volumes = np.abs(np.bincount(labels[quads[:, 0]], face_volumes(mesh), minlength=mesh.vertex_count))
-    worth = volumes >= CRUMB * volumes.max()
-    parts, crumbs = np.count_nonzero(worth & (volumes > 0.0)), np.count_nonzero(~worth & (volumes > 0.0))
+    lowest, highest = np.full((mesh.vertex_count, 3), np.inf), np.full((mesh.vertex_count, 3), -np.inf)
+    np.minimum.at(lowest, labels, mesh.points)
+    np.maximum.at(highest, labels, mesh.points)
+    sizes = (highest - lowest).max(axis=1)  # minus infinity where no component has that number
+    worth = sizes >= min(CRUMB, sizes.max())
+    parts, crumbs = np.count_nonzero(worth), np.count_nonzero(~worth & (sizes >= 0.0))
     warnings = [f"It has {parts} separate parts."] if parts > 1 else []
     if crumbs:
         what = "1 crumb" if crumbs == 1 else f"{crumbs} crumbs"
-        warnings.append(f"Left out {what} with less than {CRUMB:.0%} of the largest part's volume.")
+        warnings.append(f"Left out {what} of less than {CRUMB:g} cells.")
     return _vertices_kept(mesh, worth[labels]), warnings
 
 

@@ -15,7 +15,7 @@ def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: f
     """The zero level of a signed distance as a closed mesh of even quads, wound outward.
 
     The distance may be off in scale, as that of a smooth union is, but must be continuous near its zero level. The
-    level must lie inside the box; parts thinner than a cell may be lost.
+    level is cut off at the box; parts thinner than a cell may be lost.
 
     Args:
         distance: the signed distance.
@@ -27,7 +27,12 @@ def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: f
     # An odd number of cells: a plane of symmetry through the middle of the box then goes through vertices.
     cells = 2 * np.ceil((upper - lower) / (2.0 * cell)).astype(int) + 1
     lower = 0.5 * (lower + upper) - 0.5 * cell * cells
-    mesh = extract(distance(grid_nodes(lower, cell, cells)).reshape(cells + 1), lower, cell)
+    values = distance(grid_nodes(lower, cell, cells)).reshape(cells + 1)
+    # What winds around more than the box is cut off there: the level ends within the grid.
+    for axis in range(3):
+        ends = np.moveaxis(values, axis, 0)
+        ends[[0, -1]] = np.maximum(ends[[0, -1]], 0.5 * cell)
+    mesh = extract(values, lower, cell)
     return relax(mesh, distance, cell)
 
 

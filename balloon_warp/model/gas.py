@@ -9,7 +9,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.repair import welded
+from balloon_warp.mesh.seams import welded
 from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Parameters

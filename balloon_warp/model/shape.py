@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
-from balloon_warp.mesh.defects import describe_defects
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
-from balloon_warp.mesh.repair import repaired, welded
+from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.model.fixed import fixed_particles
 from balloon_warp.scene import Balloon, Scene, Stiffness
-from balloon_warp.springs import Springs, build_springs
+from balloon_warp.springs import Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
+from balloon_warp.springs.ties import balloon_springs
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
         InputError: the mesh cannot be read or has no face, its size or place is too much for float32, a fixed
             particle is not in it, or its weights are not as many as its vertices.
     """
-    mesh, source = _repaired_mesh(balloon)
+    mesh, source = _mesh_of(balloon)
     placed = place_mesh(mesh, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
-    springs = build_springs(placed)
+    springs = balloon_springs(placed, balloon.parts)
     return BalloonShape(
         name=placed.name,
         mesh=placed,
@@ -95,18 +95,14 @@ def _weights(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArr
     return np.array(stiffness.weights)[springs.pairs].mean(axis=1)
 
 
-def _repaired_mesh(balloon: Balloon) -> tuple[PolygonMesh, object]:
-    """The balloon's mesh, repaired and with a warning of what is odd about it, and where it is from."""
+def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
+    """The balloon's mesh as it is simulated, with a warning of what is odd about it, and where it is from."""
     if isinstance(balloon.mesh, Path):
-        mesh, source = load_mesh(balloon.mesh, balloon.weld), balloon.mesh
+        mesh, source = load_mesh(balloon.mesh), balloon.mesh
     else:
         mesh, source = balloon.mesh, balloon.mesh.name
         check_mesh(mesh, source, least_corners=2)
-        if mesh.face_vertex_counts.max() == 2:  # a net of springs along edges alone
-            return mesh, source
-        mesh = welded(mesh) if balloon.weld else mesh
-    warnings = (*mesh.warnings, *describe_defects(mesh))
-    return replace(repaired(mesh, source), warnings=warnings), source
+    return prepared(mesh, source, balloon.treatment), source
 
 
 def _mass_shares(mesh: PolygonMesh, balloon: Balloon) -> NDArray[np.float64]:
@@ -114,5 +110,5 @@ def _mass_shares(mesh: PolygonMesh, balloon: Balloon) -> NDArray[np.float64]:
     moves = np.zeros(mesh.vertex_count, dtype=bool)
     moves[mesh.face_vertex_indices] = True
     for particle in fixed_particles(balloon.fixed, mesh):
-        moves[particle] = False
+        moves[mesh.stand_in(particle)] = False
     return moves / max(int(moves.sum()), 1)

@@ -27,7 +27,7 @@ def held_particle(number: int, string: String, scene: Scene, shapes: Sequence[Ba
         raise InputError(
             f"string.{number}.particle: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {string.particle})"
         )
-    return string.particle
+    return mesh.stand_in(string.particle)
 
 
 def string_lengths(

@@ -3,17 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
-from balloon_warp.mesh.repair import repaired
+from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
-from balloon_warp.mesh.topology import border_edges, mesh_edges
+from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.scene.schema import Balloon, Inflation
 
 WEIGHT = 1.81
@@ -30,7 +27,7 @@ def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: st
     Accelerations and k_normal grow with the mesh's size, so that a mesh in centimeters moves as one in meters does:
     with masses and spring constants alike, forces, lengths and accelerations all scale together.
 
-    A closed mesh falls a little, onto the floor. An open one is held at its border: its inflation, which nothing
+    A closed mesh falls a little, onto the floor. An open one is held at its borders: its inflation, which nothing
     balances there, would drive it away.
 
     Args:
@@ -41,7 +38,7 @@ def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: st
         InputError: the mesh cannot be read, has no face or no size, or its size or place is too much for float32.
     """
     label = source.name if isinstance(source, PolygonMesh) else source
-    mesh = repaired(load_mesh(source, balloon.weld), label)
+    mesh = prepared(load_mesh(source), label, balloon.treatment)
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
@@ -65,7 +62,7 @@ def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: st
                 "damping": 20.0,
                 "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
                 "inflation": _gentle(balloon.inflation, placed, size),
-                "fixed": _border(mesh).tolist(),
+                "fixed": pinned_at_borders(mesh, balloon.parts).tolist(),
             }
         ],
         "ground": {"height": float(lowest["XYZ".index(up_axis)]) - 0.05 * size},
@@ -85,12 +82,3 @@ def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str,
         return {}
     flow = min(0.5 * abs(signed_volume(placed)) / MOLAR_VOLUME / 1.2, MOST_FLOW)
     return {"pump": [[0.2, 0.0], [0.3, flow], [1.4, flow], [1.5, 0.0]]}
-
-
-def _border(mesh: PolygonMesh) -> NDArray[np.integer]:
-    """The particles on open borders; where that is all of them, those of the first face."""
-    edges = mesh_edges(mesh)
-    border = np.unique(edges.ends[border_edges(edges)])
-    if len(border) < len(np.unique(mesh.face_vertex_indices)):
-        return border
-    return np.unique(mesh.face_vertex_indices[: mesh.face_vertex_counts[0]])

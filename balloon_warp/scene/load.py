@@ -16,7 +16,7 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, apply_overrides, override_scene
-from balloon_warp.scene.schema import Scene
+from balloon_warp.scene.schema import Balloon, Scene
 
 SceneLike: TypeAlias = Scene | str | Path | MeshLike
 """a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh, in a file or not"""
@@ -71,6 +71,15 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
     return _around(path, pairs, path)
 
 
+def mesh_balloon(path: Path, overrides: Sequence[Override] = ()) -> Balloon:
+    """A mesh by itself as a balloon, with values changed at paths of the scene that it gets; its mesh is not read.
+
+    Raises:
+        InputError: names the path or field that is wrong.
+    """
+    return _bare_scene(path, overrides, path).balloon[0]
+
+
 def _from_python(source: Scene | MeshLike, overrides: Sequence[Override]) -> Scene:
     """What is no file: a scene, with its overrides made, or a mesh, with a scene around it.
 
@@ -103,10 +112,14 @@ def _pairs(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override]:
 
 def _around(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path) -> Scene:
     """The scene around a mesh, which complaints call `path`."""
+    bare = _bare_scene(mesh, overrides, path)
+    up_axis = bare.up_axis if "up_axis" in bare.model_fields_set else None
+    return _overridden(scene_table_around(mesh, bare.balloon[0], up_axis), overrides, path)
+
+
+def _bare_scene(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path) -> Scene:
     bare: dict[str, Any] = {"balloon": [{"mesh": mesh.resolve() if isinstance(mesh, Path) else mesh}]}
-    placed = _overridden(bare, overrides, path)
-    table = scene_table_around(mesh, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
-    return _overridden(table, overrides, path)
+    return _overridden(bare, overrides, path)
 
 
 def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path) -> Scene:

@@ -10,6 +10,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
 from balloon_warp.scene.pinned import pinned_by, pins_of
 from balloon_warp.scene.schema.fields import (
     Color,
@@ -132,8 +133,14 @@ class Balloon(Table):
     mesh: Annotated[Path | InstanceOf[PolygonMesh], BeforeValidator(_mesh_of)]
     """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
     faces"""
-    weld: bool = False
-    """join faces where vertices of the mesh lie at exactly the same place, as along seams"""
+    weld: Weld = "auto"
+    """join faces where vertices of the mesh lie at exactly the same place: along seams, open edges that do ("auto"),
+    everywhere (true) or nowhere (false)"""
+    holes: Holes = "cap"
+    """close holes in the mesh's surface, such as pinholes and eye sockets, or "keep" them; openings such as the rim of
+    a bowl or a sleeve always stay"""
+    parts: Parts = "held"
+    """hold parts of the mesh that share no vertex together by springs, of the structural kind, or leave them "free" """
     name: str = ""
     """what its prim is called in the stage; the mesh's name when empty"""
     position: Vector = (0.0, 0.0, 0.0)
@@ -159,6 +166,11 @@ class Balloon(Table):
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     law: LawTables = {}
+
+    @property
+    def treatment(self) -> Treatment:
+        """what becomes of the mesh's seams, holes and parts"""
+        return Treatment(self.weld, self.holes, self.parts)
 
     @model_validator(mode="before")
     @classmethod

@@ -1,0 +1,179 @@
+"""Holes in a surface, such as pinholes and eye sockets, and lids for them. What is meant to be open stays so: the rim
+of a bowl, a sleeve."""
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.corners import face_starts, next_corners
+from balloon_warp.mesh.geometry import face_centers, face_vector_areas
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.topology import MeshEdges, border_edges, mesh_edges, vertex_components
+
+PINHOLE = 2e-4
+"""A hole whose lid has less than this part of the mesh's area is closed, whatever is around it."""
+LARGEST_HOLE = 0.05
+"""A larger one may be closed up to this part, if the surface around it faces as its lid does: not the end of a tube."""
+FACING = 0.5
+"""the mean cosine between the surface around a hole and its lid"""
+BESIDE_OPENINGS = 1.0 / 6.0
+"""of the largest opening that stays: so much of it a hole has at most. An eye has less beside a neck, which has more
+beside the hem of a shirt."""
+LARGEST_OF_ITS_PART = 0.75
+"""of the area of its component: a lid over a sheet would lie on the sheet"""
+ROTATIONS, RUNGS = 64, 200_000
+"""ways to lay a lid's faces that are tried, and edges across in all of them, at most"""
+
+
+@dataclass(frozen=True)
+class Lid:
+    """Faces across a hole, from one side of its rim to the other, as the rungs of a ladder part it."""
+
+    loop: NDArray[np.int64]
+    """the vertices around the hole, as the lid runs, shape (n,); the ladder begins between the last and the first"""
+
+    @property
+    def faces(self) -> list[NDArray[np.int64]]:
+        """quads, and a triangle at the end where n is odd"""
+        left, right = self.loop, self.loop[::-1]
+        half = len(left) // 2
+        quads = [np.array([left[i], left[i + 1], right[i + 1], right[i]]) for i in range(half - 1)]
+        return quads if len(left) % 2 == 0 else [*quads, left[half - 1 : half + 2]]
+
+    @property
+    def rungs(self) -> list[tuple[int, int]]:
+        """the edges across that are not on the rim"""
+        inner = slice(1, (len(self.loop) - 1) // 2)
+        return list(zip(self.loop[inner].tolist(), self.loop[::-1][inner].tolist(), strict=True))
+
+    def vector_areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """of its faces, along their normals, shape (face_count, 3)"""
+        corners = [points[np.take(face, (0, 1, 2, -1))] for face in self.faces]
+        diagonals = np.array([(corner[2] - corner[0], corner[3] - corner[1]) for corner in corners])
+        return 0.5 * np.cross(diagonals[:, 0], diagonals[:, 1])
+
+    def area(self, points: NDArray[np.float64]) -> float:
+        """of its faces together"""
+        return float(np.linalg.norm(self.vector_areas(points), axis=1).sum())
+
+
+def border_loops(mesh: PolygonMesh, edges: MeshEdges) -> list[NDArray[np.int64]]:
+    """The closed ways along open borders, each through a vertex once, as their faces run."""
+    begins = edges.corners[edges.starts[border_edges(edges)]]
+    ends = mesh.face_vertex_indices[next_corners(mesh)[begins]]
+    onward: dict[int, list[int]] = defaultdict(list)
+    for begin, end in zip(mesh.face_vertex_indices[begins].tolist(), ends.tolist(), strict=True):
+        onward[begin].append(end)
+    loops = []
+    for start in sorted(onward):
+        path, place = [start], {start: 0}
+        while path and onward[path[-1]]:
+            vertex = onward[path[-1]].pop()
+            if vertex not in place:
+                place[vertex] = len(path)
+                path.append(vertex)
+                continue
+            loop = path[place[vertex] :]
+            loops.append(np.array(loop, dtype=np.int64))
+            path = path[: place[vertex] + 1]
+            for passed in loop[1:]:
+                del place[passed]
+    return loops
+
+
+def with_lids(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with faces across the holes in its surface, after its own, and a warning that tells of them.
+
+    Args:
+        mesh: wound alike.
+    """
+    edges = mesh_edges(mesh)
+    loops = [loop[::-1] for loop in border_loops(mesh, edges) if len(loop) > 2]
+    if not loops:
+        return mesh
+    surface = _Surface(mesh, edges)
+    taken = {(low, high) for low, high in edges.ends.tolist()}
+    lids = []
+    for loop in sorted(loops, key=min):
+        lids.append(lid_across(loop, mesh.points, taken))
+        taken |= {(min(pair), max(pair)) for pair in lids[-1].rungs}
+    lids = surface.lids_of_holes(lids, mesh.points)
+    return _closed(mesh, lids) if lids else mesh
+
+
+class _Surface:
+    """What is around the holes of a mesh."""
+
+    def __init__(self, mesh: PolygonMesh, edges: MeshEdges):
+        self._component = vertex_components(mesh, edges)
+        self._of_faces = self._component[mesh.face_vertex_indices[face_starts(mesh)]]
+        self._vectors, self._centers = face_vector_areas(mesh), face_centers(mesh)
+        self._areas = np.linalg.norm(self._vectors, axis=1)
+        self._of_components = np.bincount(self._of_faces, self._areas, mesh.vertex_count)
+
+    def lids_of_holes(self, lids: list[Lid], points: NDArray[np.float64]) -> list[Lid]:
+        """The lids that close a hole in the surface, and not what is meant to be open."""
+        areas = np.array([lid.area(points) for lid in lids]) / self._areas.sum()
+        is_hole = np.array([self._may_be_hole(lid, points) for lid in lids])
+        limit = BESIDE_OPENINGS * areas[~is_hole].max(initial=np.inf if is_hole.all() else 0.0)
+        return [
+            lid for lid, hole, area in zip(lids, is_hole, areas, strict=True) if hole and area <= max(limit, PINHOLE)
+        ]
+
+    def _may_be_hole(self, lid: Lid, points: NDArray[np.float64]) -> bool:
+        area, whole, component = lid.area(points), self._areas.sum(), int(self._component[lid.loop[0]])
+        if area > min(LARGEST_HOLE * whole, LARGEST_OF_ITS_PART * self._of_components[component]):
+            return False
+        way = lid.vector_areas(points).sum(axis=0)
+        return area <= PINHOLE * whole or self._faces_alike(way, points[lid.loop], component)
+
+    def _faces_alike(self, way: NDArray[np.float64], rim: NDArray[np.float64], component: int) -> bool:
+        """Whether the component's surface within a radius of the rim faces that way, or the opposite one."""
+        middle = rim.mean(axis=0)
+        reach = 2.0 * np.linalg.norm(rim - middle, axis=1).max()
+        around = (self._of_faces == component) & (np.linalg.norm(self._centers - middle, axis=1) < reach)
+        facing = np.abs(self._vectors[around] @ way).sum()
+        return bool(facing > FACING * np.linalg.norm(way) * self._areas[around].sum())
+
+
+def lid_across(loop: NDArray[np.int64], points: NDArray[np.float64], taken: set[tuple[int, int]]) -> Lid:
+    """Quads between the two sides of a loop, a triangle at the end of an odd one, turned so that the edges across are
+    short, and not edges of the mesh already, where that can be."""
+    count, steps = len(loop), np.arange(1, (len(loop) - 1) // 2)
+    tried = min(count, ROTATIONS, max(RUNGS // count, 1))
+    starts = np.unique(np.linspace(0, count - 1, tried).astype(int))
+    left, right = (starts[:, None] + steps) % count, (starts[:, None] - 1 - steps) % count
+    lengths = np.linalg.norm(points[loop[left]] - points[loop[right]], axis=2)
+    pairs = np.sort(np.stack([loop[left], loop[right]], axis=2), axis=2).tolist()
+    known = np.array([sum((low, high) in taken for low, high in rungs) for rungs in pairs])
+    best = np.lexsort((lengths.sum(axis=1), known))[0]
+    return Lid(np.roll(loop, -starts[best]))
+
+
+def _closed(mesh: PolygonMesh, lids: list[Lid]) -> PolygonMesh:
+    """The mesh and its lids. Texture coordinates of their corners are those of a corner at the vertex."""
+    corners = np.concatenate([corner for lid in lids for corner in lid.faces])
+    counts = np.array([len(face) for lid in lids for face in lid.faces], dtype=np.int32)
+    textures = mesh.texture_coordinates
+    if textures is not None:
+        first = np.zeros(mesh.vertex_count, dtype=np.int64)
+        first[mesh.face_vertex_indices[::-1]] = np.arange(len(textures))[::-1]
+        textures = np.concatenate([textures, textures[first[corners]]])
+    one = len(lids) == 1
+    largest = max(lids, key=lambda lid: len(lid.loop))
+    which = "it has" if one else "the largest has"
+    sentence = (
+        f"{len(lids):,} {'hole' if one else 'holes'} in the surface {'is' if one else 'are'} closed by faces after the "
+        f"file's; {which} {len(largest.loop)} edges, one at vertex {largest.loop.min() + 1}, counting from 1. "
+        'holes = "keep" leaves '
+        f"{'it' if one else 'them'} open."
+    )
+    return replace(
+        mesh,
+        face_vertex_counts=np.concatenate([mesh.face_vertex_counts, counts]),
+        face_vertex_indices=np.concatenate([mesh.face_vertex_indices, corners.astype(np.int32)]),
+        texture_coordinates=textures,
+        warnings=(*mesh.warnings, sentence),
+    )

@@ -1,0 +1,42 @@
+"""From a mesh as it was read to the one that is simulated."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from balloon_warp.mesh.defects import describe_defects
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.repair import repaired
+from balloon_warp.mesh.seams import welded, welded_along_seams
+
+Weld = bool | Literal["auto"]
+Holes = Literal["cap", "keep"]
+Parts = Literal["held", "free"]
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """What is to become of a mesh's seams, holes and parts; a scene's balloon says so in fields of these names."""
+
+    weld: Weld = "auto"
+    """join faces where vertices lie at exactly the same place: along open edges that do, everywhere, or nowhere"""
+    holes: Holes = "cap"
+    """close holes in the surface, or keep them"""
+    parts: Parts = "held"
+    """hold components together, or let them part"""
+
+
+def prepared(mesh: PolygonMesh, source: object, treatment: Treatment) -> PolygonMesh:
+    """The mesh as it is simulated, with a warning of what is odd about it and what became of it. Vertices keep their
+    numbers; the springs that hold its parts are made later.
+
+    A mesh of edges alone, faces of two corners, is a net of springs: it stays as it is.
+
+    Raises:
+        InputError: no face is left; it names `source`.
+    """
+    if mesh.face_count and mesh.face_vertex_counts.max() == 2:
+        return mesh
+    if treatment.weld:
+        mesh = welded_along_seams(mesh) if treatment.weld == "auto" else welded(mesh)
+    whole = repaired(mesh, source, treatment.holes)
+    return replace(whole, warnings=(*whole.warnings, *describe_defects(mesh, whole, treatment.parts)))
