@@ -17,14 +17,20 @@ def scenes(
     scene: Annotated[
         str | None,
         typer.Argument(
-            help="A bundled scene, a scene file or a mesh, to begin a scene of your own with.", metavar="SCENE"
+            help="A bundled scene, a scene file or a mesh, to begin a scene of your own with; without, all bundled "
+            "scenes are listed.",
+            metavar="SCENE",
         ),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The scene file to write: .toml; printed if not given.")
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="The scene file to write: .toml; printed if not given."),
     ] = None,
 ) -> None:
-    """List the bundled scenes; or write one as a scene file, or the scene that a mesh by itself gets."""
+    """List the bundled scenes, or write one as a file to change.
+
+    Try `balloon-warp scenes squirrel_tether -o mine.toml`, then `balloon-warp run mine.toml`.
+    """
     if scene is None:
         if output:
             raise InputError(f"--output {output}: expected a scene to write")

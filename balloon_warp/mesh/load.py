@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from balloon_warp.errors import InputError
+from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import obj, trimesh_formats, usd
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import welded
@@ -26,6 +27,6 @@ def load_mesh(path: Path | str, weld: bool = False) -> PolygonMesh:
     if suffix not in LOADERS:
         raise InputError(f"{path}: expected a mesh file ({' '.join(LOADERS)}), got suffix {suffix or 'none'}")
     if not path.exists():
-        raise InputError(f"{path}: no such file")
+        raise InputError(f"{path}: no such file{did_you_mean_file(path, LOADERS)}")
     mesh = LOADERS[suffix](path)
     return welded(mesh) if weld else mesh

@@ -1,14 +1,17 @@
 """A validation error in one sentence: which field, what was found, what was expected."""
 
-import difflib
 import re
 import typing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from balloon_warp.kernels.laws.law import TINY
+from balloon_warp.meant import ask, closest, did_you_mean
+
+MOST_ASKED = 3
+"""fields that a question names"""
 
 
 def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
@@ -17,11 +20,14 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
     by_field: dict[str, list[ErrorDetails]] = {}
     for details in error.errors():
         by_field.setdefault(_field(details, schema), []).append(details)
-    field, failures = next(iter(by_field.items()))
+    # What is unknown comes first: a field that is missing is often there by another name.
+    unknown = (field for field, failures in by_field.items() if failures[0]["type"] == "extra_forbidden")
+    field = next(unknown, next(iter(by_field)))
+    failures = by_field[field]
     first = failures[0]
     match first["type"]:
         case "extra_forbidden":
-            return f"{field}: unknown field{_hint(first, schema)}"
+            return f"{field}: unknown {_what(first['input'])}{_hint(first, schema)}"
         case "missing":
             return f"{field}: is missing"
         case "value_error":
@@ -52,24 +58,34 @@ def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], ty
     return steps, table
 
 
+def _what(value: object) -> str:
+    """Whether a table, or a list of them, stands there."""
+    inner = value[0] if isinstance(value, list) and value else value
+    return "table" if isinstance(inner, dict) else "field"
+
+
 def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
     """The known field that was probably meant: of the same name elsewhere, near by if it is, or of a similar name
     there; or all that are known there."""
     name, (steps, table) = str(details["loc"][-1]), _walk(details, schema)
-    paths = list(_paths_of(name, schema))
+    paths = list(_paths_of(schema, lambda field: field == name))
     if near := [path for path in paths if path.split(".")[0] == steps[0]] or paths:
-        return f"; did you mean {' or '.join(near)}?"
-    close = difflib.get_close_matches(name[:100], table.model_fields, n=1)  # takes time with the square of its length
-    return f"; did you mean {close[0]}?" if close else f"; known here are {', '.join(table.model_fields)}"
+        return ask(near)
+    alike = closest(name, dict.fromkeys(path.split(".")[-1] for path in _paths_of(schema, lambda field: True)))
+    here = [field for field in alike if field in table.model_fields]
+    anywhere = [*_paths_of(schema, lambda field: field in alike)]
+    if here or 0 < len(anywhere) <= MOST_ASKED:
+        return ask(here or anywhere)
+    return did_you_mean(name, table.model_fields) or f"; known here are {', '.join(table.model_fields)}"
 
 
-def _paths_of(name: str, table: type[BaseModel]) -> Iterator[str]:
-    """The paths of all fields of a name, in a table and those within it."""
+def _paths_of(table: type[BaseModel], is_meant: Callable[[str], bool]) -> Iterator[str]:
+    """The paths of all fields of such a name, in a table and those within it."""
     for field, info in table.model_fields.items():
-        if field == name:
+        if is_meant(field):
             yield field
-        elif inner := _table_in(info.annotation):
-            yield from (f"{field}.{path}" for path in _paths_of(name, inner))
+        if inner := _table_in(info.annotation):
+            yield from (f"{field}.{path}" for path in _paths_of(inner, is_meant))
 
 
 def _table_in(annotation: object) -> type[BaseModel] | None:
