@@ -8,9 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.scene.write import scene_toml
+from balloon_warp.scene.write import scene_toml, write_scene
 
 
 def scenes(
@@ -36,15 +35,11 @@ def scenes(
             raise InputError(f"--output {output}: expected a scene to write")
         _list_scenes()
         return
-    folder = output.parent if output else Path()
-    text = scene_toml(load_scene(scene), folder)
     if output is None:
-        print(text, end="")
+        print(scene_toml(load_scene(scene), Path()), end="")
         return
-    check_writable(output, (".toml",))
-    with whole_file(output) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    Console(highlight=False, soft_wrap=True).print(f"wrote {output}", markup=False)
+    for path in write_scene(load_scene(scene), output):
+        Console(highlight=False, soft_wrap=True).print(f"wrote {path}", markup=False)
 
 
 def _list_scenes() -> None:

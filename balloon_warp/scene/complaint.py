@@ -9,6 +9,7 @@ from pydantic_core import ErrorDetails
 
 from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.meant import ask, closest, did_you_mean
+from balloon_warp.scene.schema.fields import table_in
 
 MOST_ASKED = 3
 """fields that a question names"""
@@ -54,7 +55,7 @@ def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], ty
         elif step in table.model_fields:
             steps.append(step)
             annotation = table.model_fields[step].annotation
-            table, keys = _table_in(annotation) or table, _key_count(annotation)
+            table, keys = table_in(annotation) or table, _key_count(annotation)
     return steps, table
 
 
@@ -84,14 +85,8 @@ def _paths_of(table: type[BaseModel], is_meant: Callable[[str], bool]) -> Iterat
     for field, info in table.model_fields.items():
         if is_meant(field):
             yield field
-        if inner := _table_in(info.annotation):
+        if inner := table_in(info.annotation):
             yield from (f"{field}.{path}" for path in _paths_of(inner, is_meant))
-
-
-def _table_in(annotation: object) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and not typing.get_args(annotation):
-        return annotation if issubclass(annotation, BaseModel) else None
-    return next((found for part in typing.get_args(annotation) if (found := _table_in(part))), None)
 
 
 def _key_count(annotation: object) -> int:

@@ -140,3 +140,4 @@ class Balloon(Table):
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     law: LawTables = {}
+    """parameters of laws of one's own that are the balloon's, by law and name"""

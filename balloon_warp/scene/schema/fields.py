@@ -1,5 +1,6 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
+import typing
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -51,4 +52,13 @@ def _description(row: Parameter) -> str:
 class Table(BaseModel):
     """A table of the scene file: no unknown fields, no NaN, no infinity."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True, use_attribute_docstrings=True
+    )
+
+
+def table_in(annotation: Any) -> type[BaseModel] | None:
+    """The table that a field of this type has, or has a list of, if any."""
+    if isinstance(annotation, type) and not typing.get_args(annotation):
+        return annotation if issubclass(annotation, BaseModel) else None
+    return next((found for part in typing.get_args(annotation) if (found := table_in(part))), None)
