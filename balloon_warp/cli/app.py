@@ -59,7 +59,8 @@ def main() -> None:
         signals.append(number)
         raise KeyboardInterrupt  # so that half-written files are removed
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in heard}  # a process in the background ignores Ctrl-C
     try:
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except UsageError as mistake:
@@ -72,7 +73,7 @@ def main() -> None:
         _fail(stopped, status=128 + (signals or [signal.SIGINT])[0])
     else:
         if signals and status:  # Typer makes a status of a KeyboardInterrupt
-            _fail(f"{' '.join(sys.argv[1:2])} was stopped; nothing was written", status=128 + signals[0])
+            _fail(f"{' '.join(sys.argv[1:2])} was stopped before it was done", status=128 + signals[0])
         sys.exit(status)
     finally:
         for number, handler in before.items():

@@ -63,6 +63,7 @@ def view(
         on_start=say,
         on_warning=warn,
     )
+    Console(highlight=False, soft_wrap=True).print("the page is closed")
 
 
 def _say_where(address: str, name: str) -> None:

@@ -35,13 +35,13 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
     check_writable(path, (".toml",))
     copies = {mesh: path.parent / mesh.name for mesh in dict.fromkeys(_meshes(scene)) if _is_bundled(mesh)}
     missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
-    for mesh, copy in missing.items():
-        with whole_file(copy) as temporary:
-            shutil.copyfile(mesh, temporary)
     balloons = [
         balloon.model_copy(update={"mesh": copies.get(mesh, mesh)})
         for balloon, mesh in zip(scene.balloon, _meshes(scene), strict=True)
     ]
+    for mesh, copy in missing.items():
+        with whole_file(copy) as temporary:
+            shutil.copyfile(mesh, temporary)
     with whole_file(path) as temporary:
         temporary.write_text(scene_toml(scene.model_copy(update={"balloon": balloons}), path.parent), encoding="utf-8")
     return [path, *missing.values()]
