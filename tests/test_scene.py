@@ -122,6 +122,12 @@ def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, senten
         (b"", r"balloon: is missing"),
         (b"[[baloon]]\nmesh = 'a.obj'", r"baloon: unknown table; did you mean balloon\?$"),
         (b"[[balloon]]\nmsh = 'a.obj'", r"balloon\.0\.msh: unknown field; did you mean mesh\?$"),
+        (
+            b"[balloon]\nmesh = 'a.obj'",
+            r"balloon: is one table, \[balloon\]; expected a list .* \[\[balloon\]\]$",
+        ),
+        (b"[[balloons]]\nmesh = 'a.obj'", r"balloons: unknown table; did you mean balloon\?$"),
+        (b"[[balloon]]\nmesh = a.obj", r"Invalid value \(at line 2, column 8\); a text stands in quotes$"),
         (b"balloon = 3", r"balloon: must be a valid list \(got 3\)"),
         (b"[[balloon]]", r"balloon\.0\.mesh: is missing"),
         (b"[[balloon]]\nmesh = 'a'\n'b.c.d' = 1", r"balloon\.0\.b\.c\.d: unknown field; known here are mesh, .*"),

@@ -28,7 +28,7 @@ from balloon_warp.cli.options import (
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
-from balloon_warp.cli.words import counted
+from balloon_warp.cli.words import counted, played
 from balloon_warp.scene.load import scene_name
 
 if TYPE_CHECKING:
@@ -167,13 +167,14 @@ def batch(
     if as_json:
         print(json.dumps(summary.as_json()))
     else:
-        _print_summary(summary, spread=bool(spread_over))
+        _print_summary(summary, loaded.frames_per_second, spread=bool(spread_over))
 
 
-def _print_summary(summary: "BatchSummary", spread: bool) -> None:
+def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
     """What was done, what went wrong, and where it is.
 
     Args:
+        rate: frames a second of the stage.
         spread: whether it was over workers.
     """
     device = f"{summary.workers} x {summary.device}" if spread else summary.device
@@ -191,8 +192,9 @@ def _print_summary(summary: "BatchSummary", spread: bool) -> None:
         warn(f"{summary.restarted_worlds:,} {of_all}, but not in shorter steps: health 2")
     if summary.unhealthy_worlds:
         warn(f"{summary.unhealthy_worlds:,} {of_all}: health 0, and the rows of the last good frame")
-    for path in [*summary.table, *([summary.stage] if summary.stage else []), summary.manifest]:
-        console.print(f"wrote {path}", markup=False)
+    stage = [f"{summary.stage}: {played(summary.frames, rate)}"] if summary.stage else []
+    for written in [*summary.table, *stage, summary.manifest]:
+        console.print(f"wrote {written}", markup=False)
     if summary.removed_stage:
         removed = f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds"
         console.print(removed, markup=False)

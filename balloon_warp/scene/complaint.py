@@ -28,7 +28,10 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
     first = failures[0]
     match first["type"]:
         case "extra_forbidden":
-            return f"{field}: unknown {_what(first['input'])}{_hint(first, schema)}"
+            what = "table" if _is_table(first["input"]) else "field"
+            return f"{field}: unknown {what}{_hint(first, schema)}"
+        case "list_type" if isinstance(first["input"], dict) and "." not in field:
+            return f"{field}: is one table, [{field}]; expected a list of them, each beginning with [[{field}]]"
         case "missing":
             return f"{field}: is missing"
         case "value_error":
@@ -59,34 +62,39 @@ def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], ty
     return steps, table
 
 
-def _what(value: object) -> str:
+def _is_table(value: object) -> bool:
     """Whether a table, or a list of them, stands there."""
-    inner = value[0] if isinstance(value, list) and value else value
-    return "table" if isinstance(inner, dict) else "field"
+    return isinstance(value[0] if isinstance(value, list) and value else value, dict)
 
 
 def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
     """The known field that was probably meant: of the same name elsewhere, near by if it is, or of a similar name
-    there; or all that are known there."""
+    there; or all that are known there. A table is taken for another table only."""
     name, (steps, table) = str(details["loc"][-1]), _walk(details, schema)
-    paths = list(_paths_of(schema, lambda field: field == name))
+    only_tables = _is_table(details["input"])
+
+    def paths_of(is_meant: Callable[[str], bool]) -> list[str]:
+        return [*_paths_of(schema, is_meant, only_tables)]
+
+    paths = paths_of(lambda field: field == name)
     if near := [path for path in paths if path.split(".")[0] == steps[0]] or paths:
         return ask(near)
-    alike = closest(name, dict.fromkeys(path.split(".")[-1] for path in _paths_of(schema, lambda field: True)))
+    alike = closest(name, dict.fromkeys(path.split(".")[-1] for path in paths_of(lambda field: True)))
     here = [field for field in alike if field in table.model_fields]
-    anywhere = [*_paths_of(schema, lambda field: field in alike)]
+    anywhere = paths_of(lambda field: field in alike)
     if here or 0 < len(anywhere) <= MOST_ASKED:
         return ask(here or anywhere)
     return did_you_mean(name, table.model_fields) or f"; known here are {', '.join(table.model_fields)}"
 
 
-def _paths_of(table: type[BaseModel], is_meant: Callable[[str], bool]) -> Iterator[str]:
+def _paths_of(table: type[BaseModel], is_meant: Callable[[str], bool], only_tables: bool) -> Iterator[str]:
     """The paths of all fields of such a name, in a table and those within it."""
     for field, info in table.model_fields.items():
-        if is_meant(field):
+        inner = table_in(info.annotation)
+        if is_meant(field) and (inner or not only_tables):
             yield field
-        if inner := table_in(info.annotation):
-            yield from (f"{field}.{path}" for path in _paths_of(inner, is_meant))
+        if inner:
+            yield from (f"{field}.{path}" for path in _paths_of(inner, is_meant, only_tables))
 
 
 def _key_count(annotation: object) -> int:

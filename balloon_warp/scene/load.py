@@ -141,4 +141,5 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply for a scene file") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not valid TOML: {error}") from None
+        hint = "; a text stands in quotes" if "Invalid value" in str(error) else ""
+        raise InputError(f"{path}: is not valid TOML: {error}{hint}") from None
