@@ -31,7 +31,7 @@ def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
         ("rnu ball.obj", "rnu: no such command; did you mean run?"),
         ("ball.obj", "ball.obj: no such command; did you mean balloon-warp run ball.obj?"),
         ("net_forces --picture", "net_forces: no such command; did you mean balloon-warp run net_forces?"),
-        ("xyz", "xyz: no such command; there are run, view, batch, compare, "),
+        ("xyz run ball.obj", "xyz: no such command; there are run, view, batch, compare, "),
         ("--vers", "--vers: unknown option of balloon-warp; did you mean --version?"),
         ("run", "run: SCENE is missing; balloon-warp run --help explains"),
         ("run squirel_tether", "squirel_tether: no such scene or file; did you mean squirrel_tether?"),

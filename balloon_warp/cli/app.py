@@ -72,8 +72,8 @@ def main() -> None:
     except StoppedError as stopped:
         _fail(stopped, status=128 + (signals or [signal.SIGINT])[0])
     else:
-        if signals and status:  # Typer makes a status of a KeyboardInterrupt
-            _fail(f"{' '.join(sys.argv[1:2])} was stopped before it was done", status=128 + signals[0])
+        if status == 128 + signal.SIGINT:  # what Typer makes of a KeyboardInterrupt
+            _fail(f"{sys.argv[1]} was stopped before it was done", status=128 + (signals or [signal.SIGINT])[0])
         sys.exit(status)
     finally:
         for number, handler in before.items():

@@ -23,7 +23,7 @@ def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
         program: Typer's of all commands.
         words: that followed the program's name.
     """
-    name = next((word for word in words if word in program.commands), "")
+    name = words[0] if words[0] in program.commands else ""
     command = program.commands.get(name, program)
     mistake = _mistake(error, command, name or "balloon-warp", words)
     path = f"balloon-warp {name}" if name else "balloon-warp"
