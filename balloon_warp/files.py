@@ -28,8 +28,10 @@ def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
             raise InputError(f"{path}: is a folder; expected a file name")
         # Only trying tells: a folder may let the superuser in and still take no files.
         probe = _temporary(path)
-        probe.touch(exist_ok=False)
-        probe.unlink()
+        try:
+            probe.touch(exist_ok=False)
+        finally:
+            probe.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 

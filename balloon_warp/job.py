@@ -125,11 +125,23 @@ def animate(
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
     seconds = time.perf_counter() - began
     if picture:
-        from balloon_warp.outputs.render import render_stage
-
-        render_stage(output, picture, device=device)
+        _render(Path(output), Path(picture), device)
     files = str(output), str(picture) if picture else None
     return _summary(simulator, name, files, begin, restarts, blow_up, seconds)
+
+
+def _render(stage: Path, picture: Path, device: str | None) -> None:
+    """A picture of the stage.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the message says what there is.
+    """
+    from balloon_warp.outputs.render import render_stage
+
+    try:
+        render_stage(stage, picture, device=device)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"{stage} is written, {picture} is not") from None
 
 
 def _summary(

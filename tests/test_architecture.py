@@ -15,7 +15,7 @@ TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="u
 
 LAYERS = (
     ("kernels", "errors", "quiet"),
-    ("files", "device", "interrupts", "laws"),
+    ("files", "device", "interrupts", "laws", "meant"),
     ("mesh",),
     ("springs", "scene"),
     ("model", "provenance"),

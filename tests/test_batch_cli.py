@@ -92,6 +92,7 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     assert batch(monkeypatch, "--worlds", "2", "--export", "all") == 0
+    assert "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; Blender plays 24, " in capsys.readouterr().out
     assert batch(monkeypatch, "--worlds", "2", "--vary", "gravity=2:1") == 2
     assert (folder / "ball_batch" / "worlds.usdc").exists()  # a batch that is refused leaves all as it was
     capsys.readouterr()
@@ -117,7 +118,12 @@ def test_one_is_one_and_names_are_as_they_are(
     [
         (["--vary", "balloon.mass"], "--vary balloon.mass: expected PATH=LOW:HIGH with LOW below HIGH"),
         (["--vary", "balloon.mass=-2:-1"], "balloon.0.mass: must be greater than 0"),
-        (["--vary", "frames=1,2"], "frames: cannot differ between worlds; what can is gravity, correction_limit"),
+        (["--vary", "frames=1,2"], "frames: cannot differ between worlds, but between runs of compare; what can is gr"),
+        (
+            ["--vary", "substeps=1:9"],
+            "substeps: cannot differ between worlds, but between runs of compare; ",
+        ),
+        (["--vary", "normals=cached,fresh"], "--vary normals=cached,fresh: expected PATH=LOW:HIGH with LOW below HIGH"),
         (["--export", "64"], "--export 64: there is no world 64, the batch has worlds 0 to 63"),
         (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
         (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),

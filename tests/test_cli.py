@@ -15,7 +15,6 @@ from PIL import Image
 
 from balloon_warp import bundled_scenes, load_scene
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.scene.write import scene_toml
 
 SUMMARY_KEYS = [
     "output",
@@ -67,16 +66,20 @@ def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "--picture", "--set", "frames=3", "--device", "cpu")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""  # no bar in a pipe, no word of Warp's
-    assert done.stdout.splitlines()[1:] == ["wrote ball.usdc", "wrote ball.png"]
+    assert done.stdout.splitlines()[1:] == [
+        "wrote ball.usdc: 0.05 s at 60 frames/s; Blender plays 24, unless told; or use --fps 24",
+        "wrote ball.png",
+    ]
     assert done.stdout.startswith("ball: 56 particles, 312 springs, 3 frames of ")
     assert sorted(path.name for path in ball.iterdir()) == ["ball.obj", "ball.png", "ball.usdc"]
     assert Image.open(ball / "ball.png").size == (960, 540)
 
 
 def test_one_is_one(ball: Path):
-    done = balloon_warp(ball, "run", "ball.obj", "-o", "[red].usda", "--set", "frames=1", "--device", "cpu")
+    options = ["--frames", "1", "--fps", "24", "--device", "cpu"]
+    done = balloon_warp(ball, "run", "ball.obj", "-o", "[red].usda", *options)
     assert done.stdout.startswith("ball: 56 particles, 312 springs, 1 frame of ")
-    assert done.stdout.splitlines()[1] == "wrote [red].usda"
+    assert done.stdout.splitlines()[1] == "wrote [red].usda: 0.0417 s at 24 frames/s"
 
 
 def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
@@ -99,17 +102,10 @@ def test_a_scene_of_ones_own_begins_with_that_of_a_mesh(ball: Path):
     (ball / "mine").mkdir()
     done = balloon_warp(ball, "scenes", "ball.obj", "-o", "mine/mine.toml")
     assert (done.returncode, done.stdout) == (0, "wrote mine/mine.toml\n"), done.stderr
-    assert load_scene(ball / "mine" / "mine.toml") == load_scene(ball / "ball.obj")
+    mesh = {"balloon.mesh": str(ball / "ball.obj")}
+    assert load_scene(ball / "mine" / "mine.toml", mesh) == load_scene(ball / "ball.obj")
     printed = balloon_warp(ball, "scenes", "ball.obj").stdout
-    assert '[[balloon]]\nmesh = "ball.obj"\n' in printed  # where it is seen from here
-    assert "stiffness = { structural = 100.0, " in printed
-
-
-@pytest.mark.parametrize("name", bundled_scenes())
-def test_a_bundled_scene_can_be_written_as_a_file(tmp_path: Path, name: str):
-    path = tmp_path / "mine.toml"
-    path.write_text(scene_toml(load_scene(name), tmp_path))
-    assert load_scene(path) == load_scene(name)
+    assert re.search(r'\nmesh = "ball\.obj" +# ', printed)  # where it is seen from here
 
 
 def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
@@ -129,7 +125,8 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["run", "squirel"], "squirel: no such scene or file; bundled scenes are bowl_to_sphere, "),
+        (["run", "zebra"], "zebra: no such scene or file; bundled scenes are bowl_to_sphere, "),
+        (["run", "--fps"], "error: --fps: has no value; expected --fps RATE; balloon-warp run --help explains\n"),
         (["run", "ball.txt"], "ball.txt: "),
         (["scenes", "-o", "mine.toml"], "--output mine.toml: expected a scene to write"),
         (["scenes", "squirrel_tether", "-o", "mine.txt"], "mine.txt: cannot write .txt; expected .toml"),
@@ -137,11 +134,11 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["run", "bad.toml"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
         (
             ["run", "ball.obj", "--set", "balloon.mass=-1"],
-            "--set balloon.mass: balloon.0.mass: must be greater than 0",
+            "error: --set balloon.mass: balloon.0.mass: must be greater than 0",
         ),
         (
             ["run", "squirrel_inflate", "--set", "frames=9", "--set", "substep=1"],
-            "error: --set substep: substep: unknown",
+            "error: --set substep: unknown field; did you mean substeps?",
         ),
         (["run", "bad.toml", "--set", "substeps=0"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
         (["run", "ball.obj", "--set", "substeps=1"], "substeps: 1 are too few for these springs and masses"),

@@ -130,7 +130,7 @@ def test_refused_and_exploded_runs_stand_beside_the_others(tmp_path: Path):
         ({}, {}, InputError, "nothing differs"),
         ({K_NORMAL: []}, {}, InputError, "nothing differs"),
         ({K_NORMAL: ["much", "more"]}, {}, InputError, "must be a valid number"),
-        ({"no.such": [1]}, {}, InputError, "no: unknown field"),
+        ({"no.such": [1]}, {}, InputError, "no: unknown table"),
         ({K_NORMAL: [9e11, 8e11]}, {}, BlowUpError, "the simulation blew up"),
         ({K_NORMAL: [1]}, {"frame": 7}, InputError, "frame: 7 is not in the scene; expected 0 to 6"),
         ({K_NORMAL: list(range(600))}, {}, InputError, "expected at most 8192x8192"),

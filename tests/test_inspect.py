@@ -215,7 +215,7 @@ def test_command_reports_a_scene_and_its_step(tmp_path: Path) -> None:
     assert "pillow.obj" in lines
     unknown = command("sphere_lunch")
     assert (unknown.returncode, unknown.stdout) == (2, "")
-    assert "sphere_lunch: no such scene or file; bundled scenes are" in unknown.stderr
+    assert "sphere_lunch: no such scene or file; did you mean sphere_launch?" in unknown.stderr
 
 
 def test_a_mesh_that_makes_no_balloon_is_reported_all_the_same_and_refused(tmp_path: Path) -> None:

@@ -78,7 +78,10 @@ def test_an_override_makes_tables_that_are_not_there(scene_file: Path):
         ("balloon.shear=3", r"balloon\.0\.shear: unknown field; did you mean balloon\.stiffness\.shear\?$"),
         ("balloon.penalty=3", r"balloon\.0\.penalty: unknown field; did you mean sphere\.penalty\?$"),
         ("balloon.color=red", r"balloon\.0\.color: must be numbers in brackets \(got 'red'\)"),
-        ("colour=1", r"colour: unknown field; known here are description, up_axis, gravity, .*"),
+        ("colour=1", r"colour: unknown field; did you mean balloon\.color or sphere\.color\?$"),
+        ("k_norml=1", r"k_norml: unknown field; did you mean balloon\.inflation\.k_normal\?$"),
+        ("xyzzy=1", r"xyzzy: unknown field; known here are description, up_axis, gravity, .*"),
+        ("baloon.mass=1", r"baloon: unknown table; did you mean balloon\?$"),
         ("balloon.inflation.k_normal=much", r"k_normal: must be a valid number or a valid list \(got 'much'\)"),
         (
             "balloon.inflation.k_normal=[[0, 1], [0, 2]]",
@@ -117,6 +120,14 @@ def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, senten
         (b"frames = ", r"is not valid TOML"),
         (b"\xff\xfe", r"cannot be read as a scene file"),
         (b"", r"balloon: is missing"),
+        (b"[[baloon]]\nmesh = 'a.obj'", r"baloon: unknown table; did you mean balloon\?$"),
+        (b"[[balloon]]\nmsh = 'a.obj'", r"balloon\.0\.msh: unknown field; did you mean mesh\?$"),
+        (
+            b"[balloon]\nmesh = 'a.obj'",
+            r"balloon: is one table, \[balloon\]; expected a list .* \[\[balloon\]\]$",
+        ),
+        (b"[[balloons]]\nmesh = 'a.obj'", r"balloons: unknown table; did you mean balloon\?$"),
+        (b"[[balloon]]\nmesh = a.obj", r"Invalid value \(at line 2, column 8\); a text stands in quotes$"),
         (b"balloon = 3", r"balloon: must be a valid list \(got 3\)"),
         (b"[[balloon]]", r"balloon\.0\.mesh: is missing"),
         (b"[[balloon]]\nmesh = 'a'\n'b.c.d' = 1", r"balloon\.0\.b\.c\.d: unknown field; known here are mesh, .*"),
@@ -147,10 +158,31 @@ def test_overrides_are_a_mapping_or_pairs(scene_file: Path):
 
 
 def test_an_unknown_scene_lists_the_bundled_ones():
-    with pytest.raises(InputError, match=r"^squirel: no such scene or file; bundled scenes are .*squirrel_tether"):
-        load_scene("squirel")
-    with pytest.raises(InputError, match=r"nowhere\.toml: no such file$"):
-        load_scene("nowhere.toml")
+    with pytest.raises(InputError, match=r"^zebra: no such scene or file; bundled scenes are .*squirrel_tether"):
+        load_scene("zebra")
+
+
+@pytest.mark.parametrize(
+    ("source", "sentence"),
+    [
+        ("squirel_tether", r"^squirel_tether: no such scene or file; did you mean squirrel_tether\?$"),
+        ("boxs.toml", r"^boxs\.toml: no such scene or file; did you mean boxes\.toml\?$"),
+        ("BOX.OBJ", r"^BOX\.OBJ: no such scene or file; did you mean box\.obj\?$"),
+        ("./bx.obj", r"^\./bx\.obj: no such scene or file; did you mean box\.obj\?$"),
+        ("nowhere/box.obj", r"^nowhere/box\.obj: no such scene or file; there is no folder nowhere$"),
+    ],
+)
+def test_what_is_not_there_asks_for_what_is_like_it(
+    scene_file: Path, monkeypatch: pytest.MonkeyPatch, source: str, sentence: str
+):
+    monkeypatch.chdir(scene_file.parent)
+    with pytest.raises(InputError, match=sentence):
+        load_scene(source)
+
+
+def test_a_mesh_that_is_not_there_asks_for_one_like_it(scene_file: Path):
+    with pytest.raises(InputError, match=r"/bux\.obj: no such file; did you mean .*/box\.obj\?$"):
+        build_model(load_scene(scene_file, {"balloon.mesh": "bux.obj"}), "cpu")
 
 
 def test_every_bundled_scene_loads_and_describes_itself_in_a_line():

@@ -16,6 +16,7 @@ from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
 from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
+from balloon_warp.cli.usage import UsageError, usage_sentence
 from balloon_warp.cli.view import view
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
 
@@ -27,8 +28,6 @@ def _print_version(wanted: bool) -> None:
 
 
 app = typer.Typer(
-    help="Simulate balloons: any mesh in, animated USD out.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -39,34 +38,48 @@ for command in (run, view, batch, compare, scenes, inspect, remesh, render, benc
 @app.callback()
 def balloon_warp(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and stop.", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option(
+            "--version", metavar="", help="Print the version and stop.", callback=_print_version, is_eager=True
+        ),
     ] = False,
 ) -> None:
-    """Simulate balloons: any mesh in, animated USD out."""
+    """Simulate balloons: any mesh in, animated USD out.
+
+    Try `balloon-warp run squirrel_tether --picture`. `balloon-warp COMMAND --help` explains a command.
+    """
 
 
 def main() -> None:
-    """Run a command. A user's mistake becomes one sentence on standard error and exit status 2; a blow-up
-    or the loss of all workers, 1; Ctrl-C, 130; SIGTERM, 143."""
-    terminations: list[int] = []
+    """Run a command; without one, print the help. A user's mistake becomes one sentence on standard error and exit
+    status 2; a blow-up or the loss of all workers, 1; Ctrl-C, 130; SIGTERM, 143."""
+    signals: list[int] = []
 
-    def terminate(number: int, _: object) -> None:
-        terminations.append(number)
+    def stop(number: int, _: object) -> None:
+        signals.append(number)
         raise KeyboardInterrupt  # so that half-written files are removed
 
-    signal.signal(signal.SIGTERM, terminate)
+    heard = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in heard}  # a process in the background ignores Ctrl-C
     try:
-        app()
+        status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+    except UsageError as mistake:
+        _fail(usage_sentence(mistake, typer.main.get_command(app), sys.argv[1:]), status=2)
     except (InputError, MissingExtraError) as mistake:
         _fail(mistake, status=2)
     except (BlowUpError, WorkersLostError) as failure:
         _fail(failure, status=1)
-    except StoppedError as stop:
-        _fail(stop, status=128 + (terminations or [signal.SIGINT])[0])
+    except StoppedError as stopped:
+        _fail(stopped, status=128 + (signals or [signal.SIGINT])[0])
+    else:
+        if status == 128 + signal.SIGINT:  # what Typer makes of a KeyboardInterrupt
+            _fail(f"{sys.argv[1]} was stopped before it was done", status=128 + (signals or [signal.SIGINT])[0])
+        sys.exit(status)
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _fail(error: Exception, status: int) -> None:
+def _fail(error: Exception | str, status: int) -> None:
     Console(stderr=True, soft_wrap=True, highlight=False).print("[bold red]error:[/]", str(error).replace("[", r"\["))
     sys.exit(status)

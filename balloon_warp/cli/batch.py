@@ -9,22 +9,63 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import (
+    LONG,
+    MACHINE,
+    OUTPUT,
+    Device,
+    Frames,
+    FramesPerSecond,
+    Json,
+    Resume,
+    SceneName,
+    Schedule,
+    Seconds,
+    Set,
+    Weld,
+)
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import note, warn
-from balloon_warp.cli.words import counted
+from balloon_warp.cli.words import counted, played
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene.load import load_scene, scene_name
+from balloon_warp.scene.load import scene_name
 
 if TYPE_CHECKING:
     from balloon_warp.sweep.batch import BatchSummary
 
+WORLDS = "The worlds"
+"""a part of the help"""
+
 Vary = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="PATH=LOW:HIGH|VALUE,...",
-        help="What differs: a range is sampled, --vary balloon.mass=1:3; a list is cycled, "
-        "--vary sphere.0.mass=1,10 or --vary balloon.mesh=a.obj,b.obj.",
+        metavar="PATH=LOW:HIGH|PATH=VALUE,...",
+        help="What differs: a range, sampled, as in balloon.mass=1:3; or a list, cycled, as in sphere.0.mass=1,10 or "
+        "balloon.mesh=a.obj,b.obj. May be given again.",
+        rich_help_panel=WORLDS,
+    ),
+]
+Worlds = Annotated[int, typer.Option(metavar="COUNT", help="How many worlds.", rich_help_panel=WORLDS)]
+Grid = Annotated[
+    bool,
+    typer.Option("--grid", metavar="", help="Divide ranges evenly instead of sampling them.", rich_help_panel=WORLDS),
+]
+Seed = Annotated[int, typer.Option(min=0, metavar="NUMBER", help="Of the samples.", rich_help_panel=WORLDS)]
+Export = Annotated[
+    str,
+    typer.Option(
+        metavar="all|none|0,5,9", help="The worlds that are written as animated USD, too.", rich_help_panel=OUTPUT
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FOLDER",
+        help="The folder that everything goes into; SCENE_batch if not given.",
+        rich_help_panel=OUTPUT,
     ),
 ]
 OnBlowup = Annotated[
@@ -32,8 +73,23 @@ OnBlowup = Annotated[
     typer.Option(
         "--on-blowup",
         metavar="freeze|restart|stop",
-        help="What becomes of a world that blows up: it stays at its last good frame, begins again with half the "
-        "step, or ends the batch.",
+        help="If a world blows up: it stays at its last good frame; it begins again with half the step; or the batch "
+        "ends.",
+        rich_help_panel=LONG,
+    ),
+]
+Gpus = Annotated[
+    int | None,
+    typer.Option(metavar="COUNT", help="Spread the worlds over so many GPUs of this machine.", rich_help_panel=MACHINE),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(metavar="COUNT", help="Spread the worlds over so many processes.", rich_help_panel=MACHINE),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="tcp://HOST:PORT", help="Spread the worlds over a Dask scheduler's workers.", rich_help_panel=MACHINE
     ),
 ]
 Checkpoint = Annotated[
@@ -41,8 +97,8 @@ Checkpoint = Annotated[
     typer.Option(
         min=0.0,
         metavar="SECONDS",
-        help="How often a long batch is saved, in OUTPUT/partial, from where --resume goes on; 0 for only when it "
-        "is stopped with Ctrl-C.",
+        help="How often a long batch is saved, in FOLDER/partial; 0 for only when Ctrl-C stops it.",
+        rich_help_panel=LONG,
     ),
 ]
 
@@ -50,38 +106,32 @@ Checkpoint = Annotated[
 def batch(
     scene: SceneName,
     *,
-    worlds: Annotated[int, typer.Option(help="How many worlds.")] = 64,
+    worlds: Worlds = 64,
     vary: Vary = None,
-    grid: Annotated[bool, typer.Option("--grid", help="Divide the ranges evenly instead of sampling them.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
-    export: Annotated[
-        str, typer.Option(metavar="all|none|0,5,9", help="The worlds that are written as animated USD, too.")
-    ] = "none",
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder to write into; SCENE_batch if not given.")
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all worlds: --set balloon.mass=0.2"),
-    ] = None,
+    grid: Grid = False,
+    seed: Seed = 0,
+    export: Export = "none",
+    output: Output = None,
+    overrides: Set = None,
+    fps: FramesPerSecond = None,
+    frames: Frames = None,
+    seconds: Seconds = None,
     weld: Weld = False,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
-    gpus: Annotated[int | None, typer.Option(help="Spread the worlds over this many GPUs of this machine.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Spread the worlds over this many processes on the CPU.")] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(metavar="tcp://HOST:PORT", help="Spread the worlds over the workers of a Dask scheduler."),
-    ] = None,
+    gpus: Gpus = None,
+    workers: Workers = None,
+    cluster: Scheduler = None,
     checkpoint: Checkpoint = 30.0,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from where a batch that was stopped or killed was saved.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
+    resume: Resume = False,
+    as_json: Json = False,
 ) -> None:
-    """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
-    loaded = load_scene(scene, scene_changes(overrides, weld))
+    """Simulate many worlds that differ: a table of all, and USD of those that you choose.
+
+    Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
+    """
+    loaded = Changes(overrides, weld, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     quiet_warp()
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
@@ -117,13 +167,14 @@ def batch(
     if as_json:
         print(json.dumps(summary.as_json()))
     else:
-        _print_summary(summary, spread=bool(spread_over))
+        _print_summary(summary, loaded.frames_per_second, spread=bool(spread_over))
 
 
-def _print_summary(summary: "BatchSummary", spread: bool) -> None:
+def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
     """What was done, what went wrong, and where it is.
 
     Args:
+        rate: frames a second of the stage.
         spread: whether it was over workers.
     """
     device = f"{summary.workers} x {summary.device}" if spread else summary.device
@@ -141,8 +192,9 @@ def _print_summary(summary: "BatchSummary", spread: bool) -> None:
         warn(f"{summary.restarted_worlds:,} {of_all}, but not in shorter steps: health 2")
     if summary.unhealthy_worlds:
         warn(f"{summary.unhealthy_worlds:,} {of_all}: health 0, and the rows of the last good frame")
-    for path in [*summary.table, *([summary.stage] if summary.stage else []), summary.manifest]:
-        console.print(f"wrote {path}", markup=False)
+    stage = [f"{summary.stage}: {played(summary.frames, rate)}"] if summary.stage else []
+    for written in [*summary.table, *stage, summary.manifest]:
+        console.print(f"wrote {written}", markup=False)
     if summary.removed_stage:
         removed = f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds"
         console.print(removed, markup=False)

@@ -1,17 +1,21 @@
 """`balloon-warp bench`"""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from balloon_warp.cli.options import Device
+from balloon_warp.cli.options import OUTPUT, Device, Json
 from balloon_warp.errors import InputError
 from balloon_warp.quiet import quiet_warp
+
+if TYPE_CHECKING:
+    from balloon_warp.benchmarks.result import Result
 
 FILE_WIDTH = 200
 """columns where no terminal says how many it has"""
@@ -19,16 +23,22 @@ FILE_WIDTH = 200
 
 def bench(
     device: Device = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A few cases only.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", metavar="", help="A few cases only.")] = False,
     gpus: Annotated[
-        str | None, typer.Option(metavar="1,2,4", help="Weak scaling instead: so many GPUs, each with 8,192 balloons.")
+        str | None,
+        typer.Option(metavar="1,2,4", help="Weak scaling instead: so many GPUs, each with 8,192 balloons."),
     ] = None,
     workers: Annotated[
-        str | None, typer.Option(metavar="1,2", help="Weak scaling over processes of the CPU, each with 64 balloons.")
+        str | None,
+        typer.Option(metavar="1,2", help="Weak scaling instead: so many processes, each with 64 balloons."),
     ] = None,
-    output: Annotated[Path | None, typer.Option("--json", help="Write the results to this file, too.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write the JSON to this .json.", rich_help_panel=OUTPUT),
+    ] = None,
+    as_json: Json = False,
 ) -> None:
-    """Measure how fast the schedules are, side by side with Newton, and Blender's cloth, where they are installed.
+    """Measure how fast this machine simulates, side by side with Newton, and Blender's cloth, where they are installed.
 
     The table is Markdown. A rate is in particle-substeps a second, unless the case says another unit.
     """
@@ -46,11 +56,23 @@ def bench(
         measured = measure_scaling(GPU_SHARE if gpus else CPU_SHARE, _counts(gpus or workers or ""))
     else:
         measured = run_cases(pick_device(device), quick)
-    console = Console(highlight=False)
+    progress = Console(stderr=True, highlight=False)
     results = []
     for result in measured:
-        console.print(f"{result.case} ({result.schedule}): {result.rate:.3g}", style="dim", markup=False)
+        progress.print(f"{result.case} ({result.schedule}): {result.rate:.3g}", style="dim", markup=False)
         results.append(result)
+    written = json.dumps([result.as_json() for result in results], indent=1)
+    if as_json:
+        print(written)
+    else:
+        _print_table(results)
+    if output:
+        with whole_file(output) as file:
+            file.write_text(f"{written}\n", encoding="utf-8")
+
+
+def _print_table(results: Sequence["Result"]) -> None:
+    """A line for each case, as Markdown."""
     table = Table(box=box.MARKDOWN)
     for header in ("case", "schedule", "worlds", "particles", "rate", "peer", "its rate", "ratio", "of the bound"):
         table.add_column(header, justify="left" if header in ("case", "schedule", "peer") else "right", no_wrap=True)
@@ -66,10 +88,8 @@ def bench(
             f"{result.ratio:.3g}" if result.ratio else "-",
             f"{result.bound_fraction:.0%}" if result.bound_fraction else "-",
         )
+    console = Console(highlight=False)
     (console if console.is_terminal else Console(highlight=False, width=FILE_WIDTH)).print(table)
-    if output:
-        with whole_file(output) as file:
-            file.write_text(json.dumps([result.as_json() for result in results], indent=1) + "\n", encoding="utf-8")
 
 
 def _counts(text: str) -> list[int]:

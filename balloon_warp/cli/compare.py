@@ -8,17 +8,20 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from balloon_warp.cli.options import Device, SceneName, Schedule, scene_changes
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import OUTPUT, Device, Frames, FramesPerSecond, SceneName, Schedule, Seconds, Set, Size
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.size import parse_size
 from balloon_warp.comparison.choices import parse_choices, shown
 from balloon_warp.errors import InputError
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene.load import load_scene, scene_name
+from balloon_warp.scene.load import scene_name
 
 if TYPE_CHECKING:
     from balloon_warp.comparison.compare import Comparison
 
+RUNS = "The runs"
+"""a part of the help"""
 COUNTS = ("frame", "particles", "substeps")
 """of which a table says but once what is alike in all runs"""
 TABLE_WIDTH = 10_000
@@ -34,34 +37,57 @@ HEADERS = {
 }
 
 
+Vary = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATH=VALUE,...",
+        help="What differs: normals=cached,fresh or balloon.inflation.k_normal=1,2,4. Given again, every value meets "
+        "every other.",
+        rich_help_panel=RUNS,
+    ),
+]
+Picture = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="The picture: .png; SCENE_compare.png if not given.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+TableFile = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Write the table to this .csv, too.", rich_help_panel=OUTPUT)
+]
+Frame = Annotated[
+    int | None,
+    typer.Option(
+        metavar="NUMBER",
+        help="The frame that is shown and measured; if not given, the scene's picture, else the last.",
+        rich_help_panel=RUNS,
+    ),
+]
+
+
 def compare(
     scene: SceneName,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PATH=VALUE,...",
-            help="What differs: --vary normals=cached,fresh or --vary balloon.inflation.k_normal=1,2,4; "
-            "given again, every value meets every other.",
-        ),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all runs: --set balloon.mass=0.2"),
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Picture to write: .png; SCENE_compare.png if not given.")
-    ] = None,
-    table: Annotated[Path | None, typer.Option(help="Write the table to this .csv, too.")] = None,
-    frame: Annotated[
-        int | None,
-        typer.Option(help="Frame that is shown and measured; if not given, the scene's picture, else the last."),
-    ] = None,
-    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of each run's picture, in pixels.")] = "480x270",
+    vary: Vary = None,
+    overrides: Set = None,
+    fps: FramesPerSecond = None,
+    frames: Frames = None,
+    seconds: Seconds = None,
+    output: Picture = None,
+    table: TableFile = None,
+    frame: Frame = None,
+    size: Size = "480x270",
     device: Device = None,
     schedule: Schedule = "auto",
 ) -> None:
-    """Run a scene with different values, and show the runs side by side: one picture, one table."""
-    loaded = load_scene(scene, scene_changes(overrides))
+    """Run a scene with different values, and show the runs side by side: one picture, one table.
+
+    Try `balloon-warp compare squirrel_inflate --vary balloon.mass=1,2,4`.
+    """
+    loaded = Changes(overrides, fps=fps, frames=frames, seconds=seconds).load(scene)
     quiet_warp()
     from balloon_warp.comparison.compare import compare as run_all  # loads Warp and USD: only for a good scene
 

@@ -10,14 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from balloon_warp.cli.options import Weld, scene_changes
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import Json, Set, Weld
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
-from balloon_warp.scene import Scene, bundled_scenes, load_scene
-from balloon_warp.scene.load import mesh_balloon
-from balloon_warp.scene.overrides import Override
+from balloon_warp.scene import Scene, bundled_scenes
 
 
 def inspect(
@@ -28,17 +27,14 @@ def inspect(
             help="A bundled scene, a scene file, or a mesh: OBJ or USD; STL, PLY, OFF, glTF and GLB as triangles.",
         ),
     ],
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value, for the step: --set balloon.mass=2"),
-    ] = None,
+    overrides: Set = None,
     weld: Weld = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON on standard output.")] = False,
+    as_json: Json = False,
 ) -> None:
-    """Report the faces, springs, topology and size of meshes, what is odd about them, and the step that they allow."""
-    changes = scene_changes(overrides, weld)
+    """Say what a mesh or a scene is like: faces, springs, size, what is odd about it, and the step that it allows."""
+    changes = Changes(overrides, weld)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
-        _inspect_scene(source, load_scene(source, changes), as_json)
+        _inspect_scene(source, changes.load(source), as_json)
     else:
         _inspect_mesh(Path(source), changes, as_json)
 
@@ -62,15 +58,15 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         _print_mesh(console, mesh.name, report, {})
 
 
-def _inspect_mesh(mesh: Path, changes: list[Override], as_json: bool) -> None:
+def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     """The step is that of the scene that a mesh by itself gets. A mesh of which that makes no balloon is reported on
     first, and then refused."""
-    report = inspect_mesh(load_mesh(mesh), mesh, mesh_balloon(mesh, changes).treatment)
+    report = inspect_mesh(load_mesh(mesh), mesh, changes.balloon_of(mesh).treatment)
     from balloon_warp.advice import advise_step
 
     step, refusal = None, None
     try:
-        step = asdict(advise_step(load_scene(str(mesh), changes)))
+        step = asdict(advise_step(changes.load(str(mesh))))
     except InputError as mistake:
         refusal = mistake
     if as_json:

@@ -4,24 +4,69 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.scene.overrides import Override, parse_override
+SCENE, OUTPUT, MACHINE, LONG = "The scene", "What is written", "How it runs", "If it takes long or goes wrong"
+"""the parts of a command's help"""
 
-WELD: Override = ("balloon.weld", True)
-"""what --weld stands for"""
-
-SceneName = Annotated[str, typer.Argument(help="A bundled scene (see `balloon-warp scenes`), a scene file, or a mesh.")]
+SceneName = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="The name of a bundled scene, which `balloon-warp scenes` lists; a scene file, .toml; or a mesh: OBJ, "
+        "USD, STL, PLY, OFF, glTF or GLB.",
+    ),
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Change a value of the scene: balloon.mass=0.2, sphere.0.radius=0.3, gravity=0. May be given again.",
+        rich_help_panel=SCENE,
+    ),
+]
 Weld = Annotated[
     bool,
     typer.Option(
         "--weld",
-        help="Join faces wherever vertices lie at exactly the same place, not along open seams alone: "
-        "--set balloon.weld=true",
+        metavar="",
+        help="Join faces wherever vertices lie at exactly the same place, not along open seams alone.",
+        rich_help_panel=SCENE,
     ),
 ]
-Device = Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; the GPU if there is one.")]
-Schedule = Annotated[str, typer.Option(help="How the work is laid out: auto, scatter, gather, block, lanes or octets.")]
-
-
-def scene_changes(overrides: list[str] | None, weld: bool = False) -> list[Override]:
-    """What `--set` and `--weld` change in a scene."""
-    return [*map(parse_override, overrides or []), *([WELD] if weld else [])]
+FramesPerSecond = Annotated[
+    float | None,
+    typer.Option("--fps", metavar="RATE", help="Frames a second, such as 24.", rich_help_panel=SCENE),
+]
+Frames = Annotated[
+    int | None, typer.Option("--frames", metavar="COUNT", help="How many frames.", rich_help_panel=SCENE)
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option("--seconds", metavar="TIME", help="How many seconds, instead of --frames.", rich_help_panel=SCENE),
+]
+Device = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="cpu, cuda:0 and so on; the GPU if there is one.", rich_help_panel=MACHINE),
+]
+Schedule = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="How the work is laid out, for speed: auto, scatter, gather, block, lanes or octets.",
+        rich_help_panel=MACHINE,
+    ),
+]
+Json = Annotated[
+    bool,
+    typer.Option("--json", metavar="", help="Print JSON on standard output, for programs.", rich_help_panel=OUTPUT),
+]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        metavar="",
+        help="Go on from where the same command, stopped or killed, was saved.",
+        rich_help_panel=LONG,
+    ),
+]
+Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of a picture, in pixels.", rich_help_panel=OUTPUT)]

@@ -15,11 +15,14 @@ from balloon_warp.quiet import quiet_warp
 
 
 def remesh(
-    mesh: Annotated[Path, typer.Argument(help="A mesh: OBJ or USD, STL, PLY, OFF, glTF or GLB; holes are closed.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The OBJ file to write.")],
-    cells: Annotated[int, typer.Option(help="Quads along the longest side, about: 4 to 256.")] = 48,
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="OBJ, USD, STL, PLY, OFF, glTF or GLB.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The mesh to write: .obj.")],
+    cells: Annotated[int, typer.Option(metavar="COUNT", help="Quads along the longest side, about: 4 to 256.")] = 48,
 ) -> None:
-    """Make a closed mesh of even quads of any surface, so that it makes a good balloon."""
+    """Make a closed mesh of even quads of any surface, so that it makes a good balloon.
+
+    Try `balloon-warp remesh YOUR_MESH.stl -o quads.obj`, then `balloon-warp run quads.obj`.
+    """
     check_writable(output, tuple(LOADERS))
     if output.resolve() == mesh.resolve():
         raise InputError(f"{output}: is the mesh itself; expected another name, with -o")

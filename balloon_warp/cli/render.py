@@ -13,15 +13,19 @@ from balloon_warp.quiet import quiet_warp
 
 
 def render(
-    stage: Annotated[Path, typer.Argument(help="A USD stage: one of ours, or any with meshes in it.")],
+    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A USD file: of `run`, or any with meshes in it.")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Picture: .png, .gif or .mp4; STAGE.png if not given."),
+        typer.Option("--output", "-o", metavar="FILE", help="The picture: .png, .gif or .mp4; STAGE.png if not given."),
     ] = None,
     frame: Annotated[
-        int | None, typer.Option(help="Frame for a .png; if not given, the one that the stage names, else the last.")
+        int | None,
+        typer.Option(
+            metavar="NUMBER",
+            help="The frame of a .png; if not given, the one that the stage names, else the last.",
+        ),
     ] = None,
-    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size in pixels.")] = "960x540",
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="In pixels.")] = "960x540",
     azimuth: Annotated[
         float | None,
         typer.Option(
@@ -31,10 +35,13 @@ def render(
     elevation: Annotated[
         float | None, typer.Option(metavar="DEGREES", help="Look from so far above: 90 is the top; 13 if not given.")
     ] = None,
-    samples: Annotated[int, typer.Option(help="Rays a pixel.")] = 4,
+    samples: Annotated[int, typer.Option(metavar="COUNT", help="Rays for each pixel: more is smoother.")] = 4,
     device: Device = None,
 ) -> None:
-    """Make a picture or an animation of a stage."""
+    """Make a picture or an animation of a stage. This needs no display.
+
+    Try `balloon-warp render squirrel_tether.usdc -o squirrel.mp4 --azimuth 90`.
+    """
     pixels = parse_size(size)
     quiet_warp()
     from balloon_warp.outputs.render import render_stage  # loads USD: only once the arguments are known to be good

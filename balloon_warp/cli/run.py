@@ -2,58 +2,93 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import (
+    LONG,
+    OUTPUT,
+    Device,
+    Frames,
+    FramesPerSecond,
+    Json,
+    Resume,
+    SceneName,
+    Schedule,
+    Seconds,
+    Set,
+    Weld,
+)
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import note, warn
-from balloon_warp.cli.words import counted
+from balloon_warp.cli.words import counted, played
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene.load import load_scene, scene_name
+from balloon_warp.scene.load import scene_name
+
+if TYPE_CHECKING:
+    from balloon_warp.job import Summary
+
+
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="The USD stage: .usdc, .usda or .usd; SCENE.usdc if not given.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Picture = Annotated[
+    bool,
+    typer.Option("--picture", metavar="", help="Make a picture of it, too, beside it.", rich_help_panel=OUTPUT),
+]
+OnBlowup = Annotated[
+    str,
+    typer.Option(
+        "--on-blowup",
+        metavar="stop|freeze|restart",
+        help="If the simulation blows up: write nothing; the frames until then; or begin again with half the step.",
+        rich_help_panel=LONG,
+    ),
+]
+Checkpoint = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        metavar="SECONDS",
+        help="How often a long run is saved, in FILE.partial; 0 for only when Ctrl-C stops it.",
+        rich_help_panel=LONG,
+    ),
+]
 
 
 def run(
     scene: SceneName,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Stage to write: .usdc, .usda or .usd; SCENE.usdc if not given."),
-    ] = None,
-    picture: Annotated[bool, typer.Option("--picture", help="Render a picture beside the stage, too.")] = False,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
-    ] = None,
+    *,
+    output: Output = None,
+    picture: Picture = False,
+    overrides: Set = None,
+    fps: FramesPerSecond = None,
+    frames: Frames = None,
+    seconds: Seconds = None,
     weld: Weld = False,
     device: Device = None,
     schedule: Schedule = "auto",
-    on_blowup: Annotated[
-        str,
-        typer.Option(
-            "--on-blowup",
-            metavar="stop|freeze|restart",
-            help="If the simulation blows up: write nothing, the frames until then, or all, with half the step.",
-        ),
-    ] = "stop",
-    checkpoint: Annotated[
-        float,
-        typer.Option(
-            min=0.0,
-            metavar="SECONDS",
-            help="How often a long run is saved, in OUTPUT.partial, from where --resume goes on; 0 for only when it "
-            "is stopped with Ctrl-C.",
-        ),
-    ] = 30.0,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from where a run that was stopped or killed was saved.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
+    on_blowup: OnBlowup = "stop",
+    checkpoint: Checkpoint = 30.0,
+    resume: Resume = False,
+    as_json: Json = False,
 ) -> None:
-    """Simulate a scene, or any mesh, and write it as animated USD."""
-    loaded = load_scene(scene, scene_changes(overrides, weld))
+    """Simulate a scene, or any mesh, and write it as animated USD.
+
+    Try `balloon-warp run squirrel_tether --picture`, then `balloon-warp run YOUR_MESH.obj --picture`.
+    """
+    loaded = Changes(overrides, weld, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     quiet_warp()
@@ -77,7 +112,16 @@ def run(
         )
     if as_json:
         print(json.dumps(summary.as_json()))
-        return
+    else:
+        _print_summary(summary, loaded.frames_per_second)
+
+
+def _print_summary(summary: "Summary", rate: float) -> None:
+    """What was done, and where it is.
+
+    Args:
+        rate: frames a second of the stage.
+    """
     console = Console(highlight=False, soft_wrap=True)
     resumed = f", the last {summary.frames - summary.begin}" if summary.begin else ""
     where = f"on {summary.device} ({summary.schedule})"
@@ -87,6 +131,6 @@ def run(
         f"{summary.wall_seconds:.1f} s {where}",
         markup=False,
     )
-    for path in (summary.output, summary.picture):
-        if path:
-            console.print(f"wrote {path}", markup=False)
+    console.print(f"wrote {summary.output}: {played(summary.frames, rate)}", markup=False)
+    if summary.picture:
+        console.print(f"wrote {summary.picture}", markup=False)

@@ -8,37 +8,38 @@ from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.scene.write import scene_toml
+from balloon_warp.scene.write import scene_toml, write_scene
 
 
 def scenes(
     scene: Annotated[
         str | None,
         typer.Argument(
-            help="A bundled scene, a scene file or a mesh, to begin a scene of your own with.", metavar="SCENE"
+            help="A bundled scene, a scene file or a mesh, to begin a scene of your own with; without, all bundled "
+            "scenes are listed.",
+            metavar="SCENE",
         ),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The scene file to write: .toml; printed if not given.")
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="The scene file to write: .toml; printed if not given."),
     ] = None,
 ) -> None:
-    """List the bundled scenes; or write one as a scene file, or the scene that a mesh by itself gets."""
+    """List the bundled scenes, or write one as a file to change.
+
+    Try `balloon-warp scenes squirrel_tether -o mine.toml`, then `balloon-warp run mine.toml`.
+    """
     if scene is None:
         if output:
             raise InputError(f"--output {output}: expected a scene to write")
         _list_scenes()
         return
-    folder = output.parent if output else Path()
-    text = scene_toml(load_scene(scene), folder)
     if output is None:
-        print(text, end="")
+        print(scene_toml(load_scene(scene), Path()), end="")
         return
-    check_writable(output, (".toml",))
-    with whole_file(output) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    Console(highlight=False, soft_wrap=True).print(f"wrote {output}", markup=False)
+    for path in write_scene(load_scene(scene), output):
+        Console(highlight=False, soft_wrap=True).print(f"wrote {path}", markup=False)
 
 
 def _list_scenes() -> None:

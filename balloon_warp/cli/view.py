@@ -9,10 +9,11 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.options import Device, SceneName, Weld, scene_changes
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import OUTPUT, Device, SceneName, Set, Weld
 from balloon_warp.cli.warn import warn
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene.load import load_scene, scene_name
+from balloon_warp.scene.load import scene_name
 
 if TYPE_CHECKING:
     from balloon_warp.viewer.page import Page
@@ -20,21 +21,29 @@ if TYPE_CHECKING:
 
 def view(
     scene: SceneName,
-    port: Annotated[int | None, typer.Option(min=0, max=65535, help="8080 or the next free one if not given.")] = None,
-    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    folder: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where recordings go; the current folder.")
-    ] = Path("."),
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
+    open_page: Annotated[bool, typer.Option("--open", metavar="", help="Open the page in the browser.")] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=0, max=65535, metavar="NUMBER", help="Of the page; 8080 or the next free one if not given."),
     ] = None,
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FOLDER", help="Where recordings go; the current folder.", rich_help_panel=OUTPUT
+        ),
+    ] = Path("."),
+    overrides: Set = None,
     weld: Weld = False,
     device: Device = None,
-    host: Annotated[str, typer.Option(help="Address to listen on; this machine alone if not given.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where to listen; this machine alone can come in if not given.")
+    ] = "127.0.0.1",
 ) -> None:
-    """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it."""
-    loaded = load_scene(scene, scene_changes(overrides, weld))
+    """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it.
+
+    Try `balloon-warp view squirrel_tether --open`.
+    """
+    loaded = Changes(overrides, weld).load(scene)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 
@@ -54,6 +63,7 @@ def view(
         on_start=say,
         on_warning=warn,
     )
+    Console(highlight=False, soft_wrap=True).print("the page is closed")
 
 
 def _say_where(address: str, name: str) -> None:

@@ -1,6 +1,15 @@
 """How things are counted in what a user reads."""
 
+BLENDERS_RATE = 24.0
+"""frames a second at which Blender plays a stage, whatever the stage says, unless its scene is told otherwise"""
+
 
 def counted(count: int, noun: str) -> str:
     """Such as `1 frame` and `2,000 frames`."""
     return f"{count:,} {noun if count == 1 else f'{noun}s'}"
+
+
+def played(frames: int, rate: float) -> str:
+    """How long a stage lasts, at which rate, and what to do where Blender plays it at another."""
+    said = f"{frames / rate:.3g} s at {rate:g} frames/s"
+    return said if rate == BLENDERS_RATE else f"{said}; Blender plays {BLENDERS_RATE:g}, unless told; or use --fps 24"

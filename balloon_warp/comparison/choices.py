@@ -1,5 +1,6 @@
 """What is varied, from the command line's words."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene.load import find_mesh
 from balloon_warp.scene.overrides import parse_value
 
+RANGE = r"[-+.\deE]+:[-+.\deE]+"
+"""as `batch` takes them"""
 _OPENING, _CLOSING, _QUOTES = "[{", "]}", "\"'"
 
 
@@ -19,10 +22,14 @@ def parse_choices(text: str, scene_source: str = "") -> tuple[str, list[Any]]:
         scene_source: the scene that the command names; meshes are sought beside its file, too.
 
     Raises:
-        InputError: there is no path, no `=`, or an empty value.
+        InputError: there is no path, no `=`, an empty value, or a range.
     """
     path, _, words = (part.strip() for part in text.partition("="))
     values = [word.strip() for word in _split(words)]
+    if len(values) == 1 and re.fullmatch(RANGE, values[0]):
+        raise InputError(
+            f"--vary {text}: takes values, as in --vary {path}={values[0].replace(':', ',')}; a range is for batch"
+        )
     if not all(path.split(".")) or not all(values):
         raise InputError(
             f"--vary {text}: expected PATH=VALUE,VALUE,..., as in --vary normals=cached,fresh or "

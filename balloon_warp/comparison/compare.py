@@ -152,5 +152,5 @@ def _require_one(runs: Sequence[Run]) -> None:
     if any(run.figures for run in runs):
         return
     if all(run.outcome == "refused" for run in runs):
-        raise InputError(runs[0].sentence)
+        raise InputError(f"{', '.join(runs[0].label)}: {runs[0].sentence}")
     raise BlowUpError(next(run.sentence for run in runs if run.outcome == "blew up"))

@@ -4,6 +4,7 @@ its, and how they are read."""
 from pathlib import Path
 
 from balloon_warp.errors import InputError
+from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import obj, trimesh_formats, usd
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.from_python import MeshLike, mesh_from
@@ -33,5 +34,5 @@ def load_mesh(source: Path | str | MeshLike) -> PolygonMesh:
     if suffix not in LOADERS:
         raise InputError(f"{path}: expected a mesh file ({' '.join(LOADERS)}), got suffix {suffix or 'none'}")
     if not path.exists():
-        raise InputError(f"{path}: no such file")
+        raise InputError(f"{path}: no such file{did_you_mean_file(path, LOADERS)}")
     return LOADERS[suffix](path)

@@ -55,13 +55,15 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
     checked = {}
     for path, given in vary.items():
         if path not in places:
-            _require_fit(scene, rows, path, np.ravel(given).tolist()[0])  # says so where there is no such path
+            if path not in Scene.model_fields:  # what has no such path says so
+                _require_fit(scene, rows, path, np.ravel(given).tolist()[0])
             table = path.partition(".")[0]
             if table in SURROUNDINGS and not getattr(scene, table):
                 raise InputError(f"{path}: cannot differ between worlds, the scene has no {table}")
             if SHAPING.fullmatch(path):
                 raise InputError(f"{path}: makes another model of each world; batches and `simulate` can vary it")
-            raise InputError(f"{path}: cannot differ between worlds; what can is {', '.join(_summary(places))}")
+            names = ", ".join(_summary(places))
+            raise InputError(f"{path}: cannot differ between worlds, but between runs of compare; what can is {names}")
         checked[path] = _checked(scene, rows, path, given, world_count)
     return checked
 

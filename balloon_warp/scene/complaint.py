@@ -1,14 +1,18 @@
 """A validation error in one sentence: which field, what was found, what was expected."""
 
-import difflib
 import re
 import typing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from balloon_warp.kernels.laws.law import TINY
+from balloon_warp.meant import ask, closest, did_you_mean
+from balloon_warp.scene.schema.fields import table_in
+
+MOST_ASKED = 3
+"""fields that a question names"""
 
 
 def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
@@ -17,11 +21,17 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
     by_field: dict[str, list[ErrorDetails]] = {}
     for details in error.errors():
         by_field.setdefault(_field(details, schema), []).append(details)
-    field, failures = next(iter(by_field.items()))
+    # What is unknown comes first: a field that is missing is often there by another name.
+    unknown = (field for field, failures in by_field.items() if failures[0]["type"] == "extra_forbidden")
+    field = next(unknown, next(iter(by_field)))
+    failures = by_field[field]
     first = failures[0]
     match first["type"]:
         case "extra_forbidden":
-            return f"{field}: unknown field{_hint(first, schema)}"
+            what = "table" if _is_table(first["input"]) else "field"
+            return f"{field}: unknown {what}{_hint(first, schema)}"
+        case "list_type" if isinstance(first["input"], dict) and "." not in field:
+            return f"{field}: is one table, [{field}]; expected a list of them, each beginning with [[{field}]]"
         case "missing":
             return f"{field}: is missing"
         case "value_error":
@@ -48,34 +58,43 @@ def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], ty
         elif step in table.model_fields:
             steps.append(step)
             annotation = table.model_fields[step].annotation
-            table, keys = _table_in(annotation) or table, _key_count(annotation)
+            table, keys = table_in(annotation) or table, _key_count(annotation)
     return steps, table
+
+
+def _is_table(value: object) -> bool:
+    """Whether a table, or a list of them, stands there."""
+    return isinstance(value[0] if isinstance(value, list) and value else value, dict)
 
 
 def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
     """The known field that was probably meant: of the same name elsewhere, near by if it is, or of a similar name
-    there; or all that are known there."""
+    there; or all that are known there. A table is taken for another table only."""
     name, (steps, table) = str(details["loc"][-1]), _walk(details, schema)
-    paths = list(_paths_of(name, schema))
+    only_tables = _is_table(details["input"])
+
+    def paths_of(is_meant: Callable[[str], bool]) -> list[str]:
+        return [*_paths_of(schema, is_meant, only_tables)]
+
+    paths = paths_of(lambda field: field == name)
     if near := [path for path in paths if path.split(".")[0] == steps[0]] or paths:
-        return f"; did you mean {' or '.join(near)}?"
-    close = difflib.get_close_matches(name[:100], table.model_fields, n=1)  # takes time with the square of its length
-    return f"; did you mean {close[0]}?" if close else f"; known here are {', '.join(table.model_fields)}"
+        return ask(near)
+    alike = closest(name, dict.fromkeys(path.split(".")[-1] for path in paths_of(lambda field: True)))
+    here = [field for field in alike if field in table.model_fields]
+    anywhere = paths_of(lambda field: field in alike)
+    if here or 0 < len(anywhere) <= MOST_ASKED:
+        return ask(here or anywhere)
+    return did_you_mean(name, table.model_fields) or f"; known here are {', '.join(table.model_fields)}"
 
 
-def _paths_of(name: str, table: type[BaseModel]) -> Iterator[str]:
-    """The paths of all fields of a name, in a table and those within it."""
+def _paths_of(table: type[BaseModel], is_meant: Callable[[str], bool], only_tables: bool) -> Iterator[str]:
+    """The paths of all fields of such a name, in a table and those within it."""
     for field, info in table.model_fields.items():
-        if field == name:
+        inner = table_in(info.annotation)
+        if is_meant(field) and (inner or not only_tables):
             yield field
-        elif inner := _table_in(info.annotation):
-            yield from (f"{field}.{path}" for path in _paths_of(name, inner))
-
-
-def _table_in(annotation: object) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and not typing.get_args(annotation):
-        return annotation if issubclass(annotation, BaseModel) else None
-    return next((found for part in typing.get_args(annotation) if (found := _table_in(part))), None)
+        if inner:
+            yield from (f"{field}.{path}" for path in _paths_of(inner, is_meant, only_tables))
 
 
 def _key_count(annotation: object) -> int:

@@ -1,6 +1,7 @@
 """From a bundled name, a TOML file or a mesh file to a checked scene."""
 
 import copy
+import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
@@ -10,12 +11,13 @@ from typing import Any, TypeAlias, cast
 from pydantic import ValidationError
 
 from balloon_warp.errors import InputError
+from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike, is_mesh
-from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.load import LOADERS, load_mesh
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
-from balloon_warp.scene.overrides import Override, apply_overrides, override_scene
+from balloon_warp.scene.overrides import Override, OverrideError, apply_overrides, override_scene
 from balloon_warp.scene.schema import Balloon, Scene
 
 SceneLike: TypeAlias = Scene | str | Path | MeshLike
@@ -56,15 +58,16 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
 
     Raises:
         InputError: there is no such scene, the file is not valid TOML, or a field is wrong.
+        OverrideError: the same, by an override.
     """
     if not isinstance(source, str | Path):
         return _from_python(source, _pairs(overrides))
     bundled = bundled_scenes()
     path = bundled.get(str(source), Path(source))
-    if path.suffix.lower() != ".toml" and not path.exists():
-        raise InputError(
-            f"{source}: no such scene or file; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
-        )
+    if not os.path.exists(path):  # no error either where no file can have such a name
+        hint = did_you_mean_file(path, (".toml", *LOADERS), bundled)
+        names = f"; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
+        raise InputError(f"{source}: no such scene or file{hint or names}")
     pairs = _pairs(overrides)
     if path.suffix.lower() == ".toml":
         return _overridden(_read_toml(path), pairs, path)
@@ -126,7 +129,8 @@ def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path
     """The scene of a table with values put at some paths, in place.
 
     Raises:
-        InputError: names the option whose value spoils a table that is right without it, else the file.
+        OverrideError: which override spoils a table that is right without it.
+        InputError: names the file.
     """
     if any(callable(value) for _, value in overrides):  # which is told of the points of a mesh
         for balloon in table["balloon"]:
@@ -137,20 +141,31 @@ def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path
     try:
         return check_scene(table, path)
     except InputError:
-        for place, value in overrides:
-            if _complaint(before):
-                break
-            apply_overrides(before, [(place, value)])
-            if mistake := _complaint(before):
-                raise InputError(f"--set {place}: {mistake}") from None
-        raise
+        if _complaint(before):
+            raise
+        raise _culprit(before, overrides) from None
 
 
-def _complaint(table: dict[str, Any]) -> str | None:
+def _culprit(table: dict[str, Any], overrides: Sequence[Override]) -> OverrideError:
+    """The override at fault: the last without which all would be well, or the first that spoils what came before."""
+    numbers = range(len(overrides))
+    for number in reversed(numbers):
+        if not _complaint(table, [*overrides[:number], *overrides[number + 1 :]]):
+            return OverrideError(_complaint(table, overrides) or "", number)
+    complaints = (_complaint(table, overrides[: number + 1]) for number in numbers)
+    return next(OverrideError(mistake, number) for number, mistake in enumerate(complaints) if mistake)
+
+
+def _complaint(table: dict[str, Any], overrides: Sequence[Override] = ()) -> str | None:
+    """What is wrong with a table, once values are put at some paths; None where nothing is."""
+    overridden = copy.deepcopy(table)
     try:
-        Scene.model_validate(table)
+        apply_overrides(overridden, overrides)
+        Scene.model_validate(overridden)
     except ValidationError as error:
         return complaint(error, Scene)
+    except InputError as mistake:
+        return str(mistake)
     return None
 
 
@@ -183,11 +198,10 @@ def _read_toml(path: Path) -> dict[str, Any]:
         if path.exists() and path.stat().st_size > LARGEST_FILE:
             raise InputError(f"{path}: is {path.stat().st_size:,} bytes large; expected at most {LARGEST_FILE:,}")
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a scene file: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply for a scene file") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not valid TOML: {error}") from None
+        hint = "; a text stands in quotes" if "Invalid value" in str(error) else ""
+        raise InputError(f"{path}: is not valid TOML: {error}{hint}") from None

@@ -8,10 +8,24 @@ from pydantic import ValidationError
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene.complaint import complaint
+from balloon_warp.scene.inflation_kinds import drop_other_kinds
 from balloon_warp.scene.schema import Scene
 
 Override = tuple[str, Any]
 """a dotted path, and the value to put there"""
+
+
+class OverrideError(InputError):
+    """An override is at fault.
+
+    Args:
+        mistake: the sentence.
+        number: which override, counted from 0.
+    """
+
+    def __init__(self, mistake: str, number: int):
+        super().__init__(mistake)
+        self.number = number
 
 
 def parse_override(text: str) -> Override:
@@ -38,11 +52,18 @@ def parse_value(text: str) -> Any:
 def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> None:
     """Put each value at its path in the scene's table, in place. A list without a number in the path means all of it.
 
+    Where the kind of an inflation is set, what the table has for other kinds goes; what is set stays, in any order.
+
     Raises:
-        InputError: a path leads through a value that has no fields, or past the end of a list.
+        OverrideError: a path leads through a value that has no fields, or past the end of a list.
     """
-    for path, value in overrides:
-        _put(table, path.split("."), value, path)
+    pairs = list(overrides)
+    drop_other_kinds(table, pairs)
+    for number, (path, value) in enumerate(pairs):
+        try:
+            _put(table, path.split("."), value, path)
+        except InputError as mistake:
+            raise OverrideError(str(mistake), number) from None
 
 
 def _put(place: Any, names: list[str], value: Any, path: str) -> None:

@@ -1,56 +1,118 @@
 """From a scene back to its file."""
 
 import os
+import shutil
+import textwrap
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import check_writable, whole_file
+from balloon_warp.scene.load import bundled_scenes
+from balloon_warp.scene.reference import default_of, first_line, meaning_of
 from balloon_warp.scene.schema import Scene
+from balloon_warp.scene.toml import toml_value
+
+HEADER = """\
+# A scene: balloon-warp run THIS_FILE simulates it. SI units. A field that is left out has its default.
+# python -m balloon_warp.scene.reference lists every field.
+"""
+LONGEST_COMMENT = 100
+"""characters that stand beside a value; a longer comment stands above it"""
+
+
+def write_scene(scene: Scene, path: Path) -> list[Path]:
+    """Write a scene as a file that runs wherever it is taken with what is beside it; returns the files written.
+
+    Meshes of bundled scenes are copied beside it. Others are named from where it is.
+
+    Raises:
+        InputError: a file cannot be written, or another mesh is where one is to be copied to.
+    """
+    check_writable(path, (".toml",))
+    copies = {mesh: path.parent / mesh.name for mesh in dict.fromkeys(_meshes(scene)) if _is_bundled(mesh)}
+    missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
+    balloons = [
+        balloon.model_copy(update={"mesh": copies.get(mesh, mesh)})
+        for balloon, mesh in zip(scene.balloon, _meshes(scene), strict=True)
+    ]
+    for mesh, copy in missing.items():
+        with whole_file(copy) as temporary:
+            shutil.copyfile(mesh, temporary)
+    with whole_file(path) as temporary:
+        temporary.write_text(scene_toml(scene.model_copy(update={"balloon": balloons}), path.parent), encoding="utf-8")
+    return [path, *missing.values()]
 
 
 def scene_toml(scene: Scene, folder: Path) -> str:
-    """The scene as a TOML file in `folder` would say it; what has its default is left out.
+    """The scene as a TOML file in `folder` would say it, with what each field is; what has its default is left out.
 
-    Mesh files are named from the folder where they are below it, and by their whole path elsewhere. Every number has
-    all its digits.
+    Mesh files are named from the folder, those of bundled scenes by their whole path. Every number has all its digits.
     """
     table = scene.model_dump(mode="json", exclude_defaults=True, exclude={"balloon": {"__all__": {"mesh"}}})
-    base = Path(os.path.abspath(folder))
-    for number, balloon in enumerate(scene.balloon):
-        mesh = Path(os.path.abspath(str(balloon.mesh)))
-        place = mesh.relative_to(base) if mesh.is_relative_to(base) else mesh
-        table["balloon"][number] = {"mesh": str(place), **table["balloon"][number]}
-    lines = [f"{name} = {_value(value)}" for name, value in table.items() if not _is_table(value)]
-    for name, value in table.items():
-        for part in value if isinstance(value, list) else [value]:
-            if _is_table(value):
-                lines += ["", f"[[{name}]]" if isinstance(value, list) else f"[{name}]"]
-                lines += [f"{field} = {_value(inner)}" for field, inner in part.items()]
-    return "\n".join(lines) + "\n"
+    for number, mesh in enumerate(_meshes(scene)):
+        table["balloon"][number] = {"mesh": _named_from(mesh, folder), **table["balloon"][number]}
+    return HEADER + "\n".join(_lines(scene, table)) + "\n"
 
 
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+def _meshes(scene: Scene) -> list[Path]:
+    return [Path(os.path.abspath(str(balloon.mesh))) for balloon in scene.balloon]
 
 
-def _value(value: Any) -> str:
-    """One value, as TOML writes it in a line."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str):
-        return _quoted(value)
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_key(name)} = {_value(inner)}" for name, inner in value.items()) + " }"
-    return "[" + ", ".join(_value(item) for item in value) + "]"
+def _is_bundled(mesh: Path) -> bool:
+    return mesh.parent in {scene.parent for scene in bundled_scenes().values()}
 
 
-def _key(name: str) -> str:
-    """Bare where it is a word; dots would part it."""
-    return name if name.isascii() and name.isidentifier() else _quoted(name)
+def _is_copied(mesh: Path, copy: Path) -> bool:
+    """Whether a copy is there already.
+
+    Raises:
+        InputError: something else is.
+    """
+    if not os.path.lexists(copy):
+        return False
+    if copy.is_file() and copy.read_bytes() == mesh.read_bytes():
+        return True
+    raise InputError(f"{copy}: is there already, and is not the scene's mesh of that name; expected another folder")
 
 
-def _quoted(text: str) -> str:
-    escapes = {'"': '\\"', "\\": "\\\\"}
-    escaped = (escapes.get(c, c if c.isprintable() else f"\\U{ord(c):08x}") for c in text)
-    return '"' + "".join(escaped) + '"'
+def _named_from(mesh: Path, folder: Path) -> str:
+    """A mesh as a file in a folder names it, so that both can be moved together."""
+    if not _is_bundled(mesh) or mesh.parent == Path(os.path.abspath(folder)):
+        with suppress(ValueError):  # another drive
+            return Path(os.path.relpath(os.path.realpath(mesh.parent), os.path.realpath(folder)), mesh.name).as_posix()
+    return str(mesh)
+
+
+def _lines(said: BaseModel, dump: dict[str, Any], path: str = "") -> list[str]:
+    """The lines of a table: its values, and then the tables within it.
+
+    Args:
+        said: the table.
+        dump: what of it is written.
+        path: of the table in the scene, with a dot at its end.
+    """
+    values: dict[str, str] = {}
+    within: list[str] = []
+    for field, value in dump.items():
+        held = getattr(said, field)
+        parts = held if isinstance(held, list) else [held]
+        if parts and all(isinstance(part, BaseModel) for part in parts):
+            heading = f"[[{path}{field}]]" if isinstance(held, list) else f"[{path}{field}]"
+            for part, inner in zip(parts, value if isinstance(held, list) else [value], strict=True):
+                within += ["", f"{heading}  # {first_line(type(part))}", *_lines(part, inner, f"{path}{field}.")]
+        else:
+            values[field] = f"{field} = {toml_value(value)}"
+    width = max((len(line) for line in values.values() if len(line) < LONGEST_COMMENT // 2), default=0)
+    lines = []
+    for field, line in values.items():
+        default = default_of(type(said), field)
+        comment = "; ".join(filter(None, (meaning_of(type(said), field), default and f"default {default}")))
+        if len(comment) > LONGEST_COMMENT:
+            lines += [f"# {part}" for part in textwrap.wrap(comment, LONGEST_COMMENT)]
+            comment = ""
+        lines.append(f"{line:{width}}  # {comment}" if comment else line)
+    return lines + within

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
+from balloon_warp.meant import did_you_mean_file
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.prims import Capsules, CurvesPrim, MeshPrim, SpherePrim
+from balloon_warp.outputs.usd import STAGE_SUFFIXES
 
 
 class Plane:
@@ -41,7 +43,8 @@ class RenderStage:
     def __init__(self, path: Path):
         self.path = path
         if not path.is_file():
-            raise InputError(f"{path}: no such file; expected a USD stage")
+            hint = did_you_mean_file(path, STAGE_SUFFIXES)
+            raise InputError(f"{path}: no such file; expected a USD stage{hint}")
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
         try:
             self._stage = Usd.Stage.Open(str(path))

@@ -166,6 +166,7 @@ class Balloon(Table):
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     law: LawTables = {}
+    """parameters of laws of one's own that are the balloon's, by law and name"""
 
     @property
     def treatment(self) -> Treatment:

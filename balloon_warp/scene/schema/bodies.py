@@ -28,6 +28,7 @@ class Sphere(Table):
     """force it gets from a touching particle, as a multiple of that particle's inflation force; without meaning where
     `contact = "impulse"`"""
     color: Color | None = None
+    """linear RGB; one of the palette when missing"""
     start: NonNegative = 0.0
     """when it appears, at its position and velocity [s]; until then nothing touches it"""
     end: NonNegative | None = None

@@ -1,5 +1,6 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
+import typing
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -60,7 +61,9 @@ class Table(BaseModel):
         InputError: made in Python, it has a field that is wrong, which is named as in a scene file.
     """
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True, use_attribute_docstrings=True
+    )
 
     if not TYPE_CHECKING:  # where each table's own fields are the arguments
 
@@ -100,3 +103,10 @@ class Table(BaseModel):
 
     def __str__(self) -> str:
         return repr(self)
+
+
+def table_in(annotation: Any) -> type[BaseModel] | None:
+    """The table that a field of this type has, or has a list of, if any."""
+    if isinstance(annotation, type) and not typing.get_args(annotation):
+        return annotation if issubclass(annotation, BaseModel) else None
+    return next((found for part in typing.get_args(annotation) if (found := table_in(part))), None)

@@ -38,10 +38,12 @@ class Scene(Table):
     description: str = ""
     """one line, shown by `balloon-warp scenes`"""
     up_axis: Literal["Y", "Z"] = "Y"
+    """which axis points up"""
     gravity: float = field_of("gravity")
     frames: Annotated[int, Field(ge=1)] = 120
     """how many frames follow the start"""
     frames_per_second: Positive = 60.0
+    """[1/s]"""
     substeps: Annotated[int, Field(ge=1, le=100_000)] | Literal["auto"] = "auto"
     """integration steps in a frame; "auto" takes as many as stability asks"""
     solver: Literal["symplectic_euler", "forward_euler", "projective"] = "symplectic_euler"
@@ -72,6 +74,7 @@ class Scene(Table):
     tube: list[Tube] = []
     atmosphere: Atmosphere = Atmosphere()
     law: LawTables = {}
+    """parameters of laws of one's own that are the world's, by law and name"""
     change: list[Change] = []
     """what changes while it is simulated, in order of time"""
 

@@ -1,0 +1,70 @@
+"""A command line that makes no sense, in one sentence."""
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import typer
+from pydantic import ValidationError
+
+from balloon_warp.meant import ask, did_you_mean
+from balloon_warp.scene.load import bundled_scenes
+
+UsageError = cast("type[Exception]", typer.BadParameter.__base__)
+"""what Typer raises of each such mistake; where it stands differs from version to version"""
+
+
+def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
+    """What is wrong, what was expected, and where to read more.
+
+    Args:
+        error: a `UsageError`.
+        program: Typer's of all commands.
+        words: that followed the program's name.
+    """
+    name = words[0] if words[0] in program.commands else ""
+    command = program.commands.get(name, program)
+    mistake = _mistake(error, command, name or "balloon-warp", words)
+    path = f"balloon-warp {name}" if name else "balloon-warp"
+    return mistake if mistake.endswith("?") else f"{mistake}; {path} --help explains"
+
+
+def _mistake(error: Any, command: Any, name: str, words: Sequence[str]) -> str:
+    option, parameter = getattr(error, "option_name", None), getattr(error, "param", None)
+    if hasattr(error, "possibilities"):
+        known = [text for each in command.params for text in each.opts if text.startswith("--")]
+        written = next((word for word in words if word.startswith(str(option))), str(option))
+        return f"{written}: unknown option of {name}{did_you_mean(written, known)}"
+    if option:
+        metavar = next((each.metavar for each in command.params if option in each.opts), None)
+        return f"{option}: has no value; expected {option} {metavar}" if metavar else f"{option}: takes no value"
+    if parameter is not None and type(error).__name__ == "MissingParameter":
+        return f"{name}: {_called(parameter)} is missing"
+    if parameter is not None:
+        return f"{_called(parameter)}: {_expected(error)}"
+    if extra := re.search(r"unexpected extra .*\((.*)\)", error.message):
+        return f"{name}: did not expect {extra[1]}{'; --set goes before PATH=VALUE' if '=' in extra[1] else ''}"
+    if unknown := re.match("No such command ['\"](.*?)['\"]", error.message):
+        return f"{unknown[1]}: no such command{_command_meant(unknown[1], command.commands)}"
+    return error.message.rstrip(".")
+
+
+def _command_meant(word: str, commands: Iterable[str]) -> str:
+    if word in bundled_scenes() or Path(word).is_file():
+        return ask([f"balloon-warp run {word}"])
+    return did_you_mean(word, commands) or f"; there are {', '.join(commands)}"
+
+
+def _called(parameter: Any) -> str:
+    """An option by its long name, an argument by what stands for it in the help."""
+    if parameter.param_type_name == "argument":
+        return parameter.metavar
+    return max(parameter.opts, key=len)
+
+
+def _expected(error: Any) -> str:
+    """Pydantic's sentence, where newer versions of Typer have it from there, and what was found."""
+    message = re.split(", (?:unable|got) ", error.message.rstrip("."))[0].replace("Input should", "must")
+    found = error.__cause__.errors()[0]["input"] if isinstance(error.__cause__, ValidationError) else None
+    return message if found is None else f"{message} (got {found})"

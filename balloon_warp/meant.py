@@ -1,0 +1,51 @@
+"""What was probably meant by a name that is not known."""
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+LONGEST = 100
+"""characters of a name that are looked at: comparing takes time with the square of them"""
+
+MUCH_LESS = 0.1
+"""of the likeness of two names, which is 1 for the same"""
+
+
+def closest(name: str, known: Iterable[str]) -> list[str]:
+    """The known names most like `name`, whatever the case: three at most, and none that is much less alike than the
+    first."""
+    by_lower = {each.lower(): each for each in known}
+    wanted = name[:LONGEST].lower()
+    close = difflib.get_close_matches(wanted, by_lower)
+    likeness = {each: difflib.SequenceMatcher(None, each, wanted).ratio() for each in close}
+    return [by_lower[each] for each in close if likeness[each] > likeness[close[0]] - MUCH_LESS]
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The end of a sentence that asks for the known names most like `name`; empty where none is like it."""
+    return ask(closest(name, known))
+
+
+def did_you_mean_file(path: Path, suffixes: Iterable[str], names: Iterable[str] = ()) -> str:
+    """The same, for a file that is not there: of those beside where it would be.
+
+    Args:
+        path: the file that was asked for.
+        suffixes: of files that could have been meant, such as ".toml".
+        names: what else could have been meant, such as bundled scenes.
+    """
+    endings = tuple(suffixes)
+    try:
+        beside = [each.name for each in path.parent.iterdir() if each.name.lower().endswith(endings)]
+    except OSError:
+        return f"; there is no folder {path.parent}"
+    bare = path.parent == Path()
+    files = [name if bare else str(path.parent / name) for name in beside]
+    return did_you_mean(str(path), [*names, *files])
+
+
+def ask(names: Iterable[str]) -> str:
+    """`; did you mean a, b or c?`; empty where there are no names."""
+    *first, last = [*names] or [""]
+    listed = f"{', '.join(first)} or {last}" if first else last
+    return f"; did you mean {listed}?" if listed else ""

@@ -1,0 +1,53 @@
+"""Another kind of inflation than a scene has: what belongs to the old kind goes."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from balloon_warp.scene.schema.balloon import FIELDS_OF_KINDS
+
+KIND_OF_FIELD = {field: kind for kind, fields in FIELDS_OF_KINDS.items() for field in fields}
+
+
+def drop_other_kinds(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> None:
+    """Make room, in place, for the kinds of inflation that overrides ask for.
+
+    They ask by `balloon.inflation.kind`; or, where neither they nor the table name a kind, by a field that one kind
+    alone has. What the table has for other kinds goes; what overrides set comes later, and stays.
+
+    Args:
+        table: a scene's, before anything is put into it.
+        overrides: dotted paths and values.
+    """
+    pairs = list(overrides)
+    balloons = table.get("balloon")
+    for number, balloon in enumerate(balloons if isinstance(balloons, list) else []):
+        inflation = balloon.get("inflation") if isinstance(balloon, dict) else None
+        if not isinstance(inflation, dict):
+            continue
+        if kind := _asked_kind(_set_fields(number, pairs), named="kind" in inflation):
+            for field in KIND_OF_FIELD:
+                if KIND_OF_FIELD[field] != kind:
+                    inflation.pop(field, None)
+            inflation["kind"] = kind
+
+
+def _set_fields(number: int, overrides: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """What overrides set in the inflation of a balloon."""
+    fields = {}
+    for path, value in overrides:
+        for opening in ("balloon.inflation.", f"balloon.{number}.inflation."):
+            if path.startswith(opening):
+                fields[path.removeprefix(opening).split(".")[0]] = value
+    return fields
+
+
+def _asked_kind(fields: dict[str, Any], named: bool) -> str | None:
+    """The kind that the fields set ask for; none where they ask for none, or for several.
+
+    Args:
+        named: whether the table names a kind already.
+    """
+    if "kind" in fields:
+        return next((kind for kind in FIELDS_OF_KINDS if kind == fields["kind"]), None)
+    kinds = {KIND_OF_FIELD[field] for field in fields if field in KIND_OF_FIELD}
+    return kinds.pop() if len(kinds) == 1 and not named else None

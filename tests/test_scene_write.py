@@ -1,0 +1,96 @@
+"""Scenes as files of one's own: what they say is the scene, with its meshes, and what each field is."""
+
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp import InputError, Scene, bundled_scenes, load_scene
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene import Balloon, Sphere
+from balloon_warp.scene.reference import as_markdown
+from balloon_warp.scene.write import scene_toml, write_scene
+
+PAGE = Path(__file__).parent.parent / "docs" / "SCENE.md"
+
+
+def without_meshes(scene: Scene) -> Scene:
+    balloons = [balloon.model_copy(update={"mesh": Path()}) for balloon in scene.balloon]
+    return scene.model_copy(update={"balloon": balloons})
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_a_bundled_scene_is_written_with_its_meshes_and_can_be_moved(tmp_path: Path, name: str):
+    (tmp_path / "here").mkdir()
+    scene = load_scene(name)
+    written = write_scene(scene, tmp_path / "here" / "mine.toml")
+    assert sorted(written) == sorted((tmp_path / "here").iterdir())
+    moved = load_scene(shutil.move(tmp_path / "here", tmp_path / "there") / "mine.toml")
+    assert without_meshes(moved) == without_meshes(scene)
+    for balloon, own in zip(moved.balloon, scene.balloon, strict=True):
+        assert Path(str(balloon.mesh)).parent == tmp_path / "there"
+        assert Path(str(balloon.mesh)).read_bytes() == Path(str(own.mesh)).read_bytes()
+    printed = tmp_path / "printed.toml"
+    printed.write_text(scene_toml(scene, tmp_path))
+    assert load_scene(printed) == scene
+
+
+def test_a_copy_of_the_mesh_stays_and_another_file_is_not_replaced(tmp_path: Path):
+    path = tmp_path / "mine.toml"
+    assert write_scene(load_scene("helium_rise"), path) == [path, tmp_path / "ball.obj"]
+    assert write_scene(load_scene("helium_rise"), path) == [path]
+    before = path.read_bytes()
+    (tmp_path / "ball.obj").write_text("of my own")
+    with pytest.raises(InputError, match=r"/ball\.obj: is there already, and is not the scene's mesh of that name; "):
+        write_scene(load_scene("two_balloons"), path)
+    assert (path.read_bytes(), (tmp_path / "ball.obj").read_text()) == (before, "of my own")
+
+
+def test_a_mesh_of_ones_own_is_named_from_the_file(tmp_path: Path):
+    """However the folder is reached."""
+    for folder in ("meshes", "scenes/real"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "scenes" / "real")
+    write_obj(tmp_path / "meshes" / "ball.obj", quad_sphere(2))
+    path = tmp_path / "link" / "mine.toml"
+    write_scene(load_scene(tmp_path / "meshes" / "ball.obj"), path)
+    assert tomllib.loads(path.read_text())["balloon"][0]["mesh"] == "../../meshes/ball.obj"
+    assert Path(str(load_scene(path).balloon[0].mesh)).exists()
+
+
+def test_each_value_has_its_unit_and_default_beside_it():
+    scene = Scene(
+        substeps=20,
+        solver="forward_euler",
+        balloon=[Balloon(mesh="a.obj", mass=0.2, law={"magnet": {"strength": 5.0}})],
+        sphere=[Sphere(position=(0.0, 1.0, 0.0), mass=3.0)],
+    )
+    text = scene_toml(scene, Path())
+    lines = [re.sub(" +# ", "  # ", line) for line in text.splitlines()]
+    assert "mass = 0.2  # of the whole balloon, shared alike by its particles [kg]; default 0.1" in lines
+    assert "position = [0.0, 1.0, 0.0]  # of its center at the start [m]" in lines
+    assert "mass = 3.0                  # [kg]; default 1.0\n" in text  # beneath the other comment
+    assert "[[sphere]]  # A rigid sphere that collides with balloons and the ground." in lines
+    above = lines[: lines.index('solver = "forward_euler"')]
+    assert above[-1].endswith('"symplectic_euler"')  # too long to stand beside it
+    assert above[-3].startswith("# how a step goes on: ")
+    assert "law = { magnet = { strength = 5.0 } }" in text
+
+
+def test_the_tables_in_the_docs_are_what_the_schema_says():
+    (tables,) = re.findall(r"<!-- fields -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert tables == as_markdown(), "python -m balloon_warp.scene.reference makes them anew"
+
+
+def test_every_default_of_a_scene_stands_in_them():
+    """Or is a table, nothing, or empty."""
+    rows = {tuple(cell.strip() for cell in row.split(" | ")[:3]) for row in as_markdown().splitlines()}
+    assert ("| `gravity`", "number", "`9.81`") in rows
+    assert ("| `mesh`", "file", "must be given") in rows
+    assert ("| `molar_mass`", "number ≥ 0", "`0.0040026`") in rows
+    assert ("| `particle`", 'whole number ≥ 0 or `"highest"` or `"lowest"`', '`"lowest"`') in rows
+    assert ("| `color`", "3 numbers from 0 to 1", "-") in rows
+    assert ("| `restitution`", "number from 0 to 1", "`0.3`") in rows

@@ -1,0 +1,68 @@
+"""Ctrl-C and SIGTERM at any command: a word, the status that shells expect, and no hidden file."""
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp import animate, load_scene
+from balloon_warp.cli import main
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs import render
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_command_that_is_stopped_says_so(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    number: signal.Signals,
+    status: int,
+):
+    """While it writes a file, which does not stay."""
+
+    def interrupted(_: Path, copy: Path) -> None:
+        copy.touch()
+        os.kill(os.getpid(), number)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("shutil.copyfile", interrupted)
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "scenes", "net_forces", "-o", "mine.toml"])
+    before = signal.getsignal(number)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == status
+    assert capsys.readouterr() == ("", "error: scenes was stopped before it was done\n")
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(number) == before
+
+
+def test_what_is_ignored_stays_ignored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """As Ctrl-C is by a process that a shell started in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        monkeypatch.setattr("balloon_warp.cli.scenes._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))
+        monkeypatch.setattr(sys, "argv", ["balloon-warp", "scenes"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code
+        assert capsys.readouterr().err == ""
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_picture_that_is_stopped_leaves_the_stage_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    scene = load_scene(tmp_path / "ball.obj", {"frames": 1})
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(render, "render_stage", interrupted)
+    with pytest.raises(KeyboardInterrupt, match=r"/ball\.usda is written, .*/ball\.png is not$"):
+        animate(scene, tmp_path / "ball.usda", picture=tmp_path / "ball.png", device="cpu", schedule="scatter")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.obj", "ball.usda"]
