@@ -25,7 +25,7 @@ def model_traits(model: Model) -> Traits:
         aims=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},
         gas=int(GAS) in kinds,
-        fresh_normals=scene.normals == "fresh",
+        fresh_normals=scene.normals == "fresh" and int(NORMAL_FORCE) in kinds,
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
