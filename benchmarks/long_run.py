@@ -22,7 +22,7 @@ from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.job import animate
 from balloon_warp.outputs.usd import grid, stage
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.recorder import MEASURES
@@ -146,7 +146,8 @@ def _scene(case: Case) -> Scene:
     return Scene(
         frames=case.frames,
         substeps=case.substeps,
-        balloon=[Balloon(mesh=quad_sphere(case.cells, 1.0))],
+        normals="cached",
+        balloon=[Balloon(mesh=quad_sphere(case.cells, 1.0), inflation=Inflation(k_normal=0.2))],
         sphere=[Sphere(position=(0.0, 3.0, 0.0))],
         string=[String(anchor=(0.0, -2.0, 0.0))],
         ground=Ground(height=-3.0),

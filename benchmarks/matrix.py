@@ -17,7 +17,7 @@ from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene import Balloon, Scene
+from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.scene.overrides import override_scene, parse_override
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.solvers.choose import PROJECTIVE, solver_named
@@ -62,7 +62,8 @@ class Method(NamedTuple):
 
     def scene(self) -> Scene:
         """The least that has it."""
-        scene = Scene(balloon=[Balloon(mesh=mesh) for mesh in self.meshes])
+        balloons = [Balloon(mesh=mesh, inflation=Inflation(k_normal=0.2)) for mesh in self.meshes]
+        scene = Scene(balloon=balloons, normals="cached")
         return override_scene(scene, map(parse_override, self.overrides))
 
     def model(self) -> Model:

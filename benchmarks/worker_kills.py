@@ -20,7 +20,7 @@ from pxr import Sdf
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene import Balloon, Scene, String
+from balloon_warp.scene import Balloon, Inflation, Scene, String
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.cluster import Cluster
 
@@ -77,7 +77,8 @@ def _simulate(
     scene = Scene(
         frames=FRAMES,
         substeps=100,
-        balloon=[Balloon(mesh=quad_sphere(4, 1.0))],
+        normals="cached",
+        balloon=[Balloon(mesh=quad_sphere(4, 1.0), inflation=Inflation(k_normal=0.2))],
         string=[String(anchor=(0.0, -2.0, 0.0))],
     )
     vary = {"gravity": [0.5 * world for world in range(WORLDS)]}

@@ -25,6 +25,7 @@ PATIENCE = 10.0
 def tethered() -> Scene:
     """Small, so that a machine that renders in software keeps up."""
     return Scene(
+        normals="cached",
         balloon=[
             Balloon(
                 mesh=quad_sphere(5, 0.5),

@@ -17,6 +17,9 @@ from balloon_warp.scene import (
     Water,
 )
 
+PAPERS = Inflation(k_normal=0.2)
+"""by normal forces"""
+
 
 def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
     """Two balloons, with all that a scene can have: n-gons, fixed and unused particles, springs that vary."""
@@ -35,7 +38,13 @@ def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
                 inflation=Inflation(k_normal=[(0.0, 0.1), (0.03, 0.5), (0.1, 0.2)]),
                 fixed=[3, 17],
             ),
-            Balloon(mesh=prism(5), position=(3.0, 0.85, 0.0), rotation=(20.0, 30.0, 0.0), mass=0.2),
+            Balloon(
+                mesh=prism(5),
+                position=(3.0, 0.85, 0.0),
+                rotation=(20.0, 30.0, 0.0),
+                mass=0.2,
+                inflation=PAPERS,
+            ),
         ],
         sphere=[
             Sphere(position=(0.1, 1.13, 0.0), radius=0.2, mass=0.4, velocity=(0.0, -1.0, 0.0)),
@@ -53,7 +62,7 @@ def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
 
 def bare() -> Scene:
     """A balloon and nothing else."""
-    return Scene(balloon=[Balloon(mesh=quad_sphere(3), helium=12.0)], substeps=33)
+    return Scene(balloon=[Balloon(mesh=quad_sphere(3), helium=12.0, inflation=PAPERS)], normals="cached", substeps=33)
 
 
 def afloat() -> Scene:
@@ -104,7 +113,7 @@ def in_air() -> Scene:
     balloons = [
         ball.model_copy(update={"helium": 0.0, "inflation": gas, "drag_coefficient": 0.4}),
         pentagon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=[(0.0, 5.0), (0.1, 20.0)])}),
-        Balloon(mesh=cube(), position=(6.0, 0.3, 0.0), drag_coefficient=1.0, helium=9.0),
+        Balloon(mesh=cube(), position=(6.0, 0.3, 0.0), drag_coefficient=1.0, helium=9.0, inflation=PAPERS),
         Balloon(mesh=quad_sphere(3), position=(-6.0, 2.0, 0.0), inflation=less_gas),
     ]
     surroundings = {

@@ -6,7 +6,7 @@ from meshes import cube, quad_sphere
 
 from balloon_warp import Scene
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String
 
 FRAMES, WORLDS = 5, 5
 
@@ -14,8 +14,14 @@ FRAMES, WORLDS = 5, 5
 def scene(**fields) -> Scene:
     """A small scene with one of each."""
     balloons = [
-        Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0),
-        Balloon(mesh=cube(), name="Sphere_0", position=(3, 0.5, 0), color=(0.1, 0.2, 0.3)),
+        Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=Inflation(k_normal=0.2)),
+        Balloon(
+            mesh=cube(),
+            name="Sphere_0",
+            position=(3, 0.5, 0),
+            color=(0.1, 0.2, 0.3),
+            inflation=Inflation(k_normal=0.2),
+        ),
     ]
     fields = {
         "description": "one of each",

@@ -8,7 +8,7 @@ from batches import OFTEN
 from meshes import quad_sphere
 
 from balloon_warp import Scene, run_batch
-from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Sphere, String
 
 FRAMES, WORLDS = 6, 5
 
@@ -16,7 +16,7 @@ FRAMES, WORLDS = 6, 5
 def scene(**fields) -> Scene:
     """A small scene with one of each."""
     fields = {
-        "balloon": [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0)],
+        "balloon": [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0, inflation=Inflation(k_normal=0.2))],
         "sphere": [Sphere(position=(0, 4, 0), radius=0.3, start=0.03)],
         "string": [String(anchor=(0, 0, 0), length=1.5)],
         "ground": Ground(),

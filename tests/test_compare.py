@@ -21,12 +21,17 @@ from balloon_warp.comparison.run import Run
 from balloon_warp.comparison.sheet import Tile, compose_sheet
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon
+from balloon_warp.scene import Balloon, Inflation
 from balloon_warp.scene.overrides import override_scene
 
 SIZE = (96, 64)
 BALL = Scene(
-    gravity=0.0, frames=6, picture_frame=4, balloon=[Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0)]
+    gravity=0.0,
+    frames=6,
+    picture_frame=4,
+    balloon=[
+        Balloon(mesh=quad_sphere(3), color=(0.0, 1.0, 0.0), damping=1.0, inflation=Inflation(k_normal=0.2)),
+    ],
 )
 K_NORMAL = "balloon.inflation.k_normal"
 

@@ -50,7 +50,7 @@ def test_a_surface_with_one_side_is_refused():
         ([("balloon.inflation.pressure", 3.0)], 'inflation.pressure: needs kind = "pressure"'),
         (
             [("balloon.inflation.kind", "steam")],
-            "inflation.kind: must be 'normal_force', 'pressure' or 'gas' .got 'steam'",
+            "inflation.kind: must be 'pressure', 'gas' or 'normal_force' .got 'steam'",
         ),
         ([("balloon.helium", 3.0)], "balloon.0.helium: must be 0, its gas lifts it .got 3"),
         ([("balloon.inflation.pump", [[0.0, 1.0], [0.0, 2.0]])], "pump: keyframe times must increase"),
@@ -70,4 +70,4 @@ def test_what_does_not_fit_gas_is_refused(overrides, complaint: str):
 
 def test_fields_of_another_kind_are_refused_from_python_too():
     with pytest.raises(InputError, match='amount: needs kind = "gas"'):
-        Inflation(amount=1.0)
+        Inflation(pressure=1.0, amount=1.0)

@@ -1,9 +1,11 @@
 """The paper's inflation: 100 k_normal (A_p / A_total) n, cached or fresh, following its keyframes."""
 
 import numpy as np
+import pytest
 from meshes import cube, grid, quad_sphere
 
-from balloon_warp.mesh.geometry import face_areas, face_centers, vertex_normals
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import face_areas, face_centers, triangulate, vertex_normals
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 
@@ -76,3 +78,30 @@ def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
     # other kernels aim them, which round otherwise: by some 1e-7 of places 20 m apart
     np.testing.assert_allclose(points("cached", 1), points("fresh", 1), atol=20 * 1e-6)
     assert np.abs(points("cached", 8) - points("fresh", 8)).max() > 1e-3
+
+
+def in_triangles(mesh: PolygonMesh) -> PolygonMesh:
+    """The same points, each quad in two."""
+    corners, _ = triangulate(mesh)
+    counts = np.full(len(corners), 3, dtype=np.int32)
+    return PolygonMesh(points=mesh.points, face_vertex_counts=counts, face_vertex_indices=corners.ravel())
+
+
+def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
+    """The forces along the radius of a round ball, added up [N]."""
+    balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, damping=0.0, inflation=inflation)
+    forces = forces_at_start(Scene(balloon=[balloon], gravity=0.0, substeps=4), device)
+    return float((forces * mesh.points).sum())
+
+
+@pytest.mark.parametrize("cells", [4, 12])
+def test_k_normal_means_half_as_much_on_triangles_and_a_pressure_the_same(cells, device):
+    """A particle is pushed by the area of its nearest face: of quads there are as many as particles, so that together
+    they push by nearly 100 k_normal; of triangles twice as many, of half the area. A pressure pushes by its area."""
+    quads = quad_sphere(cells)
+    meshes = quads, in_triangles(quads)
+    pushes = [push(mesh, Inflation(k_normal=1.0), device) for mesh in meshes]
+    assert 90.0 < pushes[0] < 100.0
+    assert 44.0 < pushes[1] < 52.0
+    by_pressure = [push(mesh, Inflation(pressure=10.0), device) for mesh in meshes]
+    assert by_pressure[1] == pytest.approx(by_pressure[0], rel=0.02)  # the same ball, but for its facets

@@ -8,7 +8,7 @@ from meshes import quad_sphere
 from pxr import Usd
 
 from balloon_warp.blow_ups import BlowUp, Pull
-from balloon_warp.scene import Balloon, Ground, Scene
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.groups import plan_groups
@@ -18,7 +18,8 @@ from balloon_warp.sweep.resume import BatchCheckpoints, ShareJournal
 from balloon_warp.sweep.resume.journal import FAILURES
 from balloon_warp.sweep.task import BatchTask
 
-SCENE = Scene(balloon=[Balloon(mesh=quad_sphere(3), position=(0, 2, 0))], ground=Ground(), frames=6, substeps=40)
+BALL = Balloon(mesh=quad_sphere(3), position=(0, 2, 0), inflation=Inflation(k_normal=0.2))
+SCENE = Scene(balloon=[BALL], ground=Ground(), frames=6, substeps=40)
 
 
 def test_what_blew_up_in_a_share_is_kept_with_it():

@@ -20,6 +20,8 @@ SCENE = """
 frames = 3
 [[balloon]]
 mesh = "ball.obj"
+[balloon.inflation]
+k_normal = 0.2
 [[sphere]]
 position = [0, 3, 0]
 """

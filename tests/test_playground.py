@@ -16,7 +16,7 @@ from balloon_warp.viewer.playground import MOST_THROWN, Playground
 
 
 def on_a_string(**fields) -> Scene:
-    fields = {"ground": Ground(height=-1.0)} | fields
+    fields = {"ground": Ground(height=-1.0), "normals": "cached"} | fields
     return Scene(
         balloon=[
             Balloon(mesh=quad_sphere(4, 0.5), helium=10.0, inflation=Inflation(k_normal=[(0.0, 0.2), (9.0, 1.0)]))
@@ -101,6 +101,22 @@ def test_a_scene_survives_being_written(name, tmp_path):
     path = tmp_path / "again.toml"
     path.write_text(scene_toml(scene, tmp_path))
     assert load_scene(path) == scene
+
+
+def test_the_default_pressure_is_a_number_that_stays(device):
+    """It rises to it; it is not another when springs are, and the journal replays to the last bit."""
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(4, 0.5))], frames_per_second=4.0)
+    playground = Playground(scene, device)
+    steps(playground, 4)
+    risen = playground.inflation
+    assert risen == pytest.approx(playground.start.balloon[0].inflation.keyframes[-1][1])
+    assert risen > 0.0
+    playground.set("balloon.stiffness.structural", 35.0)
+    steps(playground, 2)
+    assert playground.inflation == risen
+    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
+    playground.inflate(0.5 * risen)
+    assert playground.inflation == pytest.approx(0.5 * risen)
 
 
 def test_odd_texts_survive_being_written(tmp_path):

@@ -34,6 +34,8 @@ if __name__ == "__main__":
 SCENE = """
 [[balloon]]
 mesh = "bälle.obj"
+[balloon.inflation]
+k_normal = 0.2
 [[sphere]]
 position = [0.0, 1.5, 0.0]
 radius = 0.3

@@ -19,7 +19,7 @@ from balloon_warp.job import animate
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.usd import stage as usd_stage
 from balloon_warp.resume import differences
-from balloon_warp.scene import Balloon, Change, Ground, Scene, Sphere, String
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, String
 
 FRAMES, STOPPED_AT = 12, 7
 ALWAYS = 1e-9
@@ -27,7 +27,8 @@ ALWAYS = 1e-9
 SCENE = Scene(
     frames=FRAMES,
     net_forces=True,
-    balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0))],
+    normals="cached",
+    balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))],
     sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3, start=0.05, end=0.15)],
     string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
     ground=Ground(),

@@ -60,6 +60,7 @@ ALL_AT_ONCE = {
 
 def busy(**fields) -> Scene:
     """A balloon on a string that a sphere presses."""
+    fields = {"normals": "cached"} | fields
     return Scene(
         balloon=[Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(k_normal=[(0.0, 0.1), (0.5, 0.3)]))],
         sphere=[Sphere(position=(0.0, 0.8, 0.0), radius=0.4, penalty=30.0)],

@@ -18,6 +18,7 @@ from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import Parameters, parameters_at
 from balloon_warp.model.passing import warnings_of
+from balloon_warp.model.pressure import settle_pressure
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
@@ -130,7 +131,7 @@ def _settled(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], said: Mapping[str, NDArray[np.float64]]
 ) -> Parameters:
     """The parameters, and what follows of them and of the shapes: where each balloon starts, the lengths of strings,
-    and what gas there is.
+    the pressures that are left to us, and what gas there is.
 
     Raises:
         InputError: a balloon cannot hold gas, is too far away for float32, or cannot be turned so.
@@ -144,6 +145,7 @@ def _settled(
     for number, particle in enumerate(held):
         require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
     parameters["string_length"] = string_lengths(scene, shapes, held, parameters)
+    parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
     return parameters | settle_gas(scene, shapes, parameters)
 
 

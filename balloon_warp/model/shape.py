@@ -14,12 +14,18 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
-from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.mesh.thickness import relative_thickness
+from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.fixed import fixed_particles
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
 from balloon_warp.springs.ties import balloon_springs
+
+SHOOTS_AWAY = (
+    "It is open and nothing holds it, so that it is not inflated: it would shoot away. Close it, hold it by `fixed`, "
+    "or say its inflation."
+)
 
 
 @dataclass(frozen=True)
@@ -32,8 +38,12 @@ class BalloonShape:
     springs: Springs
     stiffness_scale: NDArray[np.float64]
     """each spring's constant over that of its kind, shape (spring_count,)"""
+    softness: NDArray[np.float64]
+    """the part of it that makes thin parts softer, shape (spring_count,); 1 elsewhere"""
     mass_share: NDArray[np.float64]
     """each particle's part of the balloon's mass, shape (particle_count,); 0 for a particle that does not move"""
+    remarks: tuple[str, ...] = ()
+    """what is odd about it beside its mesh, in sentences"""
 
     @cached_property
     def hinges(self) -> Hinges:
@@ -42,13 +52,19 @@ class BalloonShape:
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd about its mesh, and what became of it, in sentences that begin with its name."""
-        return [f"{self.name}: {warning}" for warning in self.mesh.warnings]
+        """What is odd about it, and what became of it, in sentences that begin with its name."""
+        return [f"{self.name}: {warning}" for warning in (*self.mesh.warnings, *self.remarks)]
 
     @cached_property
     def closed(self) -> bool:
         """Whether no edge of the mesh is on a border."""
         return is_closed(mesh_edges(self.mesh))
+
+    @cached_property
+    def flies_off(self) -> bool:
+        """Whether a pressure would have a net force, and nothing holds it."""
+        balanced = self.closed and not len(inconsistent_edges(mesh_edges(self.mesh)))
+        return not balanced and bool((self.mass_share[self.mesh.face_vertex_indices] > 0.0).all())
 
 
 def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
@@ -63,13 +79,16 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
     springs = balloon_springs(placed, balloon.parts)
-    return BalloonShape(
+    softness = _softness(placed, springs) if balloon.stiffness.thin == "softer" else np.ones(springs.count)
+    shape = BalloonShape(
         name=placed.name,
         mesh=placed,
         springs=springs,
-        stiffness_scale=_stiffness_scale(placed, springs, balloon.stiffness),
+        stiffness_scale=softness * _stiffness_scale(placed, springs, balloon.stiffness),
+        softness=softness,
         mass_share=_mass_shares(placed, balloon),
     )
+    return replace(shape, remarks=(SHOOTS_AWAY,)) if balloon.inflation.is_automatic and shape.flies_off else shape
 
 
 def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
@@ -81,6 +100,11 @@ def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) 
     place = (along[springs.pairs].mean(axis=1) - lowest) / size
     low, high = stiffness.gradient
     return (1.0 + stiffness.variation * draws) * (low + (high - low) * place) * _weights(mesh, springs, stiffness)
+
+
+def _softness(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:
+    """Of each spring, from how thick the balloon is at its ends."""
+    return relative_thickness(mesh)[springs.pairs].mean(axis=1)
 
 
 def _weights(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:

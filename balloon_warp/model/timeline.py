@@ -41,6 +41,8 @@ def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
     for number, change in enumerate(scene.change):
         try:
             require_changeable(scene, rows, change.set)
+            if automatic := [path for path, value in change.set.items() if value == "auto" and path != "substeps"]:
+                raise InputError(f'{automatic[0]}: must be a number or keyframes (got "auto")')
         except InputError as mistake:
             raise InputError(f"change.{number}.set: {mistake}") from None
     before = parameters_at(scene, rows, 0)

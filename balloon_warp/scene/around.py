@@ -5,7 +5,7 @@ from typing import Any
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
@@ -53,14 +53,13 @@ def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: st
         "up_axis": up_axis,
         "gravity": (WEIGHT if gas else 9.81) * size,
         "frames": 120,
-        "normals": "fresh",
         "balloon": [
             {
                 "mesh": source if isinstance(source, PolygonMesh) else source.resolve(),
                 "mass": 2.0,
                 "helium": 0.0 if gas else (9.81 - WEIGHT) * size,
                 "damping": 20.0,
-                "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
+                "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0, "thin": "softer"},
                 "inflation": _gentle(balloon.inflation, placed, size),
                 "fixed": pinned_at_borders(mesh, balloon.parts).tolist(),
             }
@@ -70,14 +69,12 @@ def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: st
 
 
 def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str, Any]:
-    """Inflation from 0.2 to 1.5 s. A pressure gets as high as the forces of "normal_force" spread over the surface, of
-    a plane square at least; gas gets half as much again, unless it is said how much there is."""
-    k_normal = 4.0 * size
-    match inflation.kind:
-        case "normal_force":
-            return {"k_normal": [[0.2, 0.0], [1.5, k_normal]]}
-        case "pressure":
-            return {"pressure": [[0.2, 0.0], [1.5, 100.0 * k_normal / max(total_area(placed), size**2)]]}
+    """Inflation up to 1.5 s at most: the pressure that a balloon gets by itself; or half as much gas again as fits into
+    the mesh, unless it is said how much; or normal forces in proportion to the size."""
+    if inflation.kind == "pressure":
+        return {}
+    if inflation.kind == "normal_force":
+        return {"k_normal": [[0.2, 0.0], [1.5, 4.0 * size]]}
     if inflation.amount is not None or inflation.start_pressure:
         return {}
     flow = min(0.5 * abs(signed_volume(placed)) / MOLAR_VOLUME / 1.2, MOST_FLOW)

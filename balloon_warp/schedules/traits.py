@@ -30,7 +30,7 @@ def model_traits(model: Model) -> Traits:
         gas=int(GAS) in kinds,
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
         tubes=model.tube_count > 0,
-        fresh_normals=scene.normals == "fresh",
+        fresh_normals=scene.normals == "fresh" and int(NORMAL_FORCE) in kinds,
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,

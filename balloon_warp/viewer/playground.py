@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import build_model, lay_out, plan_model
+from balloon_warp.model import lay_out, plan_model
 from balloon_warp.model.acting import acting_laws
 from balloon_warp.model.plan import ModelPlan
+from balloon_warp.model.pressure import with_settled_pressure
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.overrides import override_scene
@@ -42,8 +43,10 @@ class Playground:
     """
 
     def __init__(self, scene: Scene, device: str | None = None, laws: Sequence[Law] = ()):
-        self.start, self._least_substeps = scene, 1 if scene.substeps == "auto" else scene.substeps
-        self._first_model = build_model(scene, pick_device(device), laws=laws)
+        self._least_substeps = 1 if scene.substeps == "auto" else scene.substeps
+        plan = plan_model(scene, laws=laws)
+        self._first_model = lay_out(plan, pick_device(device))
+        self.start = with_settled_pressure(scene, plan.parameters)  # so that it stays, whatever else is changed
         self.keep_stable = True
         """whether every change takes as many substeps as it needs"""
         self.size = float(max(np.ptp(shape.mesh.points, axis=0).max() for shape in self._first_model.shapes))

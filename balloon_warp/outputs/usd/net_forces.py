@@ -1,6 +1,7 @@
 """The net force on each particle of a balloon, as lines (paper, figure 26)."""
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from balloon_warp.frame import Frame
@@ -22,7 +23,8 @@ class NetForcesPrim:
         self.number = number
         balloon, mesh = model.scene.balloon[number], model.shapes[number].mesh
         size = float(np.ptp(mesh.points, axis=0).max())
-        inflation = _largest_inflation(balloon.inflation, total_area(mesh))
+        values = model.parameters["keyframe_values"].numpy()[0, number]
+        inflation = _largest_inflation(balloon.inflation, values, total_area(mesh))
         weight = balloon.mass * abs(model.scene.gravity)
         self.meters_per_newton = 0.05 * size * mesh.vertex_count / max(inflation, weight, 1e-12)
         self.prim = define_lines(stage, path, [2] * mesh.vertex_count, width=0.003 * size)
@@ -37,9 +39,9 @@ class NetForcesPrim:
         write_lines(self.prim, np.stack([begin, end], axis=1).reshape(-1, 3).astype(np.float32), frame.number)
 
 
-def _largest_inflation(inflation: Inflation, area: float) -> float:
+def _largest_inflation(inflation: Inflation, values: NDArray[np.float32], area: float) -> float:
     """Forces of the inflation added up, whatever their direction, at the start or a keyframe [N]."""
     if inflation.kind == "gas":
         return abs(inflation.start_pressure) * area
     per_value = area if inflation.kind == "pressure" else 100.0
-    return max(per_value * abs(value) for _, value in inflation.keyframes)
+    return per_value * float(np.abs(values).max())

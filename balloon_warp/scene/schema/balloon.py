@@ -1,6 +1,7 @@
 """Balloons: their meshes, their springs and what fills them."""
 
 import itertools
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -48,21 +49,27 @@ class Stiffness(Table):
     """a number for each vertex of the file: a spring's constant is multiplied by the mean of those at its ends"""
     viscosity: float = field_of("viscosity")
     yield_stretch: float | None = optional_field_of("yield_stretch")
+    thin: Literal["alike", "softer"] = "alike"
+    """springs of thin parts: "alike" takes the same constants everywhere, so that a pressure stretches thin parts less,
+    in proportion to how thick they are; "softer" takes smaller ones there, so that all parts stretch nearly alike"""
 
 
 class Inflation(Table):
     """What fills a balloon.
 
-    - "normal_force", the paper's: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N].
-    - "pressure": a given pressure acts on every face.
+    - "pressure": a given pressure acts on every face. On a closed mesh its forces add up to nothing.
     - "gas": a sealed amount of gas does, whose pressure falls as it expands, and which has weight and buoyancy.
+    - "normal_force", the paper's: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N]. These
+      forces do not add up to nothing, and what a k_normal does hangs on how the mesh is divided into faces.
     """
 
-    kind: Literal["normal_force", "pressure", "gas"] = "normal_force"
+    kind: Literal["pressure", "gas", "normal_force"] = "pressure"
+    """when left out, the kind that has the fields that are given; a pressure where none is"""
+    pressure: Literal["auto"] | Keyframed = "auto"
+    """of "pressure": above the air's [Pa]; a number or keyframes; or "auto", which rises within a second to what
+    stretches the balloon by a quarter or so, whatever its size, its faces and its springs"""
     k_normal: Keyframed = 0.2
     """of "normal_force"; a number or keyframes"""
-    pressure: Keyframed = 0.0
-    """of "pressure": above the air's [Pa]; a number or keyframes"""
     amount: NonNegative | None = None
     """of "gas", at the start [mol]; what `start_pressure` asks for when missing"""
     start_pressure: Real = 0.0
@@ -89,10 +96,25 @@ class Inflation(Table):
         return isinstance(getattr(self, self.keyframed), list)
 
     @property
+    def is_automatic(self) -> bool:
+        """whether its pressure is left to us"""
+        return self.kind == "pressure" and self.pressure == "auto"
+
+    @property
     def keyframes(self) -> list[Keyframe]:
-        """That field as keyframes; a plain number is one keyframe."""
+        """That field as keyframes; a plain number is one keyframe, and NaN a pressure that is left to us."""
+        if self.is_automatic:
+            return [(0.0, 0.0), (AUTO_SECONDS, math.nan)]
         value = getattr(self, self.keyframed)
         return value if isinstance(value, list) else [(0.0, value)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _kind_of_what_is_given(cls, given: Any) -> Any:
+        if not isinstance(given, dict) or given.get("kind") is not None:
+            return given
+        fitting = (kind for kind, fields in FIELDS_OF_KINDS.items() if not given.keys().isdisjoint(fields))
+        return given | {"kind": next(fitting, "pressure")}
 
     @model_validator(mode="after")
     def _fields_of_its_kind(self) -> Self:
@@ -110,6 +132,8 @@ class Inflation(Table):
         return self
 
 
+AUTO_SECONDS = 1.0
+"""in which a pressure that is left to us rises"""
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
     "pressure": ("pressure",),

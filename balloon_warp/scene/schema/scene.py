@@ -57,8 +57,8 @@ class Scene(Table):
     correction_limit: float = field_of("correction_limit")
     correction_sweeps: Annotated[int, Field(ge=1, le=1000)] = 4
     """how often a correction goes through all springs"""
-    normals: Literal["cached", "fresh"] = "cached"
-    """normals and areas of the inflation: refreshed once a frame (the paper), or every substep"""
+    normals: Literal["cached", "fresh"] = "fresh"
+    """normals and areas of the paper's inflation, "normal_force": refreshed once a frame, as there, or every substep"""
     contact: Literal["penalty", "impulse"] = "penalty"
     """what a sphere gets from a touching particle: a force in proportion to the balloon's inflation (the paper); or the
     momentum that the particle loses, so that balloons and spheres together keep theirs and gain no energy"""
@@ -96,7 +96,7 @@ class Scene(Table):
             raise ValueError(f"change: times must not decrease (got {times})")
         for number, balloon in enumerate(self.balloon):
             inflation = balloon.inflation
-            times = [time for time, _ in inflation.keyframes]
+            times = [time for time, _ in inflation.keyframes] if inflation.has_keyframes else []
             shortest = min((later - earlier for earlier, later in itertools.pairwise(times)), default=math.inf)
             if shortest * self.frames_per_second < 1.0 - 1e-6:
                 raise ValueError(

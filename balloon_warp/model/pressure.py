@@ -1,0 +1,102 @@
+"""The pressure that a balloon gets where the scene leaves it open, "auto". Host side."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.mesh.corners import corner_faces, face_starts
+from balloon_warp.mesh.geometry import face_areas, vertex_normals
+from balloon_warp.mesh.topology import mesh_edges, vertex_components
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Scene
+
+STRETCH = 1.25
+"""of a round balloon at that pressure, length over rest length"""
+PRESSURE = (STRETCH - 1.0) / STRETCH**2
+"""over 2 K / R, see below"""
+UNEVEN = 1.4
+"""the mean of a surface's tensions over the least, of one that is even"""
+
+
+def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> NDArray[np.float64]:
+    """The values at keyframes [Pa], with those that are left to us, NaN until now; shape (W, balloon_count,
+    keyframe_count).
+
+    Scaled by s in all directions, springs of constant k and rest length L pull inward like a pressure p on a volume
+    s^3 V: by virtual work 3 p V s^2 = sum k L^2 (s - 1). With the volume V = A R / 3 of a sphere, and the surface's
+    tension K for each unit of strain, K = sum k L^2 / 2 A, that is p = 2 K (s - 1) / (s^2 R). Beyond s = 2, where p is
+    largest, a balloon would swell without end. R is that of a sphere of the balloon's area, since no shape of that area
+    can become larger.
+
+    A balloon that is open, and free to fly, gets none: like one that is let go, it would shoot away.
+    """
+    values = parameters["keyframe_values"]
+    for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
+        if balloon.inflation.is_automatic:
+            constants = np.stack([parameters[row.name][:, number] for row in KINDS], axis=-1)
+            pressures = np.zeros((len(values), 1)) if shape.flies_off else constants @ _pressures(shape)[:, None]
+            values = np.repeat(values, len(pressures) // len(values), axis=0)
+            values[:, number] = np.where(np.isnan(values[:, number]), pressures, values[:, number])
+    return values
+
+
+def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
+    """The scene with the numbers of the first world in place of pressures that were left to us."""
+    balloons = list(scene.balloon)
+    for number, balloon in enumerate(balloons):
+        if balloon.inflation.is_automatic:
+            times = [time for time, _ in balloon.inflation.keyframes]
+            values = parameters["keyframe_values"][0, number, : len(times)].tolist()
+            inflation = balloon.inflation.model_copy(update={"pressure": list(zip(times, values, strict=True))})
+            balloons[number] = balloon.model_copy(update={"inflation": inflation})
+    return scene.model_copy(update={"balloon": balloons})
+
+
+def _pressures(shape: BalloonShape) -> NDArray[np.float64]:
+    """Pressure [Pa] for each N/m of the three kinds of springs, shape (3,).
+
+    Of several parts the largest counts. Springs between parts hold no surface. A surface with a border may become half
+    a sphere.
+    """
+    mesh, springs = shape.mesh, shape.springs
+    parts = vertex_components(mesh, mesh_edges(mesh))
+    areas = face_areas(mesh)
+    if not areas.sum():
+        return np.zeros(len(KINDS))
+    largest = np.bincount(parts[mesh.face_vertex_indices[face_starts(mesh)]], areas).max()
+    radius = np.sqrt(largest / ((4.0 if shape.closed else 2.0) * np.pi))
+    within = parts[springs.pairs[:, 0]] == parts[springs.pairs[:, 1]]
+    weights = shape.stiffness_scale / shape.softness * springs.rest_lengths**2 * within
+    tension = np.bincount(springs.kind, weights, len(KINDS)) / (2.0 * areas.sum())
+    return PRESSURE * 2.0 * _evenness(shape) * tension / radius
+
+
+def _evenness(shape: BalloonShape) -> float:
+    """How much less stretching one way takes than stretching all ways, from 0 to 1, where all but the softest tenth of
+    the area are better: long thin faces, as of a cylinder without rings between its ends, have springs along them
+    alone, and would burst. Up to `UNEVEN` times less counts as even, as quads are that somebody drew.
+
+    A vertex has 1/2 k L^2 t t^T over its share of the area, summed over its springs of direction t; what counts is the
+    least of that across the normal. By the defaults of the constants, so that it is a property of the mesh.
+    """
+    mesh, springs = shape.mesh, shape.springs
+    shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
+    areas = np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count)
+    ways = mesh.points[springs.pairs[:, 1]] - mesh.points[springs.pairs[:, 0]]
+    constants = np.array([row.default for row in KINDS])[springs.kind]
+    pulls = 0.5 * constants[:, None, None] * ways[:, :, None] * ways[:, None, :]
+    tensors = np.zeros((mesh.vertex_count, 3, 3))
+    for end in (0, 1):
+        np.add.at(tensors, springs.pairs[:, end], pulls)
+    normals = vertex_normals(mesh)
+    across = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    strengths = np.linalg.eigvalsh(across @ tensors @ across)[:, 1]  # the first is 0, along the normal
+    used = areas > 0.0
+    softest = np.argsort(strengths[used] / areas[used])
+    tenth = np.searchsorted(np.cumsum(areas[used][softest]), 0.1 * areas.sum())
+    least = (strengths[used] / areas[used])[softest][min(tenth, len(softest) - 1)]
+    mean = np.trace(tensors, axis1=1, axis2=2).sum() / (2.0 * areas.sum())
+    return float(min(UNEVEN * least / mean, 1.0))

@@ -1,0 +1,67 @@
+"""The squirrel on its string: upright by default, upside down as in the paper's figures."""
+
+import numpy as np
+import pytest
+from played import played, shape_at
+
+from balloon_warp.mesh.geometry import signed_volume
+
+
+def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
+    """Angle [degrees] by which the best-fitting rotation (Kabsch 1976) turns the up axis."""
+    left, _, right = np.linalg.svd((rest - rest.mean(axis=0)).T @ (points - points.mean(axis=0)))
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    rotation = right.T @ mirror @ left.T
+    return float(np.degrees(np.arccos(np.clip(np.dot(rotation @ up, up), -1.0, 1.0))))
+
+
+def test_squirrel_tether_floats_upright_and_still_above_its_anchor():
+    """Its string is not stretched at the start, and straight at the end, by what the lift asks; after five seconds
+    nothing moves by more than some millimeters a second."""
+    model, frames = played("squirrel_tether")
+    string, balloon, end = model.scene.string[0], model.scene.balloon[0], frames[-1]
+    points = end.points[0].astype(np.float64)
+    assert turned_by(model.shapes[0].mesh.points, points, model.scene.up) < 5.0
+    np.testing.assert_allclose(points.mean(axis=0)[[0, 2]], 0.0, atol=0.01)
+    assert np.linalg.norm(end.velocities[0], axis=1).max() < 0.005
+    length = float(model.parameters["string_length"].numpy()[0, 0])
+    held = model.string_particle.numpy()[0]
+    reach = [float(np.linalg.norm(frame.points[0][held] - string.anchor)) for frame in (frames[0], end)]
+    assert reach[0] == pytest.approx(length, rel=1e-6)
+    lift = balloon.mass * (balloon.helium - model.scene.gravity)
+    assert reach[1] - length == pytest.approx(lift / string.stiffness, rel=0.01)
+    rest = model.shapes[0].mesh
+    assert signed_volume(shape_at(model, end)) > 1.5 * signed_volume(rest)
+
+
+PAPERS_TETHER = (
+    ("balloon.inflation.k_normal", ((0.0, 2.0), (1.0, 8.0))),
+    ("balloon.stiffness.thin", "alike"),
+    ("string.anchor", (-0.3, 0.6, 0.0)),
+    ("string.particle", "highest"),
+    ("string.length", 1.0),
+)
+"""the paper's inflation, and the string at the very end of the tail"""
+
+
+def test_squirrel_tether_turns_from_upright_to_upside_down():
+    """The frames of figures 19 to 21."""
+    model, frames = played("squirrel_tether", PAPERS_TETHER)
+    rest = model.shapes[0].mesh.points
+    turned = [turned_by(rest, frames[n].points[0].astype(np.float64), model.scene.up) for n in (0, 80, 300)]
+    assert turned[0] < 1.0
+    assert 45.0 < turned[1] < 100.0
+    assert turned[2] > 120.0
+
+
+def test_squirrel_tether_hangs_upside_down_above_a_taut_string():
+    """Figures 19 to 21: the body's up axis turned by more than 120 degrees, the string straight and below it."""
+    model, frames = played("squirrel_tether", PAPERS_TETHER)
+    string, end = model.scene.string[0], frames[-1]
+    points = end.points[0].astype(np.float64)
+    assert turned_by(model.shapes[0].mesh.points, points, model.scene.up) > 120.0
+    held = points[model.string_particle.numpy()[0]]
+    assert string.length is not None
+    assert np.linalg.norm(held - string.anchor) > string.length
+    assert held[1] < points[:, 1].min() + 0.1
+    assert points[:, 1].mean() > held[1] + 0.5
