@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 
 from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.meant import ask, closest, did_you_mean
-from balloon_warp.scene.schema.fields import table_in
+from balloon_warp.scene.nesting import table_in
 
 MOST_ASKED = 3
 """fields that a question names"""

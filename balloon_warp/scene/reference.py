@@ -14,8 +14,8 @@ from pydantic_core import core_schema
 
 from balloon_warp.kernels.laws.law import FAR, TINY
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.scene.nesting import table_in
 from balloon_warp.scene.schema import Scene
-from balloon_warp.scene.schema.fields import table_in
 from balloon_warp.scene.toml import toml_value
 
 Tables = type[BaseModel]

@@ -1,6 +1,5 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
-import typing
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -103,10 +102,3 @@ class Table(BaseModel):
 
     def __str__(self) -> str:
         return repr(self)
-
-
-def table_in(annotation: Any) -> type[BaseModel] | None:
-    """The table that a field of this type has, or has a list of, if any."""
-    if isinstance(annotation, type) and not typing.get_args(annotation):
-        return annotation if issubclass(annotation, BaseModel) else None
-    return next((found for part in typing.get_args(annotation) if (found := table_in(part))), None)
