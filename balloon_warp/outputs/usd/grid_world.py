@@ -14,6 +14,7 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.prototypes import Prototypes
 from balloon_warp.outputs.usd.string_curve import string_curve
+from balloon_warp.outputs.usd.velocities import author_velocities
 from balloon_warp.scene.timeline import is_there
 
 Types = Sdf.ValueTypeNames
@@ -82,20 +83,14 @@ class GridWorld:
         self._string_lengths = plan.of_world("string_length", row)
         self._string_widths = prototypes.string_widths
 
-    def write(
-        self,
-        time: float,
-        points: NDArray[np.float32],
-        velocities: NDArray[np.float32],
-        sphere_positions: NDArray[np.float32],
-    ) -> None:
-        """Author a frame's samples, from arrays of shape (particle_count, 3) twice, and (sphere_count, 3)."""
+    def write(self, time: int, points: NDArray[np.float32], sphere_positions: NDArray[np.float32]) -> None:
+        """Author a frame's samples, from arrays of shape (particle_count, 3) and (sphere_count, 3); velocities follow,
+        see `write_velocities`."""
         begin = 0
-        for shape, (point_path, velocity_path, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
+        for shape, (point_path, _, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
             own = slice(begin, begin + shape.mesh.vertex_count)
             places = Vt.Vec3fArray.FromNumpy(points[own])
             self.layer.SetTimeSample(point_path, time, places)
-            self.layer.SetTimeSample(velocity_path, time, Vt.Vec3fArray.FromNumpy(velocities[own]))
             self.layer.SetTimeSample(extent_path, time, UsdGeom.PointBased.ComputeExtent(places))
             begin = own.stop
         for path, position in zip(self._spheres, sphere_positions.tolist(), strict=True):
@@ -106,16 +101,22 @@ class GridWorld:
             self.layer.SetTimeSample(point_path, time, places)
             self.layer.SetTimeSample(extent_path, time, extent)
         for path, body in self._lasting:
-            seen = is_there(self.plan.scene, body, int(time))
+            seen = is_there(self.plan.scene, body, time)
             self.layer.SetTimeSample(path, time, UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible)
 
-    def copy(self, source: Sdf.Layer, time: float) -> None:
+    def write_velocities(self, time: int, source: Sdf.Layer) -> None:
+        """Those of a frame, from the points that stand in `source`, a layer of the same worlds."""
+        for point_path, velocity_path, _ in self._balloons:
+            author_velocities(self.layer, velocity_path, source, point_path, time)
+
+    def copy(self, source: Sdf.Layer, time: int) -> None:
         """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
-        balloons, strings = (chain.from_iterable(paths) for paths in (self._balloons, self._strings))
+        balloons = ((points, extent) for points, _, extent in self._balloons)
+        balloons, strings = (chain.from_iterable(paths) for paths in (balloons, self._strings))
         for path in chain(balloons, self._spheres, strings, (path for path, _ in self._lasting)):
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
-    def _string_curve(self, number: int, points: NDArray[np.float32], time: float) -> NDArray[np.float32]:
+    def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:
         string = self.plan.scene.string[number]
         before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[: string.balloon])
         end = points[before + self.plan.held[number]]
