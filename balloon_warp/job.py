@@ -1,7 +1,7 @@
 """The main job: simulate a scene and write its stage, and a picture of it where one is asked for."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ from balloon_warp.files import check_writable
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
-from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
+from balloon_warp.provenance import without_folders
+from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 
@@ -60,6 +61,7 @@ def animate(
     schedule: str = "auto",
     on_blowup: str = "stop",
     laws: Sequence[Law] = (),
+    provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
     on_frame: Callable[[int], None] = lambda number: None,
@@ -81,6 +83,8 @@ def animate(
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
             step, at most `MOST_HALVINGS` times.
         laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        provenance: what the stage is to say, in its `customLayerData`, of where it comes from, such as a command;
+            beside the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
         checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
         on_frame: told the number of each frame when it is written.
@@ -109,7 +113,9 @@ def animate(
     while True:
         substeps = simulator.model.substeps  # at the start: the scene may change them
         try:
-            begin, blow_up = _write_stage(simulator, output, on_blowup, checkpoint_seconds, resume, on_frame, on_note)
+            begin, blow_up = _write_stage(
+                simulator, output, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
+            )
             break
         except BlowUpError as failure:
             if on_blowup != "restart":
@@ -164,6 +170,7 @@ def _summary(
 def _write_stage(
     simulator: Simulator,
     output: str | Path,
+    provenance: Mapping[str, Any],
     on_blowup: str,
     checkpoint_seconds: float,
     resume: bool,
@@ -172,9 +179,10 @@ def _write_stage(
 ) -> tuple[int, BlowUpError | None]:
     """Simulate all frames and write them: after which frame it began, and what ended them early, where that is to leave
     a stage."""
-    blow_up = None
-    with StageWriter(output, simulator.model) as stage, Interrupts() as interrupts:
-        checkpoints = Checkpoints(simulator, stage, checkpoint_seconds)
+    blow_up, job = None, describe_run(simulator)
+    said = {**provenance, **without_folders(job)}
+    with StageWriter(output, simulator.model, said) as stage, Interrupts() as interrupts:
+        checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds)
         begin = _begin(checkpoints, resume, on_note)
         on_frame(begin)
         try:

@@ -121,6 +121,20 @@ def test_velocities_are_those_of_the_points(stage: Usd.Stage):
         assert_velocities_are_those_of_the_points(prim, 30.0)
 
 
+def test_each_world_says_what_differs_in_it(stage: Usd.Stage, meshes: list[Path], vary: dict):
+    for world in (1, 2, 4):
+        prim = stage.GetPrimAtPath(f"/World/World_{world}")
+        said = {attribute.GetDisplayName(): attribute for attribute in prim.GetPropertiesInNamespace("userProperties")}
+        assert {path: attribute.GetName() for path, attribute in said.items()} == {
+            "balloon.0.mesh": "userProperties:balloon_0:mesh",
+            "sphere.0.radius": "userProperties:sphere_0:radius",
+            "string.1.length": "userProperties:string_1:length",
+        }
+        assert said["balloon.0.mesh"].Get() == meshes[world % 2].name
+        for path in ("sphere.0.radius", "string.1.length"):
+            assert said[path].Get() == vary[path][world]
+
+
 def test_every_validator_passes(stage: Usd.Stage):
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     assert len(validators) >= 20

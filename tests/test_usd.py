@@ -68,7 +68,7 @@ def test_stage_metadata(stage: Usd.Stage):
     assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 30.0
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, FRAMES)
     assert stage.GetRootLayer().comment == "one of each"
-    assert stage.GetRootLayer().customLayerData == {"balloonWarp": {"pictureFrame": 4}}
+    assert stage.GetRootLayer().customLayerData["balloonWarp"]["pictureFrame"] == 4
 
 
 def test_balloons_are_the_frames_of_the_simulation(stage: Usd.Stage):

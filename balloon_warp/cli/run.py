@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.cli.command import command_line
 from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
@@ -17,6 +18,7 @@ from balloon_warp.scene.load import load_scene, scene_name
 
 
 def run(
+    context: typer.Context,
     scene: SceneName,
     output: Annotated[
         Path | None,
@@ -69,6 +71,9 @@ def run(
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,
+            provenance={
+                "command": command_line(context, without=("output", "picture", "checkpoint", "resume", "as_json"))
+            },
             checkpoint_seconds=checkpoint,
             resume=resume,
             on_frame=lambda number: progress.update(task, completed=number),

@@ -1,8 +1,8 @@
 """Worlds of a batch in one stage, side by side."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
@@ -36,6 +36,8 @@ class GridGroup:
     """their numbers in the plan, shape (chosen,)"""
     worlds: NDArray[np.integer]
     """their numbers in the whole batch, shape (chosen,)"""
+    values: Mapping[str, NDArray] = field(default_factory=dict)
+    """what differs between worlds: dotted paths, and numbers or the files of meshes, shape (chosen,)"""
 
 
 class GridWriter:
@@ -64,9 +66,9 @@ class GridWriter:
         plans = [group.plan for group in self.groups]
         scene = plans[0].scene
         members = sorted(
-            (world, number, row)
+            (world, number, row, place)
             for number, group in enumerate(self.groups)
-            for world, row in zip(group.worlds.tolist(), group.rows.tolist(), strict=True)
+            for place, (world, row) in enumerate(zip(group.worlds.tolist(), group.rows.tolist(), strict=True))
         )
         lowest, highest = world_bounds(plans)
         side = ROOM * float(np.max((highest - lowest)[list(horizontal_axes(scene.up_axis))]))
@@ -77,7 +79,7 @@ class GridWriter:
         prototypes = Prototypes(stage, plans)
         half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
         for plane in planes_of(scene):
-            heights = {plans[number].of_world(plane.height, row) for _, number, row in members}
+            heights = {plans[number].of_world(plane.height, row) for _, number, row, _ in members}
             if len(heights) == 1:
                 path = Sdf.Path(f"/World/{plane.name}")
                 define_square(stage, path, plane, middle, half, heights.pop(), scene.up_axis)
@@ -87,9 +89,10 @@ class GridWriter:
         root, digits = self._layer.GetPrimAtPath("/World"), len(str(members[-1][0]))
         self._worlds: list[list[GridWorld]] = [[] for _ in self.groups]
         with Sdf.ChangeBlock():
-            for shift, (world, number, row) in zip(shifts, members, strict=True):
-                name = f"World_{world:0{digits}d}"
-                self._worlds[number].append(GridWorld(root, name, shift, prototypes, plans[number], row))
+            for shift, (world, number, row, place) in zip(shifts, members, strict=True):
+                prim = Sdf.PrimSpec(root, f"World_{world:0{digits}d}", Sdf.SpecifierDef, "Xform")
+                values = {path: column[place].item() for path, column in self.groups[number].values.items()}
+                self._worlds[number].append(GridWorld(prim, shift, values, prototypes, plans[number], row))
 
     def write(
         self,
@@ -184,7 +187,8 @@ class GridWriter:
 
     def _save(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
-            with Sdf.ChangeBlock():
-                for world in chain.from_iterable(self._worlds) if self._last is not None else ():
-                    world.write_velocities(self._last, self._layer)
+            if (last := self._last) is not None:
+                with Sdf.ChangeBlock():
+                    for world in chain.from_iterable(self._worlds):
+                        world.write_velocities(last, self._layer)
             self._layer.Save()

@@ -3,12 +3,15 @@
 Authored in Sdf, on the layer itself: the stage's own functions look up the composed prim at each call.
 """
 
+import re
+from collections.abc import Mapping
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, UsdGeom, Vt
+from pxr import Gf, Sdf, Tf, UsdGeom, Vt
 
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.metadata import prim_names
@@ -24,25 +27,26 @@ class GridWorld:
     """Prims of one world.
 
     Args:
-        parent: the prim that the worlds stand under.
-        name: of the world's prim.
+        world: the world's own prim.
         shift: where the world stands [m], shape (3,).
+        values: what differs between worlds, of this one: dotted paths, and numbers or the files of meshes.
         plan: what the world is made of.
         row: the world's number in that plan.
     """
 
     def __init__(
         self,
-        parent: Sdf.PrimSpec,
-        name: str,
+        world: Sdf.PrimSpec,
         shift: NDArray[np.float64],
+        values: Mapping[str, float | str],
         prototypes: Prototypes,
         plan: ModelPlan,
         row: int,
     ):
-        self.plan, self.layer = plan, parent.layer
-        world = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef, "Xform")
+        self.plan, self.layer = plan, world.layer
         _translated(world, shift)
+        for path, value in values.items():
+            _say(world, path, value)
         names = prim_names((shape.name for shape in plan.shapes), prototypes.other_names)
         self._balloons = [
             _animated(
@@ -136,6 +140,17 @@ def _set(
     prim: Sdf.PrimSpec, name: str, kind: Sdf.ValueTypeName, value: Any, how: Sdf.Variability = Sdf.VariabilityVarying
 ) -> None:
     Sdf.AttributeSpec(prim, name, kind, how).default = value
+
+
+def _say(prim: Sdf.PrimSpec, path: str, value: float | str) -> None:
+    """A value at a dotted path, of a mesh the file's name, as a user property: `balloon.0.position.1` is
+    `userProperties:balloon_0:position_1`."""
+    words = re.sub(r"\.(\d+)", r"_\1", path).split(".")
+    name = ":".join(["userProperties", *map(Tf.MakeValidIdentifier, words)])
+    kind = Types.String if isinstance(value, str) else Types.Double
+    attribute = Sdf.AttributeSpec(prim, name, kind, Sdf.VariabilityUniform)
+    attribute.custom, attribute.displayName = True, path
+    attribute.default = Path(value).name if isinstance(value, str) else float(value)
 
 
 def _translated(prim: Sdf.PrimSpec, shift: NDArray[np.float64]) -> None:

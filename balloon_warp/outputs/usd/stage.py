@@ -1,10 +1,10 @@
 """The stage as a whole: its metadata, and a prim for each thing in the scene."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
@@ -39,13 +39,15 @@ class StageWriter:
     Args:
         path: where the stage goes; .usdc, .usda or .usd.
         model: what is simulated.
+        provenance: what the stage is to say of where it comes from, see `describe_stage`.
 
     Raises:
         InputError: the file cannot be written there.
     """
 
-    def __init__(self, path: str | Path, model: Model):
+    def __init__(self, path: str | Path, model: Model, provenance: Mapping[str, Any] | None = None):
         self.path, self.model = Path(path), model
+        self._provenance = provenance
         check_writable(self.path, STAGE_SUFFIXES)
         self._file = ExitStack()
         self._grows = self.path.suffix.lower() != ".usda"
@@ -56,7 +58,7 @@ class StageWriter:
     def __enter__(self) -> Self:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
         self._file.push(self._save)
-        describe_stage(self.stage, self.model.scene)
+        describe_stage(self.stage, self.model.scene, self._provenance)
         self._prims = self._define_prims()
         return self
 
