@@ -89,7 +89,8 @@ def animate(
         resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
         on_frame: told the number of each frame when it is written.
         on_note: told where the run begins, and of an earlier one that was not finished, in a sentence.
-        on_warning: told what is odd about a mesh, and of a blow-up that does not stop it, in a sentence.
+        on_warning: told in a sentence what is odd about a mesh, which strings start overstretched, of a blow-up that
+            does not stop it, and of what ends badly.
 
     Raises:
         InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
@@ -101,9 +102,8 @@ def animate(
     check_policy(on_blowup)
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    for shape in simulator.model.shapes:
-        for warning in shape.warnings:
-            on_warning(warning)
+    for warning in simulator.model.warnings:
+        on_warning(warning)
     restarts = 0
     if resume and on_blowup == "restart":
         restarts = halvings_until(partial_path(Path(output)), simulator.model.substeps)

@@ -21,7 +21,7 @@ from balloon_warp.model.parameters import Parameters, parameters_at
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
-from balloon_warp.model.strings import held_particle, string_lengths
+from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
 from balloon_warp.model.timeline import DueChange, turns
 from balloon_warp.model.vary import Vary, vary_parameters
 from balloon_warp.scene import Scene
@@ -70,8 +70,9 @@ class ModelPlan:
 
     @property
     def warnings(self) -> list[str]:
-        """what is odd about the meshes, and what became of it"""
-        return [warning for shape in self.shapes for warning in shape.warnings]
+        """what is odd about the meshes, and what became of it; and which strings start overstretched"""
+        meshes = [warning for shape in self.shapes for warning in shape.warnings]
+        return meshes + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
 
     @property
     def particle_count(self) -> int:

@@ -39,7 +39,8 @@ def view(
         open_page: whether the browser opens it.
         laws: that act beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
         on_start: told the page once it is there.
-        on_warning: told what is odd about a mesh, and what became of it, in a sentence.
+        on_warning: told what is odd about a mesh, and what became of it, and of strings that start overstretched, in a
+            sentence.
 
     Raises:
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
@@ -56,9 +57,8 @@ def view(
     from balloon_warp.viewer.session import Session
 
     session = Session(name, scene, device, Path(folder).resolve(), laws)
-    for shape in session.playground.simulator.model.shapes:
-        for warning in shape.warnings:
-            on_warning(warning)
+    for warning in session.playground.simulator.model.warnings:
+        on_warning(warning)
     page = Page(session, host, port)
     try:
         page.start()
