@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
+from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.files import check_writable
 from balloon_warp.interrupts import Interrupts
@@ -43,6 +44,8 @@ class Summary:
     """after blow-ups, each with half the step"""
     blow_up: str | None
     """why the frames end early"""
+    bad_endings: list[BadEnding]
+    """balloons that came apart, fell for ever, collapsed or folded over by the last frame"""
     wall_seconds: float
     """of simulating and writing, without the picture"""
     particle_substeps_per_second: float
@@ -101,9 +104,7 @@ def animate(
     began = time.perf_counter()
     check_policy(on_blowup)
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
-    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    for warning in simulator.model.warnings:
-        on_warning(warning)
+    simulator = _first_simulator(scene, device, schedule, laws, on_warning)
     restarts = 0
     if resume and on_blowup == "restart":
         restarts = halvings_until(partial_path(Path(output)), simulator.model.substeps)
@@ -129,12 +130,36 @@ def animate(
     if blow_up:
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
     seconds = time.perf_counter() - began
-    if picture:
-        from balloon_warp.outputs.render import render_stage
+    endings = [] if blow_up else _look_at_the_end(simulator, on_warning)
+    files = str(output), _rendered(output, picture, device)
+    return _summary(simulator, name, files, begin, restarts, blow_up, endings, seconds)
 
-        render_stage(output, picture, device=device)
-    files = str(output), str(picture) if picture else None
-    return _summary(simulator, name, files, begin, restarts, blow_up, seconds)
+
+def _rendered(stage: str | Path, picture: str | Path | None, device: str | None) -> str | None:
+    """The picture of a stage, where one is wanted."""
+    if not picture:
+        return None
+    from balloon_warp.outputs.render import render_stage
+
+    render_stage(stage, picture, device=device)
+    return str(picture)
+
+
+def _look_at_the_end(simulator: Simulator, on_warning: Callable[[str], None]) -> list[BadEnding]:
+    endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
+    for sentence in ending_sentences(endings):
+        on_warning(sentence)
+    return endings
+
+
+def _first_simulator(
+    scene: Scene, device: str | None, schedule: str, laws: Sequence[Law], on_warning: Callable[[str], None]
+) -> Simulator:
+    """Of a scene, whose oddities are told."""
+    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+    for warning in simulator.model.warnings:
+        on_warning(warning)
+    return simulator
 
 
 def _summary(
@@ -144,6 +169,7 @@ def _summary(
     begin: int,
     restarts: int,
     blow_up: BlowUpError | None,
+    endings: list[BadEnding],
     seconds: float,
 ) -> Summary:
     """What `animate` hands back; `files` are the stage and the picture."""
@@ -162,6 +188,7 @@ def _summary(
         substeps=model.substeps,
         restarts=restarts,
         blow_up=str(blow_up) if blow_up else None,
+        bad_endings=endings,
         wall_seconds=round(seconds, 3),
         particle_substeps_per_second=round(model.particle_count * model.substeps * (frames - begin) / seconds),
     )

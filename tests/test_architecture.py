@@ -21,7 +21,7 @@ LAYERS = (
     ("model", "provenance"),
     ("schedules", "advice", "inspection", "solids"),
     ("solvers", "frame"),
-    ("blow_ups",),
+    ("blow_ups", "endings"),
     ("simulator",),
     ("outputs",),
     ("resume",),
