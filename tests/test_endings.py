@@ -106,4 +106,4 @@ def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
     (said,) = json.loads(json.dumps(summary.as_json()))["bad_endings"]
     assert said["kind"] == "falling"
     assert said["balloon"] == "mesh"
-    assert said["measure"] == pytest.approx(0.5 * 9.9 * (63 / 60) ** 2, rel=0.01)  # the step, of first order in time, adds 0.002
+    assert said["measure"] == pytest.approx(0.5 * 9.9 * (63 / 60) ** 2, rel=0.01)  # the step adds 0.002

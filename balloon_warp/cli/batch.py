@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
+from balloon_warp.cli.options import Device, SceneName, Schedule, UnitOption, Weld, say_what_is_shown, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
@@ -65,6 +65,7 @@ def batch(
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value of all worlds: --set balloon.mass=0.2"),
     ] = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
@@ -81,7 +82,8 @@ def batch(
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
-    loaded = load_scene(scene, scene_changes(overrides, weld))
+    loaded = load_scene(scene, scene_changes(overrides, weld, unit))
+    say_what_is_shown(scene, loaded)
     name = scene_name(scene)
     quiet_warp()
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good

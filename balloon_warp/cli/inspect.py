@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from balloon_warp.cli.options import WELD, Weld, scene_changes
+from balloon_warp.cli.options import WELD, UnitOption, Weld, scene_changes
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import MeshReport, inspect_mesh
@@ -32,10 +32,11 @@ def inspect(
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value, for the step: --set balloon.mass=2"),
     ] = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON on standard output.")] = False,
 ) -> None:
     """Report the faces, springs, topology and size of meshes, what is odd about them, and the step that they allow."""
-    changes = scene_changes(overrides, weld)
+    changes = scene_changes(overrides, weld, unit)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, load_scene(source, changes), as_json)
     else:
@@ -66,9 +67,11 @@ def _inspect_mesh(mesh: Path, changes: list[Override], as_json: bool) -> None:
     report = inspect_mesh(load_mesh(mesh, weld=WELD in changes), mesh)
     from balloon_warp.advice import advise_step
 
-    step = None
+    step, alone = None, {}
     try:
-        step = asdict(advise_step(load_scene(str(mesh), changes)))
+        scene = load_scene(str(mesh), changes)
+        alone = {"by itself": scene.description}
+        step = asdict(advise_step(scene))
     except InputError as mistake:
         if changes:
             raise
@@ -76,7 +79,7 @@ def _inspect_mesh(mesh: Path, changes: list[Override], as_json: bool) -> None:
     if as_json:
         print(json.dumps({**asdict(report), "step": step}))
     else:
-        _print_mesh(_console(), mesh.name, report, _step_rows(step) if step else {})
+        _print_mesh(_console(), mesh.name, report, {**alone, **(_step_rows(step) if step else {})})
 
 
 def _console() -> Console:

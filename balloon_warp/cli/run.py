@@ -9,17 +9,21 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.command import command_line
-from balloon_warp.cli.options import Device, SceneName, Schedule, Weld, scene_changes
+from balloon_warp.cli.options import Device, SceneName, Schedule, UnitOption, Weld, say_what_is_shown, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import note, warn
 from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
 
+WHERE_TO = ("output", "picture", "checkpoint", "resume", "as_json")
+"""parameters that do not change what is in the stage"""
+
 
 def run(
     context: typer.Context,
     scene: SceneName,
+    *,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Stage to write: .usdc, .usda or .usd; SCENE.usdc if not given."),
@@ -30,6 +34,7 @@ def run(
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: Annotated[
@@ -55,7 +60,8 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON on standard output.")] = False,
 ) -> None:
     """Simulate a scene, or any mesh, and write it as animated USD."""
-    loaded = load_scene(scene, scene_changes(overrides, weld))
+    loaded = load_scene(scene, scene_changes(overrides, weld, unit))
+    say_what_is_shown(scene, loaded)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     quiet_warp()
@@ -71,9 +77,7 @@ def run(
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,
-            provenance={
-                "command": command_line(context, without=("output", "picture", "checkpoint", "resume", "as_json"))
-            },
+            provenance={"command": command_line(context, WHERE_TO)},
             checkpoint_seconds=checkpoint,
             resume=resume,
             on_frame=lambda number: progress.update(task, completed=number),

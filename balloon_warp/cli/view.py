@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.options import Device, SceneName, Weld, scene_changes
+from balloon_warp.cli.options import Device, SceneName, UnitOption, Weld, say_what_is_shown, scene_changes
 from balloon_warp.cli.quiet import quiet_warp
 from balloon_warp.cli.warn import warn
 from balloon_warp.scene.load import load_scene, scene_name
@@ -30,11 +30,13 @@ def view(
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value: --set balloon.inflation.k_normal=3"),
     ] = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     device: Device = None,
     host: Annotated[str, typer.Option(help="Address to listen on; this machine alone if not given.")] = "127.0.0.1",
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it."""
-    loaded = load_scene(scene, scene_changes(overrides, weld))
+    loaded = load_scene(scene, scene_changes(overrides, weld, unit))
+    say_what_is_shown(scene, loaded)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 

@@ -16,6 +16,7 @@ from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.repair import repaired, welded
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.mesh.units import in_unit
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs, build_springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -58,7 +59,7 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
             particle is not in it.
     """
     mesh, source = _repaired_mesh(balloon)
-    placed = place_mesh(mesh, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
+    placed = place_mesh(in_unit(mesh, balloon.unit), scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
     springs = build_springs(placed)

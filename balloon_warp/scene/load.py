@@ -59,7 +59,8 @@ def load_scene(source: str | Path, overrides: Mapping[str, Any] | Iterable[Overr
     else:
         bare: dict[str, Any] = {"balloon": [{"mesh": path.resolve()}]}
         placed = _overridden(bare, pairs, path)
-        table = scene_table_around(path, placed.balloon[0], placed.up_axis if "up_axis" in bare else None)
+        asked = (getattr(placed, name) if name in bare else None for name in ("up_axis", "gravity"))
+        table = scene_table_around(path, placed.balloon[0], *asked)
     return _overridden(table, pairs, path)
 
 

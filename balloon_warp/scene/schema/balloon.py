@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import InstanceOf, model_validator
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.units import Unit
 from balloon_warp.scene.schema.fields import (
     Color,
     Index,
@@ -121,6 +122,8 @@ class Balloon(Table):
     """a mesh file, sought beside the scene file; from Python, a PolygonMesh too"""
     weld: bool = False
     """join faces where vertices of the mesh lie at exactly the same place, as along seams"""
+    unit: Unit | None = None
+    """of the mesh's coordinates; what its file says, and a meter where that says none, when missing"""
     name: str = ""
     """what its prim is called in the stage; the mesh's name when empty"""
     position: Vector = (0.0, 0.0, 0.0)
