@@ -9,10 +9,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.options import Device, SceneName, Schedule, UnitOption, Weld, say_what_is_shown, scene_changes
+from balloon_warp.cli.options import Device, SceneName, Schedule, UnitOption, Weld, first_line, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
-from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.warn import note, opened_by, warn
 from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
 
@@ -83,7 +83,6 @@ def batch(
 ) -> None:
     """Simulate many worlds that differ: a table of all, and USD of those that you choose."""
     loaded = load_scene(scene, scene_changes(overrides, weld, unit))
-    say_what_is_shown(scene, loaded)
     name = scene_name(scene)
     quiet_warp()
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
@@ -96,6 +95,8 @@ def batch(
     choices = dict(parse_vary(text, scene) for text in vary or [])
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
+        listeners = (lambda number: progress.update(task, completed=number)), note, warn
+        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
         summary = run_batch(
             loaded,
             output or Path(f"{name}_batch"),
@@ -110,9 +111,9 @@ def batch(
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
-            on_frame=lambda number: progress.update(task, completed=number),
-            on_note=note,
-            on_warning=warn,
+            on_frame=on_frame,
+            on_note=on_note,
+            on_warning=on_warning,
         )
     if not choices and worlds > 1:
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.warn import note
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.units import METERS
 from balloon_warp.scene import Scene, bundled_scenes
@@ -43,7 +42,6 @@ def scene_changes(overrides: list[str] | None, weld: bool = False, unit: str | N
     return [*map(parse_override, overrides or []), *([WELD] if weld else []), *units]
 
 
-def say_what_is_shown(source: str, scene: Scene) -> None:
+def first_line(source: str, scene: Scene) -> str | None:
     """The first line about a mesh by itself: what scene it got."""
-    if source not in bundled_scenes() and Path(source).suffix.lower() != ".toml":
-        note(scene.description)
+    return None if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" else scene.description

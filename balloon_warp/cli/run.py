@@ -9,10 +9,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.command import command_line
-from balloon_warp.cli.options import Device, SceneName, Schedule, UnitOption, Weld, say_what_is_shown, scene_changes
+from balloon_warp.cli.options import Device, SceneName, Schedule, UnitOption, Weld, first_line, scene_changes
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.quiet import quiet_warp
-from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.warn import note, opened_by, warn
 from balloon_warp.cli.words import counted
 from balloon_warp.scene.load import load_scene, scene_name
 
@@ -61,7 +61,6 @@ def run(
 ) -> None:
     """Simulate a scene, or any mesh, and write it as animated USD."""
     loaded = load_scene(scene, scene_changes(overrides, weld, unit))
-    say_what_is_shown(scene, loaded)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     quiet_warp()
@@ -69,6 +68,8 @@ def run(
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
+        listeners = (lambda number: progress.update(task, completed=number)), note, warn
+        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
         summary = animate(
             loaded,
             stage,
@@ -80,9 +81,9 @@ def run(
             provenance={"command": command_line(context, WHERE_TO)},
             checkpoint_seconds=checkpoint,
             resume=resume,
-            on_frame=lambda number: progress.update(task, completed=number),
-            on_note=note,
-            on_warning=warn,
+            on_frame=on_frame,
+            on_note=on_note,
+            on_warning=on_warning,
         )
     if as_json:
         print(json.dumps(summary.as_json()))

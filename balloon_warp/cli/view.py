@@ -9,9 +9,9 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.options import Device, SceneName, UnitOption, Weld, say_what_is_shown, scene_changes
+from balloon_warp.cli.options import Device, SceneName, UnitOption, Weld, first_line, scene_changes
 from balloon_warp.cli.quiet import quiet_warp
-from balloon_warp.cli.warn import warn
+from balloon_warp.cli.warn import note, warn
 from balloon_warp.scene.load import load_scene, scene_name
 
 if TYPE_CHECKING:
@@ -36,11 +36,12 @@ def view(
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it."""
     loaded = load_scene(scene, scene_changes(overrides, weld, unit))
-    say_what_is_shown(scene, loaded)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 
     def say(page: "Page") -> None:
+        if sentence := first_line(scene, loaded):
+            note(sentence)
         _say_where(page.address, scene_name(scene))
         if not _is_loopback(host):
             _say_who_may_come(page.server.get_port(), folder.resolve())
