@@ -1,18 +1,20 @@
 """The main job: simulate a scene and write its stage, and a picture of it where one is asked for."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
+from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.files import check_writable
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
-from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
+from balloon_warp.provenance import without_folders
+from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.simulator import Simulator
 
@@ -42,6 +44,8 @@ class Summary:
     """after blow-ups, each with half the step"""
     blow_up: str | None
     """why the frames end early"""
+    bad_endings: list[BadEnding]
+    """balloons that came apart, fell for ever, collapsed or folded over by the last frame"""
     wall_seconds: float
     """of simulating and writing, without the picture"""
     particle_substeps_per_second: float
@@ -60,6 +64,7 @@ def animate(
     schedule: str = "auto",
     on_blowup: str = "stop",
     laws: Sequence[Law] = (),
+    provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
     on_frame: Callable[[int], None] = lambda number: None,
@@ -81,12 +86,14 @@ def animate(
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
             step, at most `MOST_HALVINGS` times.
         laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        provenance: what the stage is to say, in its `customLayerData`, of where it comes from, such as a command;
+            beside the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
         checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
         on_frame: told the number of each frame when it is written.
         on_note: told where the run begins, and of an earlier one that was not finished, in a sentence.
-        on_warning: told what is odd about a mesh, of spheres that may come through, and of a blow-up that does not stop
-            it, in a sentence.
+        on_warning: told in a sentence what is odd about a mesh, which strings start overstretched, which spheres may
+            come through, of a blow-up that does not stop it, and of what ends badly.
 
     Raises:
         InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
@@ -98,9 +105,7 @@ def animate(
     scene = scene_of(scene)
     check_policy(on_blowup)
     _check_outputs(scene, Path(output), Path(picture) if picture else None)
-    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    for warning in simulator.model.warnings:
-        on_warning(warning)
+    simulator = _first_simulator(scene, device, schedule, laws, on_warning)
     restarts = 0
     if resume and on_blowup == "restart":
         restarts = halvings_until(partial_path(Path(output)), simulator.model.substeps)
@@ -110,7 +115,9 @@ def animate(
     while True:
         substeps = simulator.model.substeps  # at the start: the scene may change them
         try:
-            begin, blow_up = _write_stage(simulator, output, on_blowup, checkpoint_seconds, resume, on_frame, on_note)
+            begin, blow_up = _write_stage(
+                simulator, output, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
+            )
             break
         except BlowUpError as failure:
             if on_blowup != "restart":
@@ -124,10 +131,28 @@ def animate(
     if blow_up:
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
     seconds = time.perf_counter() - began
+    endings = [] if blow_up else _look_at_the_end(simulator, on_warning)
     if picture:
         _render(Path(output), Path(picture), device)
     files = str(output), str(picture) if picture else None
-    return _summary(simulator, name, files, begin, restarts, blow_up, seconds)
+    return _summary(simulator, name, files, begin, restarts, blow_up, endings, seconds)
+
+
+def _look_at_the_end(simulator: Simulator, on_warning: Callable[[str], None]) -> list[BadEnding]:
+    endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
+    for sentence in ending_sentences(endings):
+        on_warning(sentence)
+    return endings
+
+
+def _first_simulator(
+    scene: Scene, device: str | None, schedule: str, laws: Sequence[Law], on_warning: Callable[[str], None]
+) -> Simulator:
+    """Of a scene, whose oddities are told."""
+    simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+    for warning in simulator.model.warnings:
+        on_warning(warning)
+    return simulator
 
 
 def _render(stage: Path, picture: Path, device: str | None) -> None:
@@ -151,6 +176,7 @@ def _summary(
     begin: int,
     restarts: int,
     blow_up: BlowUpError | None,
+    endings: list[BadEnding],
     seconds: float,
 ) -> Summary:
     """What `animate` hands back; `files` are the stage and the picture."""
@@ -169,6 +195,7 @@ def _summary(
         substeps=model.substeps,
         restarts=restarts,
         blow_up=str(blow_up) if blow_up else None,
+        bad_endings=endings,
         wall_seconds=round(seconds, 3),
         particle_substeps_per_second=round(model.particle_count * model.substeps * (frames - begin) / seconds),
     )
@@ -177,6 +204,7 @@ def _summary(
 def _write_stage(
     simulator: Simulator,
     output: str | Path,
+    provenance: Mapping[str, Any],
     on_blowup: str,
     checkpoint_seconds: float,
     resume: bool,
@@ -185,9 +213,10 @@ def _write_stage(
 ) -> tuple[int, BlowUpError | None]:
     """Simulate all frames and write them: after which frame it began, and what ended them early, where that is to leave
     a stage."""
-    blow_up = None
-    with StageWriter(output, simulator.model) as stage, Interrupts() as interrupts:
-        checkpoints = Checkpoints(simulator, stage, checkpoint_seconds)
+    blow_up, job = None, describe_run(simulator)
+    said = {**provenance, **without_folders(job)}
+    with StageWriter(output, simulator.model, said) as stage, Interrupts() as interrupts:
+        checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds)
         begin = _begin(checkpoints, resume, on_note)
         on_frame(begin)
         try:

@@ -3,7 +3,7 @@
 import hashlib
 import inspect
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,16 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
     for table, balloon in zip(described["balloon"], scene.balloon, strict=True):
         table["mesh"] = mesh_label(balloon.mesh)
     return described
+
+
+def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
+    """A description with a `scene` and its `meshes`, as it is wherever the files are: the meshes' names without their
+    folders, and their hashes by balloon, as `balloon.0.mesh`."""
+    scene = {**description["scene"]}
+    files = [balloon["mesh"] for balloon in scene["balloon"]]
+    scene["balloon"] = [{**balloon, "mesh": Path(balloon["mesh"]).name} for balloon in scene["balloon"]]
+    hashes = {f"balloon.{number}.mesh": description["meshes"][file] for number, file in enumerate(files)}
+    return {**description, "scene": scene, "meshes": hashes}
 
 
 def hash_meshes(meshes: Iterable[str | Path | PolygonMesh]) -> dict[str, str]:

@@ -6,6 +6,7 @@ from meshes import quad_sphere, torus
 
 from balloon_warp.advice import advise_step
 from balloon_warp.errors import InputError
+from balloon_warp.job import animate
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Scene, Stiffness, String
@@ -46,3 +47,24 @@ def test_advice_knows_strings_and_passes_over_particles_that_do_not_move():
     held = Scene(balloon=[Balloon(mesh=mesh, fixed=rest)])
     assert advise_step(held).limiting_particle == 5
     assert advise_step(Scene(balloon=[Balloon(mesh=mesh, fixed=[*rest, 5])])).substeps == 1
+
+
+def test_strings_that_start_overstretched_are_named_with_how_much():
+    """Not one that is slack or of its own length, nor one that is tied later."""
+    ends = [String(anchor=(0, -2, 0), length=length, particle=0) for length in (3.0, 1.0, None)]
+    strings = [*ends, ends[1].model_copy(update={"start": 1.0})]
+    mesh = quad_sphere(2)
+    mesh.points[0] = (0.0, -0.5, 0.0)
+    scene = Scene(balloon=[Balloon(mesh=mesh)], string=strings)
+    sentence = "string 1 starts overstretched by {}%{}: it is 1 m long, and its ends are {} m apart"
+    assert plan_model(scene).warnings == [sentence.format(50, "", 1.5)]
+    varied = plan_model(scene, 3, {"string.1.anchor.1": np.array([-1.2, -1.75, -1.7])})
+    assert varied.warnings == [sentence.format(25, " in world 1", 1.25)]
+    warnings: list[str] = []
+    with pytest.raises(StopIteration):
+        animate(scene, "never.usda", device="cpu", on_warning=warnings.append, on_frame=_stop)
+    assert warnings == plan_model(scene).warnings
+
+
+def _stop(frame: int) -> None:
+    raise StopIteration

@@ -21,7 +21,7 @@ LAYERS = (
     ("model", "provenance"),
     ("schedules", "advice", "inspection", "solids"),
     ("solvers", "frame"),
-    ("blow_ups", "outputs"),
+    ("blow_ups", "outputs", "endings"),
     ("display",),
     ("simulator",),
     ("resume",),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from meshes import quad_sphere
+from motion import assert_velocities_are_those_of_the_points
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdValidation
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
@@ -108,11 +109,30 @@ def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.S
                 for number, name in enumerate(("ball", "Sphere_0_1")):
                     prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/{name}"))
                     np.testing.assert_array_equal(prim.GetPointsAttr().Get(frame.number), frame.points[number])
-                    np.testing.assert_array_equal(prim.GetVelocitiesAttr().Get(frame.number), frame.velocities[number])
                 sphere = UsdGeom.Sphere(stage.GetPrimAtPath(f"/World/World_{world}/Sphere_0"))
                 moved = sphere.GetLocalTransformation(Usd.TimeCode(frame.number)).ExtractTranslation()
                 np.testing.assert_array_equal(moved, frame.sphere_positions[0])
         np.testing.assert_array_equal(table["sphere_0_height"][table["world"] == world], heights)
+
+
+def test_velocities_are_those_of_the_points(stage: Usd.Stage):
+    for world in (1, 2, 4):
+        prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/ball"))
+        assert_velocities_are_those_of_the_points(prim, 30.0)
+
+
+def test_each_world_says_what_differs_in_it(stage: Usd.Stage, meshes: list[Path], vary: dict):
+    for world in (1, 2, 4):
+        prim = stage.GetPrimAtPath(f"/World/World_{world}")
+        said = {attribute.GetDisplayName(): attribute for attribute in prim.GetPropertiesInNamespace("userProperties")}
+        assert {path: attribute.GetName() for path, attribute in said.items()} == {
+            "balloon.0.mesh": "userProperties:balloon_0:mesh",
+            "sphere.0.radius": "userProperties:sphere_0:radius",
+            "string.1.length": "userProperties:string_1:length",
+        }
+        assert said["balloon.0.mesh"].Get() == meshes[world % 2].name
+        for path in ("sphere.0.radius", "string.1.length"):
+            assert said[path].Get() == vary[path][world]
 
 
 def test_every_validator_passes(stage: Usd.Stage):

@@ -5,7 +5,8 @@ import pytest
 from played import played, shape_at, stretches
 from wetness import displaced
 
-from balloon_warp import Frame, PolygonMesh
+from balloon_warp import Frame, PolygonMesh, bundled_scenes
+from balloon_warp.endings import bad_endings
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
@@ -241,3 +242,9 @@ def test_scenes_do_not_flutter(name: str):
     _, frames = played(name)
     change = np.linalg.norm(frames[-1].velocities[0] - frames[-2].velocities[0], axis=1)
     assert np.percentile(change, 90) < 0.33
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_none_ends_badly(name: str):
+    model, frames = played(name)
+    assert bad_endings(model, frames[-1]) == []

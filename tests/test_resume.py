@@ -89,7 +89,8 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path: Path):
     for prim in all_frames.Traverse():
         for attribute in prim.GetAttributes():
             there = part.GetAttributeAtPath(attribute.GetPath())
-            for time in range(STOPPED_AT + 1):
+            last = STOPPED_AT - (attribute.GetName() == "velocities")  # the last one's are of the frames so far
+            for time in range(last + 1):
                 np.testing.assert_array_equal(np.array(there.Get(time)), np.array(attribute.Get(time)), str(attribute))
     summary = animate(SCENE, output, resume=True)
     assert summary.begin == STOPPED_AT

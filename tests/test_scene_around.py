@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
+from pxr import Usd, UsdGeom
 
 from balloon_warp import Simulator, load_scene
+from balloon_warp.cli import main
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import build_model
@@ -79,6 +81,69 @@ def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
     turned = load_with(tmp_path / "box.obj", "balloon.rotation=[45, 0, 0]")
     assert turned.ground is not None
     assert turned.ground.height < build_model(turned, "cpu").initial_points.numpy()[:, 1].min()
+
+
+@pytest.mark.parametrize("kind", ["normal_force", "gas"])
+def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, kind: str):
+    """Beside a mesh of one meter, weight bends it alike: like forces of the springs, it grows with the size."""
+    mesh = quad_sphere(3)
+    mesh.points[:] *= 50.0 / np.ptp(mesh.points[:, 1])
+    write_obj(tmp_path / "ball.obj", mesh)
+    for unit, size in (("cm", 0.5), ("in", 1.27), ("m", 50.0)):
+        scene = load_with(tmp_path / "ball.obj", f"balloon.unit={unit}", f"balloon.inflation.kind={kind}")
+        (balloon,) = scene.balloon
+        assert scene.gravity == pytest.approx(9.81)
+        assert balloon.mass * (scene.gravity - balloon.helium) == pytest.approx(2.0 * 1.81 * size)
+        assert np.ptp(build_model(scene, "cpu").shapes[0].mesh.points[:, 1]) == pytest.approx(size)
+        assert scene.description == f"ball.obj, {size:.3g} m large, inflates above a floor"
+
+
+def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path):
+    mesh = cube()
+    mesh.points[:] *= 171.8
+    write_obj(tmp_path / "cow.obj", mesh)
+    said = load_scene(tmp_path / "cow.obj")
+    assert said.gravity == pytest.approx(1685.358)
+    assert said.description == (
+        "cow.obj inflates above a floor; its unit is not known, so gravity is scaled to its size, 171.8: 1685.4 m/s2; "
+        "for the true ones, give --unit m, cm, mm, km, in, ft"
+    )
+    assert load_with(tmp_path / "cow.obj", "gravity=0").description == "cow.obj inflates above a floor"
+
+
+@pytest.mark.parametrize(("said", "gravity"), [(True, 9.81), (False, 0.0981)])
+def test_the_unit_of_a_stage_is_known_where_it_says_one(tmp_path: Path, said: bool, gravity: float):
+    """USD takes centimeters where a stage says nothing."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "box.usda"))
+    if said:
+        UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    prim, mesh = UsdGeom.Mesh.Define(stage, "/box"), cube()
+    prim.CreatePointsAttr(mesh.points)
+    prim.CreateFaceVertexCountsAttr(mesh.face_vertex_counts)
+    prim.CreateFaceVertexIndicesAttr(mesh.face_vertex_indices)
+    stage.Save()
+    assert load_scene(tmp_path / "box.usda").gravity == pytest.approx(gravity)
+
+
+def test_the_command_says_it_first_and_takes_a_unit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    write_obj(tmp_path / "box.obj", cube())
+    run = ["balloon-warp", "run", str(tmp_path / "box.obj"), "--set", "frames=1", "--device", "cpu"]
+    run += ["-o", str(tmp_path / "out.usdc")]
+    for more, first in (
+        (
+            [],
+            "note: box.obj inflates above a floor; its unit is not known, so gravity is scaled to its size, 1: 9.81",
+        ),
+        (["--unit", "ft"], "note: box.obj, 0.305 m large, inflates above a floor"),
+        (["--unit", "furlong"], "error: --unit furlong: expected m, cm, mm, km, in, ft"),
+    ):
+        monkeypatch.setattr("sys.argv", [*run, *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert capsys.readouterr().err.startswith(first)
+        assert ended.value.code == (2 if "furlong" in more else 0)
 
 
 def test_a_closed_mesh_wound_inward_is_turned_outward(tmp_path: Path):

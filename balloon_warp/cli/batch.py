@@ -23,10 +23,11 @@ from balloon_warp.cli.options import (
     Schedule,
     Seconds,
     Set,
+    UnitOption,
     Weld,
 )
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.warn import first_line, note, opened_by, warn
 from balloon_warp.cli.words import counted, played
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
@@ -117,6 +118,7 @@ def batch(
     frames: Frames = None,
     seconds: Seconds = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
@@ -131,7 +133,7 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, weld, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     quiet_warp()
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
@@ -144,6 +146,8 @@ def batch(
     choices = dict(parse_vary(text, scene) for text in vary or [])
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
+        listeners = (lambda number: progress.update(task, completed=number)), note, warn
+        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
         summary = run_batch(
             loaded,
             output or Path(f"{name}_batch"),
@@ -158,9 +162,9 @@ def batch(
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
-            on_frame=lambda number: progress.update(task, completed=number),
-            on_note=note,
-            on_warning=warn,
+            on_frame=on_frame,
+            on_note=on_note,
+            on_warning=on_warning,
         )
     if not choices and worlds > 1:
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")

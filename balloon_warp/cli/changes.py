@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.units import METERS
 from balloon_warp.scene.load import load_scene, mesh_balloon
 from balloon_warp.scene.overrides import Override, OverrideError, override_scene, parse_override
 from balloon_warp.scene.schema import Balloon, Scene
@@ -16,6 +17,7 @@ class Changes:
     Args:
         overrides: of `--set`.
         weld: whether `--weld` is given.
+        unit: of `--unit`.
         fps: of `--fps` [1/s].
         frames: of `--frames`.
         seconds: of `--seconds`, of simulated time.
@@ -29,6 +31,7 @@ class Changes:
         overrides: Iterable[str] | None,
         weld: bool = False,
         *,
+        unit: str | None = None,
         fps: float | None = None,
         frames: int | None = None,
         seconds: float | None = None,
@@ -37,6 +40,8 @@ class Changes:
             raise InputError("--frames, --seconds: expected one of them")
         if seconds is not None and not 0.0 < seconds < 1e9:
             raise InputError(f"--seconds {seconds:g}: expected a time above 0")
+        if unit not in (None, *METERS):
+            raise InputError(f"--unit {unit}: expected {', '.join(METERS)}")
         self.overrides: list[Override] = []
         self._options: list[str] = []
         self._seconds = seconds
@@ -44,6 +49,7 @@ class Changes:
             self._add(*parse_override(text))
         for option, path, value in (
             ("--weld", "balloon.weld", weld or None),
+            (f"--unit {unit}", "balloon.unit", unit),
             ("" if fps is None else f"--fps {fps:g}", "frames_per_second", fps),
             (f"--frames {frames}", "frames", frames),
         ):

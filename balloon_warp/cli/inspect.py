@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import Json, Set, Weld
+from balloon_warp.cli.options import Json, Set, UnitOption, Weld
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
@@ -29,10 +29,11 @@ def inspect(
     ],
     overrides: Set = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     as_json: Json = False,
 ) -> None:
     """Say what a mesh or a scene is like: faces, springs, size, what is odd about it, and the step that it allows."""
-    changes = Changes(overrides, weld)
+    changes = Changes(overrides, weld, unit=unit)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, changes.load(source), as_json)
     else:
@@ -64,15 +65,17 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     report = inspect_mesh(load_mesh(mesh), mesh, changes.balloon_of(mesh).treatment)
     from balloon_warp.advice import advise_step
 
-    step, refusal = None, None
+    step, alone, refusal = None, {}, None
     try:
-        step = asdict(advise_step(changes.load(str(mesh))))
+        scene = changes.load(str(mesh))
+        alone = {"by itself": scene.description}
+        step = asdict(advise_step(scene))
     except InputError as mistake:
         refusal = mistake
     if as_json:
         print(json.dumps({**asdict(report), "step": step}))
     else:
-        _print_mesh(_console(), mesh.name, report, _step_rows(step) if step else {})
+        _print_mesh(_console(), mesh.name, report, {**alone, **(_step_rows(step) if step else {})})
     if refusal:
         raise refusal
 

@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from balloon_warp.mesh.units import METERS
+
 SCENE, OUTPUT, MACHINE, LONG = "The scene", "What is written", "How it runs", "If it takes long or goes wrong"
 """the parts of a command's help"""
 
@@ -30,6 +32,15 @@ Weld = Annotated[
         "--weld",
         metavar="",
         help="Join faces wherever vertices lie at exactly the same place, not along open seams alone.",
+        rich_help_panel=SCENE,
+    ),
+]
+UnitOption = Annotated[
+    str | None,
+    typer.Option(
+        "--unit",
+        metavar="|".join(METERS),
+        help="Of the mesh's coordinates: it gets its true size, and a mesh by itself true gravity.",
         rich_help_panel=SCENE,
     ),
 ]

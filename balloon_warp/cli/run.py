@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.command import command_line
 from balloon_warp.cli.options import (
     LONG,
     OUTPUT,
@@ -21,10 +22,11 @@ from balloon_warp.cli.options import (
     Schedule,
     Seconds,
     Set,
+    UnitOption,
     Weld,
 )
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.warn import note, warn
+from balloon_warp.cli.warn import first_line, note, opened_by, warn
 from balloon_warp.cli.words import counted, played
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
@@ -66,8 +68,12 @@ Checkpoint = Annotated[
     ),
 ]
 
+WHERE_TO = ("output", "picture", "checkpoint", "resume", "as_json")
+"""parameters that do not change what is in the stage"""
+
 
 def run(
+    context: typer.Context,
     scene: SceneName,
     *,
     output: Output = None,
@@ -77,6 +83,7 @@ def run(
     frames: Frames = None,
     seconds: Seconds = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "stop",
@@ -88,7 +95,7 @@ def run(
 
     Try `balloon-warp run squirrel_tether --picture`, then `balloon-warp run YOUR_MESH.obj --picture`.
     """
-    loaded = Changes(overrides, weld, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     quiet_warp()
@@ -96,6 +103,8 @@ def run(
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
+        listeners = (lambda number: progress.update(task, completed=number)), note, warn
+        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
         summary = animate(
             loaded,
             stage,
@@ -104,11 +113,12 @@ def run(
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,
+            provenance={"command": command_line(context, WHERE_TO)},
             checkpoint_seconds=checkpoint,
             resume=resume,
-            on_frame=lambda number: progress.update(task, completed=number),
-            on_note=note,
-            on_warning=warn,
+            on_frame=on_frame,
+            on_note=on_note,
+            on_warning=on_warning,
         )
     if as_json:
         print(json.dumps(summary.as_json()))

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import OUTPUT, Device, SceneName, Set, Weld
-from balloon_warp.cli.warn import warn
+from balloon_warp.cli.options import OUTPUT, Device, SceneName, Set, UnitOption, Weld
+from balloon_warp.cli.warn import first_line, note, warn
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
 
@@ -34,6 +34,7 @@ def view(
     ] = Path("."),
     overrides: Set = None,
     weld: Weld = False,
+    unit: UnitOption = None,
     device: Device = None,
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Where to listen; this machine alone can come in if not given.")
@@ -43,11 +44,13 @@ def view(
 
     Try `balloon-warp view squirrel_tether --open`.
     """
-    loaded = Changes(overrides, weld).load(scene)
+    loaded = Changes(overrides, weld, unit=unit).load(scene)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 
     def say(page: "Page") -> None:
+        if sentence := first_line(scene, loaded):
+            note(sentence)
         _say_where(page.address, scene_name(scene))
         if not _is_loopback(host):
             _say_who_may_come(page.server.get_port(), folder.resolve())

@@ -1,7 +1,13 @@
 """Warnings and notes on a user's terminal."""
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 from rich.console import Console
 from rich.markup import escape
+
+from balloon_warp.scene import Scene, bundled_scenes
 
 
 def warn(sentence: str) -> None:
@@ -12,3 +18,24 @@ def warn(sentence: str) -> None:
 def note(sentence: str) -> None:
     """Print what is good to know, where no program reads results."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[cyan]note:[/] {escape(sentence)}")
+
+
+def opened_by(sentence: str | None, *listeners: Callable[..., Any]) -> list[Callable[..., None]]:
+    """Listeners of which the first that is told anything notes that sentence before, if there is one: where nothing
+    begins there is nothing to say but what is wrong."""
+    waiting = [sentence] if sentence else []
+
+    def opened(listener: Callable[..., Any]) -> Callable[..., None]:
+        def listen(*words: Any) -> None:
+            while waiting:
+                note(waiting.pop())
+            listener(*words)
+
+        return listen
+
+    return [opened(listener) for listener in listeners]
+
+
+def first_line(source: str, scene: Scene) -> str | None:
+    """The first line about a mesh by itself: what scene it got."""
+    return None if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" else scene.description

@@ -23,6 +23,8 @@ class PolygonMesh:
     """the axis that points up in the file: "Y" or "Z" """
     meters_per_unit: float = 1.0
     """metres in one unit of `points`"""
+    unit_known: bool = False
+    """whether that is said, by the file or by whoever gives it; else it is a guess"""
     texture_coordinates: NDArray[np.float32] | None = None
     """u and v at each corner, shape (corner_count, 2), if the file has them"""
     stand_ins: NDArray[np.int64] | None = None

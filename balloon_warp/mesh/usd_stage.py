@@ -59,6 +59,7 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, warnings: tuple[st
         name=prim.GetName(),
         up_axis=str(UsdGeom.GetStageUpAxis(stage)),
         meters_per_unit=float(unit),
+        unit_known=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
         warnings=warnings,
     )
     check_mesh(mesh, source)

@@ -40,6 +40,8 @@ class Model:
     """what changes during the simulation, in order"""
     laws: tuple[Law, ...]
     """the built-in ones and the user's own"""
+    warnings: list[str]
+    """what is odd at the start, see `ModelPlan.warnings`"""
     frame_seconds: float
     up: wp.vec3
 

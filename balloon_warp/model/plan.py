@@ -23,7 +23,7 @@ from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
-from balloon_warp.model.strings import held_particle, string_lengths
+from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
 from balloon_warp.model.timeline import DueChange, turns
 from balloon_warp.model.vary import Vary, vary_parameters
 from balloon_warp.scene import Scene
@@ -72,9 +72,11 @@ class ModelPlan:
 
     @property
     def warnings(self) -> list[str]:
-        """what is odd about the meshes, and what became of it; and which spheres may come through"""
+        """what is odd about the meshes, and what became of it; which spheres may come through, and which strings start
+        overstretched"""
         step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
-        return warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
+        passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
+        return passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
 
     @property
     def particle_count(self) -> int:

@@ -16,6 +16,7 @@ from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.thickness import relative_thickness
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.mesh.units import in_unit
 from balloon_warp.model.fixed import fixed_particles
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs
@@ -75,7 +76,7 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
             particle is not in it, or its weights are not as many as its vertices.
     """
     mesh, source = _mesh_of(balloon)
-    placed = place_mesh(mesh, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
+    placed = place_mesh(in_unit(mesh, balloon.unit), scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
     springs = balloon_springs(placed, balloon.parts)

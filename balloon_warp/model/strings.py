@@ -11,6 +11,9 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene, String
 
+LEAST_STRETCH = 0.005
+"""of a string at the start, over its length, that is worth a word: half a percent"""
+
 
 def held_particle(number: int, string: String, scene: Scene, shapes: Sequence[BalloonShape]) -> int:
     """The particle that a string holds, numbered within its balloon.
@@ -37,6 +40,34 @@ def string_lengths(
     lengths = parameters["string_length"]
     if not np.isnan(lengths).any():
         return lengths
+    return np.where(np.isnan(lengths), _spans(scene, shapes, held, parameters), lengths)
+
+
+def overstretched_strings(
+    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
+) -> list[str]:
+    """A sentence for each string that is there from the start and longer then than it is to be; of the world where
+    that is worst."""
+    if not scene.string:
+        return []
+    spans, lengths = np.broadcast_arrays(_spans(scene, shapes, held, parameters), parameters["string_length"])
+    stretches = spans / lengths - 1.0
+    sentences = []
+    for number in np.flatnonzero(stretches.max(axis=0) > LEAST_STRETCH).tolist():
+        world = int(stretches[:, number].argmax())
+        where = f" in world {world}" if len(stretches) > 1 else ""
+        if scene.string[number].start == 0.0:
+            sentences.append(
+                f"string {number} starts overstretched by {stretches[world, number]:.0%}{where}: it is "
+                f"{lengths[world, number]:.4g} m long, and its ends are {spans[world, number]:.4g} m apart"
+            )
+    return sentences
+
+
+def _spans(
+    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
+) -> NDArray[np.float64]:
+    """From each string's anchor to its particle at the start [m], shape (W, string_count)."""
     balloons = [string.balloon for string in scene.string]
     starts = np.concatenate(
         [
@@ -45,4 +76,4 @@ def string_lengths(
         ],
         axis=1,
     )
-    return np.where(np.isnan(lengths), np.linalg.norm(starts - parameters["string_anchor"], axis=-1), lengths)
+    return np.linalg.norm(starts - parameters["string_anchor"], axis=-1)

@@ -13,7 +13,7 @@ Those of a batch, which writes a table and shares of worlds, are `balloon_warp/s
 """
 
 from balloon_warp.resume.folder import PartialFolder
-from balloon_warp.resume.run import CHECKPOINT_SECONDS, Checkpoints, halvings_until, partial_path
+from balloon_warp.resume.run import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
 from balloon_warp.resume.same_job import as_json, differences
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "Checkpoints",
     "PartialFolder",
     "as_json",
+    "describe_run",
     "differences",
     "halvings_until",
     "partial_path",

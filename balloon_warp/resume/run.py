@@ -1,6 +1,7 @@
 """The checkpoints of a run: its frames so far, and the state from which it goes on."""
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -40,7 +41,7 @@ def halvings_until(folder: Path, substeps: int) -> int:
 
 
 def describe_run(simulator: Simulator) -> dict[str, Any]:
-    """What the bits of a run depend on, as JSON has it."""
+    """What the bits of a run depend on, as JSON has it. Before the run: mesh files may change meanwhile."""
     scene, model = simulator.model.scene, simulator.model
     return as_json(
         {
@@ -62,13 +63,20 @@ class Checkpoints:
     Args:
         simulator: at the start of the run, or where `resume` takes it.
         stage: that the frames are written to.
+        job: what the bits of the run depend on, as of `describe_run`.
         seconds: between two checkpoints; 0 for none but the last of a run that is stopped.
     """
 
-    def __init__(self, simulator: Simulator, stage: StageWriter, seconds: float = CHECKPOINT_SECONDS):
+    def __init__(
+        self,
+        simulator: Simulator,
+        stage: StageWriter,
+        job: Mapping[str, Any],
+        seconds: float = CHECKPOINT_SECONDS,
+    ):
         self.simulator, self.stage, self.seconds = simulator, stage, seconds
         self.folder = PartialFolder(partial_path(stage.path))
-        self._job, self._begun = describe_run(simulator), False
+        self._job, self._begun = job, False
         self._parts: list[int] = []
         """the first frame of each part in the folder"""
         self._safe = 0

@@ -10,35 +10,42 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
+from balloon_warp.mesh.units import METERS, in_unit
 from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.scene.schema import Balloon, Inflation
 
+GRAVITY = 9.81
+"""[m/s^2]"""
 WEIGHT = 1.81
-"""of a balloon with its lift [N/kg], for each meter of its size"""
+"""of a balloon with its lift [N/kg]; where gravity grows with the size, for each meter of it"""
 MOLAR_VOLUME = 0.02406
 """of a gas in the atmosphere that a scene has if it says nothing of it [m^3/mol]"""
 MOST_FLOW = 9e11
 """that a pump may have [mol/s]: what is kilometers large gets less"""
 
 
-def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: str | None) -> dict[str, Any]:
+def scene_table_around(
+    source: Path | PolygonMesh, balloon: Balloon, up_axis: str | None, gravity: float | None
+) -> dict[str, Any]:
     """A scene's table for a mesh, or the mesh of a file.
 
-    Accelerations and k_normal grow with the mesh's size, so that a mesh in centimeters moves as one in meters does:
-    with masses and spring constants alike, forces, lengths and accelerations all scale together.
+    Forces and lengths grow with the mesh's size, and springs are alike, so that a mesh of any size has the same shapes.
+    Where its unit is known, gravity is true, masses grow with the size, and time with its root. Where it is not,
+    masses are alike and accelerations grow, gravity, too: a mesh in centimeters moves as one in meters does.
 
     A closed mesh falls a little, onto the floor. An open one is held at its borders: its inflation, which nothing
     balances there, would drive it away.
 
     Args:
-        balloon: how the mesh is to be placed, and what kind of inflation it is to have.
+        balloon: how the mesh is to be placed, in which unit, and what kind of inflation it is to have.
         up_axis: "Y" or "Z"; the mesh's own when missing.
+        gravity: that is asked for [m/s^2], and so is not told.
 
     Raises:
         InputError: the mesh cannot be read, has no face or no size, or its size or place is too much for float32.
     """
     label = source.name if isinstance(source, PolygonMesh) else source
-    mesh = prepared(load_mesh(source), label, balloon.treatment)
+    mesh = in_unit(prepared(load_mesh(source), label, balloon.treatment), balloon.unit)
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
@@ -48,17 +55,21 @@ def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: st
         raise InputError(f"{label}: all its vertices stand at one place; expected a mesh with some size")
     require_size(placed, label)
     gas = balloon.inflation.kind == "gas"
+    lift = 0.0 if gas else GRAVITY - WEIGHT  # gas has its own
+    fall = WEIGHT if gas else GRAVITY
+    growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
+    mass = 2.0 * size / growth
     return {
-        "description": f"{source.name} inflates above a floor",
+        "description": _description(source.name, mesh.unit_known, size, fall * growth if gravity is None else None),
         "up_axis": up_axis,
-        "gravity": (WEIGHT if gas else 9.81) * size,
+        "gravity": fall * growth,
         "frames": 120,
         "balloon": [
             {
                 "mesh": source if isinstance(source, PolygonMesh) else source.resolve(),
-                "mass": 2.0,
-                "helium": 0.0 if gas else (9.81 - WEIGHT) * size,
-                "damping": 20.0,
+                "mass": mass,
+                "helium": lift * growth,
+                "damping": 10.0 * (2.0 * mass) ** 0.5,
                 "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0, "thin": "softer"},
                 "inflation": _gentle(balloon.inflation, placed, size),
                 "fixed": pinned_at_borders(mesh, balloon.parts).tolist(),
@@ -66,6 +77,23 @@ def scene_table_around(source: Path | PolygonMesh, balloon: Balloon, up_axis: st
         ],
         "ground": {"height": float(lowest["XYZ".index(up_axis)]) - 0.05 * size},
     }
+
+
+def _description(name: str, unit_known: bool, size: float, gravity: float | None) -> str:
+    """What is shown, and what of it is a guess.
+
+    Args:
+        size: of the mesh [m].
+        gravity: that was chosen for it [m/s^2], if it was.
+    """
+    if unit_known:
+        return f"{name}, {size:.3g} m large, inflates above a floor"
+    if gravity is None:
+        return f"{name} inflates above a floor"
+    return (
+        f"{name} inflates above a floor; its unit is not known, so gravity is scaled to its size, {size:.5g}: "
+        f"{gravity:.5g} m/s2; for the true ones, give --unit {', '.join(METERS)}"
+    )
 
 
 def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str, Any]:

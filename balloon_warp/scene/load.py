@@ -116,8 +116,8 @@ def _pairs(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override]:
 def _around(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path) -> Scene:
     """The scene around a mesh, which complaints call `path`."""
     bare = _bare_scene(mesh, overrides, path)
-    up_axis = bare.up_axis if "up_axis" in bare.model_fields_set else None
-    return _overridden(scene_table_around(mesh, bare.balloon[0], up_axis), overrides, path)
+    asked = (getattr(bare, name) if name in bare.model_fields_set else None for name in ("up_axis", "gravity"))
+    return _overridden(scene_table_around(mesh, bare.balloon[0], *asked), overrides, path)
 
 
 def _bare_scene(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path) -> Scene:

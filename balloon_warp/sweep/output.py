@@ -1,6 +1,6 @@
 """What a batch leaves behind: the table of all worlds, and the stage of the chosen ones."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -48,8 +48,7 @@ class BatchOutput:
         """whether the stage of an earlier batch was there and this one has none"""
         self.stage = None
         if len(chosen):
-            in_grid = [GridGroup(group.plan, group.rows_of(chosen), group.those_of(chosen)) for group in groups]
-            self.stage = GridWriter(self.stage_path, in_grid)
+            self.stage = GridWriter(self.stage_path, [_in_grid(group, chosen, varied) for group in groups])
 
     @property
     def healthy_count(self) -> int:
@@ -76,7 +75,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            self.stage.write(record.number, group, record.points, record.velocities, record.sphere_positions)
+            self.stage.write(record.number, group, record.points, record.sphere_positions)
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
         """Put a record in the place of what was recorded of some worlds of a group in its frame; in the table's text
@@ -90,7 +89,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            shapes = (record.points, record.velocities, record.sphere_positions)
+            shapes = (record.points, record.sphere_positions)
             self.stage.write(record.number, group, *shapes, places=places.tolist())
 
     def rewrite_table(self) -> None:
@@ -112,6 +111,12 @@ class BatchOutput:
         if kind is None and not self.stage and self.stage_path.exists():
             self.stage_path.unlink()
             self.removed_stage = True
+
+
+def _in_grid(group: Group, chosen: NDArray[np.integer], varied: Mapping[str, NDArray]) -> GridGroup:
+    worlds = group.those_of(chosen)
+    values = {path: column[worlds] for path, column in varied.items()}
+    return GridGroup(group.plan, group.rows_of(chosen), worlds, values)
 
 
 def _prepare_folder(folder: Path) -> None:

@@ -32,8 +32,6 @@ class Record:
     """1, or 0 from the frame on in which the world blew up, shape (world_count,)"""
     points: NDArray[np.float32]
     """of the chosen worlds [m], shape (chosen, particle_count, 3)"""
-    velocities: NDArray[np.float32]
-    """of the chosen worlds [m/s], shape (chosen, particle_count, 3)"""
     sphere_positions: NDArray[np.float32]
     """of the chosen worlds [m], shape (chosen, sphere_count, 3)"""
 
@@ -64,7 +62,6 @@ class Recorder:
         self._healthy = wp.full(worlds, 1, dtype=wp.int32, device=model.device)
         self._chosen = wp.array(chosen, dtype=wp.int32, device=model.device)
         self._points = zeros((len(chosen), model.particle_count), wp.vec3)
-        self._velocities = zeros((len(chosen), model.particle_count), wp.vec3)
         self._sphere_positions = zeros((len(chosen), model.sphere_count), wp.vec3)
 
     def read(self) -> Record:
@@ -75,14 +72,13 @@ class Recorder:
             measures=_copy(self._measures),
             healthy=_copy(self._healthy),
             points=_copy(self._points),
-            velocities=_copy(self._velocities),
             sphere_positions=_copy(self._sphere_positions),
         )
 
     @property
     def changing(self) -> dict[str, wp.array]:
         """What it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
-        kept = ("measures", "healthy", "points", "velocities", "sphere_positions")
+        kept = ("measures", "healthy", "points", "sphere_positions")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
@@ -128,7 +124,6 @@ class Recorder:
         state = self.simulator.state
         for every, picked in (
             (state.points, self._points),
-            (state.velocities, self._velocities),
             (state.sphere_positions, self._sphere_positions),
         ):
             if picked.size:
@@ -144,7 +139,7 @@ def record_bytes(plan: ModelPlan) -> int:
 
 def picked_bytes(plan: ModelPlan) -> int:
     """Device memory that a chosen world takes."""
-    return 2 * 12 * sum(shape.mesh.vertex_count for shape in plan.shapes) + 12 * len(plan.scene.sphere)
+    return 12 * sum(shape.mesh.vertex_count for shape in plan.shapes) + 12 * len(plan.scene.sphere)
 
 
 def _copy(array: wp.array) -> Any:

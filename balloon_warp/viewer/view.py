@@ -39,7 +39,8 @@ def view(
         open_page: whether the browser opens it.
         laws: that act beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
         on_start: told the page once it is there.
-        on_warning: told what is odd about a mesh, and of spheres that may come through, in a sentence.
+        on_warning: told in a sentence what is odd about a mesh, and what became of it, of strings that start
+            overstretched, and of spheres that may come through.
 
     Raises:
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.

@@ -7,6 +7,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, paint
+from balloon_warp.outputs.usd.velocities import author_velocities
 
 MEASURES = ("volume", "area", "pressure")
 """per-frame attributes under `userProperties:`, in m^3, m^2 and Pa"""
@@ -37,6 +38,8 @@ class BalloonPrim:
         self._has_pressure = model.scene.balloon[number].inflation.kind != "normal_force"
         self.mesh = model.shapes[number].mesh
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
+        self.prim.CreateVelocitiesAttr()
+        self._layer = stage.GetRootLayer()
         self._measures = {
             name: self.prim.GetPrim().CreateAttribute(f"userProperties:{name}", Sdf.ValueTypeNames.Double, custom=True)
             for name in MEASURES
@@ -45,10 +48,14 @@ class BalloonPrim:
     def write(self, frame: Frame) -> None:
         points = frame.points[self.number]
         self.prim.GetPointsAttr().Set(points, frame.number)
-        self.prim.GetVelocitiesAttr().Set(frame.velocities[self.number], frame.number)
         self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(Vt.Vec3fArray.FromNumpy(points)), frame.number)
         for name, value in self._measure(frame).items():
             self._measures[name].Set(value, frame.number)
+
+    def write_velocities(self, number: int, source: Sdf.Layer) -> None:
+        """Those of a frame, from the points that stand in `source`, a layer of the same balloons."""
+        points, velocities = self.prim.GetPointsAttr().GetPath(), self.prim.GetVelocitiesAttr().GetPath()
+        author_velocities(self._layer, velocities, source, points, number)
 
     def _measure(self, frame: Frame) -> dict[str, float]:
         volume, area = float(frame.volumes[self.number]), float(frame.areas[self.number])

@@ -1,8 +1,9 @@
 """Worlds of a batch in one stage, side by side."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -35,6 +36,8 @@ class GridGroup:
     """their numbers in the plan, shape (chosen,)"""
     worlds: NDArray[np.integer]
     """their numbers in the whole batch, shape (chosen,)"""
+    values: Mapping[str, NDArray] = field(default_factory=dict)
+    """what differs between worlds: dotted paths, and numbers or the files of meshes, shape (chosen,)"""
 
 
 class GridWriter:
@@ -48,6 +51,8 @@ class GridWriter:
         self.path, self.groups = path, groups
         self._frame_bytes = [2 * 12 * group.plan.particle_count * len(group.rows) for group in groups]
         self._unsaved_bytes = 0
+        self._last: int | None = None
+        """the frame that waits for its velocities"""
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
@@ -61,9 +66,9 @@ class GridWriter:
         plans = [group.plan for group in self.groups]
         scene = plans[0].scene
         members = sorted(
-            (world, number, row)
+            (world, number, row, place)
             for number, group in enumerate(self.groups)
-            for world, row in zip(group.worlds.tolist(), group.rows.tolist(), strict=True)
+            for place, (world, row) in enumerate(zip(group.worlds.tolist(), group.rows.tolist(), strict=True))
         )
         lowest, highest = world_bounds(plans)
         side = ROOM * float(np.max((highest - lowest)[list(horizontal_axes(scene.up_axis))]))
@@ -74,7 +79,7 @@ class GridWriter:
         prototypes = Prototypes(stage, plans)
         half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
         for plane in planes_of(scene):
-            heights = {plans[number].of_world(plane.height, row) for _, number, row in members}
+            heights = {plans[number].of_world(plane.height, row) for _, number, row, _ in members}
             if len(heights) == 1:
                 path = Sdf.Path(f"/World/{plane.name}")
                 define_square(stage, path, plane, middle, half, heights.pop(), scene.up_axis)
@@ -84,20 +89,21 @@ class GridWriter:
         root, digits = self._layer.GetPrimAtPath("/World"), len(str(members[-1][0]))
         self._worlds: list[list[GridWorld]] = [[] for _ in self.groups]
         with Sdf.ChangeBlock():
-            for shift, (world, number, row) in zip(shifts, members, strict=True):
-                name = f"World_{world:0{digits}d}"
-                self._worlds[number].append(GridWorld(root, name, shift, prototypes, plans[number], row))
+            for shift, (world, number, row, place) in zip(shifts, members, strict=True):
+                prim = Sdf.PrimSpec(root, f"World_{world:0{digits}d}", Sdf.SpecifierDef, "Xform")
+                values = {path: column[place].item() for path, column in self.groups[number].values.items()}
+                self._worlds[number].append(GridWorld(prim, shift, values, prototypes, plans[number], row))
 
     def write(
         self,
         number: int,
         group: int,
         points: NDArray[np.float32],
-        velocities: NDArray[np.float32],
         sphere_positions: NDArray[np.float32],
         places: Sequence[int] | None = None,
     ) -> None:
-        """Author a frame of one group: arrays of shape (chosen, particle_count, 3) twice, (chosen, sphere_count, 3).
+        """Author a frame of one group: arrays of shape (chosen, particle_count, 3) and (chosen, sphere_count, 3). It
+        follows the one before it, whose velocities are known then.
 
         Args:
             places: of the worlds that the arrays are of, among the group's; all of them, when missing.
@@ -105,8 +111,10 @@ class GridWriter:
         worlds = self._worlds[group]
         with Sdf.ChangeBlock():
             for row, world in enumerate(worlds if places is None else [worlds[place] for place in places]):
-                world.write(number, points[row], velocities[row], sphere_positions[row])
-        self._end_frame(number, points.nbytes + velocities.nbytes)
+                world.write(number, points[row], sphere_positions[row])
+                self._write_velocities_before(world, number)
+        self._last = number
+        self._end_frame(number, 2 * points.nbytes)
 
     def copy_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
         """Author frames of some groups as they are in a part that a writer of the same groups wrote.
@@ -118,7 +126,8 @@ class GridWriter:
             source = Sdf.Layer.OpenAsAnonymous(str(path))
         except Tf.ErrorException:
             raise InputError(f"{path}: USD cannot open it; expected a part of a batch's stage") from None
-        self._copy(source, numbers, groups)
+        self._copy(source, numbers, groups, self._write_velocities_before)
+        self._last = numbers[-1]
 
     def write_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
         """Write frames that are in this stage into one of their own, which appears at `path`.
@@ -126,8 +135,12 @@ class GridWriter:
         Raises:
             InputError: it cannot be written.
         """
+
+        def write_velocities(world: GridWorld, number: int) -> None:
+            world.write_velocities(number, self._layer)  # which has the frames beside the part, too
+
         with GridWriter(path, self.groups) as part:
-            part._copy(self._layer, numbers, groups)
+            part._copy(self._layer, numbers, groups, write_velocities)
             part._layer.startTimeCode = numbers.start
 
     def write_still(self, path: Path) -> None:
@@ -139,14 +152,25 @@ class GridWriter:
         with GridWriter(path, self.groups):
             pass
 
-    def _copy(self, source: Sdf.Layer, numbers: range, groups: Sequence[int]) -> None:
-        """In the order in which frames are written."""
+    def _copy(
+        self,
+        source: Sdf.Layer,
+        numbers: range,
+        groups: Sequence[int],
+        write_velocities: Callable[[GridWorld, int], None],
+    ) -> None:
+        """In the order in which frames are written; `write_velocities` is told each world and frame."""
         for number in numbers:
             for group in groups:
                 with Sdf.ChangeBlock():
                     for world in self._worlds[group]:
                         world.copy(source, number)
+                        write_velocities(world, number)
                 self._end_frame(number, self._frame_bytes[group])
+
+    def _write_velocities_before(self, world: GridWorld, number: int) -> None:
+        """Of the frame before one whose points are there."""
+        world.write_velocities(number - 1, self._layer)
 
     def _end_frame(self, number: int, size: int) -> None:
         """What is authored may now be saved: when it is depends on the frames alone, so that the bytes do."""
@@ -163,4 +187,8 @@ class GridWriter:
 
     def _save(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
+            if (last := self._last) is not None:
+                with Sdf.ChangeBlock():
+                    for world in chain.from_iterable(self._worlds):
+                        world.write_velocities(last, self._layer)
             self._layer.Save()

@@ -3,17 +3,21 @@
 Authored in Sdf, on the layer itself: the stage's own functions look up the composed prim at each call.
 """
 
+import re
+from collections.abc import Mapping
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, UsdGeom, Vt
+from pxr import Gf, Sdf, Tf, UsdGeom, Vt
 
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.prototypes import Prototypes
 from balloon_warp.outputs.usd.string_curve import string_curve
+from balloon_warp.outputs.usd.velocities import author_velocities
 from balloon_warp.scene.timeline import is_there
 
 Types = Sdf.ValueTypeNames
@@ -23,25 +27,26 @@ class GridWorld:
     """Prims of one world.
 
     Args:
-        parent: the prim that the worlds stand under.
-        name: of the world's prim.
+        world: the world's own prim.
         shift: where the world stands [m], shape (3,).
+        values: what differs between worlds, of this one: dotted paths, and numbers or the files of meshes.
         plan: what the world is made of.
         row: the world's number in that plan.
     """
 
     def __init__(
         self,
-        parent: Sdf.PrimSpec,
-        name: str,
+        world: Sdf.PrimSpec,
         shift: NDArray[np.float64],
+        values: Mapping[str, float | str],
         prototypes: Prototypes,
         plan: ModelPlan,
         row: int,
     ):
-        self.plan, self.layer = plan, parent.layer
-        world = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef, "Xform")
+        self.plan, self.layer = plan, world.layer
         _translated(world, shift)
+        for path, value in values.items():
+            _say(world, path, value)
         names = prim_names((shape.name for shape in plan.shapes), prototypes.other_names)
         self._balloons = [
             _animated(
@@ -82,20 +87,14 @@ class GridWorld:
         self._string_lengths = plan.of_world("string_length", row)
         self._string_widths = prototypes.string_widths
 
-    def write(
-        self,
-        time: float,
-        points: NDArray[np.float32],
-        velocities: NDArray[np.float32],
-        sphere_positions: NDArray[np.float32],
-    ) -> None:
-        """Author a frame's samples, from arrays of shape (particle_count, 3) twice, and (sphere_count, 3)."""
+    def write(self, time: int, points: NDArray[np.float32], sphere_positions: NDArray[np.float32]) -> None:
+        """Author a frame's samples, from arrays of shape (particle_count, 3) and (sphere_count, 3); velocities follow,
+        see `write_velocities`."""
         begin = 0
-        for shape, (point_path, velocity_path, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
+        for shape, (point_path, _, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
             own = slice(begin, begin + shape.mesh.vertex_count)
             places = Vt.Vec3fArray.FromNumpy(points[own])
             self.layer.SetTimeSample(point_path, time, places)
-            self.layer.SetTimeSample(velocity_path, time, Vt.Vec3fArray.FromNumpy(velocities[own]))
             self.layer.SetTimeSample(extent_path, time, UsdGeom.PointBased.ComputeExtent(places))
             begin = own.stop
         for path, position in zip(self._spheres, sphere_positions.tolist(), strict=True):
@@ -106,16 +105,22 @@ class GridWorld:
             self.layer.SetTimeSample(point_path, time, places)
             self.layer.SetTimeSample(extent_path, time, extent)
         for path, body in self._lasting:
-            seen = is_there(self.plan.scene, body, int(time))
+            seen = is_there(self.plan.scene, body, time)
             self.layer.SetTimeSample(path, time, UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible)
 
-    def copy(self, source: Sdf.Layer, time: float) -> None:
+    def write_velocities(self, time: int, source: Sdf.Layer) -> None:
+        """Those of a frame, from the points that stand in `source`, a layer of the same worlds."""
+        for point_path, velocity_path, _ in self._balloons:
+            author_velocities(self.layer, velocity_path, source, point_path, time)
+
+    def copy(self, source: Sdf.Layer, time: int) -> None:
         """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
-        balloons, strings = (chain.from_iterable(paths) for paths in (self._balloons, self._strings))
+        balloons = ((points, extent) for points, _, extent in self._balloons)
+        balloons, strings = (chain.from_iterable(paths) for paths in (balloons, self._strings))
         for path in chain(balloons, self._spheres, strings, (path for path, _ in self._lasting)):
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
-    def _string_curve(self, number: int, points: NDArray[np.float32], time: float) -> NDArray[np.float32]:
+    def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:
         string = self.plan.scene.string[number]
         before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[: string.balloon])
         end = points[before + self.plan.held[number]]
@@ -135,6 +140,17 @@ def _set(
     prim: Sdf.PrimSpec, name: str, kind: Sdf.ValueTypeName, value: Any, how: Sdf.Variability = Sdf.VariabilityVarying
 ) -> None:
     Sdf.AttributeSpec(prim, name, kind, how).default = value
+
+
+def _say(prim: Sdf.PrimSpec, path: str, value: float | str) -> None:
+    """A value at a dotted path, of a mesh the file's name, as a user property: `balloon.0.position.1` is
+    `userProperties:balloon_0:position_1`."""
+    words = re.sub(r"\.(\d+)", r"_\1", path).split(".")
+    name = ":".join(["userProperties", *map(Tf.MakeValidIdentifier, words)])
+    kind = Types.String if isinstance(value, str) else Types.Double
+    attribute = Sdf.AttributeSpec(prim, name, kind, Sdf.VariabilityUniform)
+    attribute.custom, attribute.displayName = True, path
+    attribute.default = Path(value).name if isinstance(value, str) else float(value)
 
 
 def _translated(prim: Sdf.PrimSpec, shift: NDArray[np.float64]) -> None:

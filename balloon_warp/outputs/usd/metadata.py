@@ -1,7 +1,9 @@
 """What every stage of ours says of itself, and how its prims are called."""
 
 import itertools
-from collections.abc import Collection, Iterable
+import json
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 from pxr import Tf, Usd, UsdGeom
 
@@ -11,8 +13,9 @@ RESERVED = ("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "
 """what no balloon is called"""
 
 
-def describe_stage(stage: Usd.Stage, scene: Scene) -> None:
-    """The default prim /World, up axis, units and time."""
+def describe_stage(stage: Usd.Stage, scene: Scene, provenance: Mapping[str, Any] | None = None) -> None:
+    """The default prim /World, up axis, units and time; in `customLayerData`, as `balloonWarp`, the frame of a picture
+    and where the stage comes from: words, numbers and tables of them, and the scene, as JSON."""
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     UsdGeom.SetStageUpAxis(stage, scene.up_axis)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -21,8 +24,13 @@ def describe_stage(stage: Usd.Stage, scene: Scene) -> None:
     stage.SetStartTimeCode(0)
     layer = stage.GetRootLayer()
     layer.comment = scene.description
+    said = dict(provenance or {})
+    if "scene" in said:
+        said["scene"] = json.dumps(said["scene"])
     if scene.picture_frame is not None:
-        layer.customLayerData = {"balloonWarp": {"pictureFrame": min(scene.picture_frame, scene.frames)}}
+        said["pictureFrame"] = min(scene.picture_frame, scene.frames)
+    if said:
+        layer.customLayerData = {"balloonWarp": said}
 
 
 def prim_names(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:

@@ -1,9 +1,10 @@
 """The stage as a whole: its metadata, and a prim for each thing in the scene."""
 
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
@@ -33,25 +34,31 @@ class StageWriter:
     A binary file grows as frames come: saving it again adds to it, and frees the samples' memory. Text is kept until
     the end, as it would be written anew each time.
 
+    A frame's velocities are differences of points, and so come with the frame that follows; the last one's at the end.
+
     Args:
         path: where the stage goes; .usdc, .usda or .usd.
         model: what is simulated.
+        provenance: what the stage is to say of where it comes from, see `describe_stage`.
 
     Raises:
         InputError: the file cannot be written there.
     """
 
-    def __init__(self, path: str | Path, model: Model):
+    def __init__(self, path: str | Path, model: Model, provenance: Mapping[str, Any] | None = None):
         self.path, self.model = Path(path), model
+        self._provenance = provenance
         check_writable(self.path, STAGE_SUFFIXES)
         self._file = ExitStack()
         self._grows = self.path.suffix.lower() != ".usda"
         self._unsaved_bytes = 0
+        self._last: int | None = None
+        """the frame that waits for its velocities"""
 
     def __enter__(self) -> Self:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
         self._file.push(self._save)
-        describe_stage(self.stage, self.model.scene)
+        describe_stage(self.stage, self.model.scene, self._provenance)
         self._prims = self._define_prims()
         return self
 
@@ -72,7 +79,10 @@ class StageWriter:
         except Tf.ErrorException:
             raise InputError(f"{part}: USD cannot open it; expected frames of a run that was stopped") from None
         numbers = range(int(source.startTimeCode), int(source.endTimeCode) + 1)
-        self._copy(source, numbers)
+        paths = _animated_paths(source)
+        for number in numbers:
+            self._copy_frame(source, paths, number)
+            self._end_frame(number)
         return numbers[-1]
 
     def write_part(self, path: Path, numbers: range) -> None:
@@ -81,20 +91,38 @@ class StageWriter:
         Raises:
             InputError: it cannot be written.
         """
+        source = self.stage.GetRootLayer()
+        paths = _animated_paths(source)
         with StageWriter(path, self.model) as part:
-            part._copy(self.stage.GetRootLayer(), numbers)
+            for number in numbers:
+                part._copy_frame(source, paths, number)
+                part._write_velocities(number, source)  # which has the frames beside the part, too
+                part._count_frame(number)
             part.stage.SetStartTimeCode(numbers.start)
 
-    def _copy(self, source: Sdf.Layer, numbers: range) -> None:
-        """Author frames as they are in a layer."""
-        paths = _animated_paths(source)
-        for number in numbers:
-            for path in paths:
-                if (value := source.QueryTimeSample(path, number)) is not None:
-                    self.stage.GetAttributeAtPath(path).Set(value, number)
-            self._end_frame(number)
+    def _copy_frame(self, source: Sdf.Layer, paths: Sequence[Sdf.Path], number: int) -> None:
+        """Author a frame as it is in a layer, but for the velocities."""
+        for path in paths:
+            value = source.QueryTimeSample(path, number)
+            if value is not None and path.name != UsdGeom.Tokens.velocities:
+                self.stage.GetAttributeAtPath(path).Set(value, number)
+
+    def _write_velocities(self, number: int, source: Sdf.Layer) -> None:
+        for balloon in self._balloons:
+            balloon.write_velocities(number, source)
+
+    def _write_last_velocities(self) -> None:
+        if self._last is not None:
+            self._write_velocities(self._last, self.stage.GetRootLayer())
 
     def _end_frame(self, number: int) -> None:
+        """A frame's points are there, and so the velocities of the one before follow."""
+        self._write_last_velocities()
+        self._last = number
+        self._count_frame(number)
+
+    def _count_frame(self, number: int) -> None:
+        """What is authored may now be saved: when it is depends on the frames alone, so that the bytes do."""
         self.stage.SetEndTimeCode(number)
         self._unsaved_bytes += 2 * 12 * self.model.particle_count
         if self._grows and self._unsaved_bytes > SAVE_BYTES:
@@ -109,12 +137,13 @@ class StageWriter:
     def _save(self, kind: type[BaseException] | None, *_: object) -> None:
         """What the file's end begins with, so that a failure to save is one of its own."""
         if kind is None:
+            self._write_last_velocities()
             self.stage.GetRootLayer().Save()
 
     def _define_prims(self) -> list[BalloonPrim | PlanePrim | SpherePrim | StringPrim | TubePrim | NetForcesPrim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
-        balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
+        self._balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
         # After the balloons: who reads a stage's first mesh wants a balloon.
         planes = [PlanePrim(stage, plane, model) for plane in planes_of(model.scene)]
         spheres = [
@@ -132,7 +161,7 @@ class StageWriter:
             ]
         for group in {prim.prim.GetPath().GetParentPath() for prim in [*spheres, *strings, *tubes, *forces]}:
             UsdGeom.Scope.Define(stage, group)
-        return [*balloons, *planes, *spheres, *strings, *tubes, *forces]
+        return [*self._balloons, *planes, *spheres, *strings, *tubes, *forces]
 
     def _balloon_paths(self) -> list[Sdf.Path]:
         """A path for each balloon, after its name, all different."""

@@ -12,6 +12,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
+from balloon_warp.mesh.units import Unit
 from balloon_warp.scene.pinned import pinned_by, pins_of
 from balloon_warp.scene.schema.fields import (
     Color,
@@ -165,6 +166,8 @@ class Balloon(Table):
     a bowl or a sleeve always stay"""
     parts: Parts = "held"
     """hold parts of the mesh that share no vertex together by springs, of the structural kind, or leave them "free" """
+    unit: Unit | None = None
+    """of the mesh's coordinates; what its file says, and a meter where that says none, when missing"""
     name: str = ""
     """what its prim is called in the stage; the mesh's name when empty"""
     position: Vector = (0.0, 0.0, 0.0)

@@ -1,0 +1,28 @@
+"""A command that is being run, as it would be typed again."""
+
+import shlex
+from collections.abc import Collection
+
+import typer
+
+
+def command_line(context: typer.Context, without: Collection[str] = ()) -> str:
+    """The command, its arguments and the options that were given, in the order of its help, as a shell takes them.
+
+    Args:
+        context: of the command.
+        without: names of parameters that are left out: those which do not change what is made, but where it goes.
+    """
+    words = ["balloon-warp", str(context.info_name)]
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        source = context.get_parameter_source(name)
+        if source is None or source.name != "COMMANDLINE" or name in without:
+            continue
+        value = context.params[name]
+        for each in value if isinstance(value, list | tuple) else [value]:
+            if parameter.param_type_name == "option":
+                words.append(max(parameter.opts, key=len))
+            if not isinstance(each, bool):
+                words.append(str(each))
+    return shlex.join(words).encode(errors="replace").decode()  # names of files may be no Unicode

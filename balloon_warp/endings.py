@@ -1,0 +1,175 @@
+"""How a run ended, where that is hardly what was wanted: a balloon came apart, fell for ever, collapsed or folded over.
+
+Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from what the
+bundled scenes end with, and near to what balloons in ruins do (tests/test_endings.py).
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.frame import Frame
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.corners import corner_faces
+from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, total_area
+from balloon_warp.mesh.topology import mesh_edges, vertex_components
+from balloon_warp.model import Model
+from balloon_warp.scene.timeline import is_there
+
+FALLEN = 5.0
+"""below where it began, over the balloon's size: with nothing to stop it, it falls on"""
+DRIFTED = 0.5
+"""of the balloon's size, by which a part is farther from the largest part than the balloon's growth explains"""
+LEAST_VOLUME, LEAST_AREA, LEAST_RADIUS = 0.25, 0.25, 0.5
+"""of the mesh's; the radius is the root mean square distance from the center"""
+COMPACT = 0.005
+"""volume over area to the power of 3/2, of a mesh whose volume says something: 0.094 of a ball, 0.048 of a pillow"""
+MOST_FOLDS = 0.01
+"""of the edges"""
+FOLDED, UNFOLDED = -0.7, -0.2
+"""cosines between the normals of two faces that share an edge: folded below the one, and not above the other"""
+
+
+@dataclass(frozen=True)
+class BadEnding:
+    """What became of a balloon."""
+
+    kind: Literal["falling", "drifted", "collapsed", "folded"]
+    balloon: str
+    """its name"""
+    measure: float
+    """what was found: sizes fallen; times its size that a part is off; part of the volume, area or radius that is left,
+    negative where it is inside out; part of the edges that are folded"""
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def bad_endings(model: Model, frame: Frame) -> list[BadEnding]:
+    """The balloons of a world that ended badly, each with the gravest of what there is, in the scene's order.
+
+    Args:
+        model: what was simulated.
+        frame: the last one.
+    """
+    found = (_ending(model, frame, number) for number in range(model.balloon_count))
+    return [ending for ending in found if ending]
+
+
+def ending_sentences(endings: Sequence[BadEnding]) -> list[str]:
+    """One sentence for each kind: of the first balloon, and how many others there are."""
+    counts = Counter(ending.kind for ending in endings)
+    firsts = {ending.kind: ending for ending in reversed(endings)}
+    more = {kind: f" (and {count - 1} more like it)" if count > 1 else "" for kind, count in counts.items()}
+    return [f"{firsts[kind]}{more[kind]}" for kind in counts]
+
+
+def _ending(model: Model, frame: Frame, number: int) -> BadEnding | None:
+    rest = model.shapes[number].mesh
+    end = replace(rest, points=frame.points[number].astype(np.float64))
+    used = np.unique(rest.face_vertex_indices)
+    if (model.shapes[number].mass_share[used] == 0.0).all() or rest.face_vertex_counts.max() < 3:
+        return None
+    return (
+        _falling(model, frame, number, used)
+        or _drifted(rest, end, used)
+        or _collapsed(rest, end, used, model.shapes[number].closed)
+        or _folded(rest, end)
+    )
+
+
+def _falling(model: Model, frame: Frame, number: int, used: NDArray[np.integer]) -> BadEnding | None:
+    scene, shape = model.scene, model.shapes[number]
+    tied = [string for string in scene.string if string.balloon == number and is_there(scene, string, frame.number)]
+    if scene.ground or tied or (shape.mass_share[used] == 0.0).any():
+        return None
+    up, start = np.array(scene.up), shape.mesh.points[used]
+    fallen = float((start - frame.points[number][used]).mean(axis=0) @ up) / _size(start)
+    if fallen < FALLEN or float(frame.velocities[number][used].mean(axis=0) @ up) >= 0.0:
+        return None
+    sentence = f"{shape.name} falls for ever: it is {fallen:.0f} times its size below its start; [ground] stops it"
+    return BadEnding("falling", shape.name, fallen, sentence)
+
+
+def _drifted(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer]) -> BadEnding | None:
+    """Parts are what edges join. Their distances from the largest one do not depend on how the balloon turns."""
+    parts, part_of, sizes = np.unique(
+        vertex_components(rest, mesh_edges(rest))[used], return_inverse=True, return_counts=True
+    )
+    if len(parts) < 2:
+        return None
+    before, after = (_distances(mesh.points[used], part_of, sizes) for mesh in (rest, end))
+    growth = max(1.0, (total_area(end) / max(total_area(rest), 1e-300)) ** 0.5)
+    off = (after - growth * before) / _size(rest.points[used])
+    if off.max() < DRIFTED:
+        return None
+    count, far = int(np.count_nonzero(off > DRIFTED)), float(after[off.argmax()])
+    which = "a part" if count == 1 else f"{count:,} parts"
+    sentence = (
+        f"{rest.name} came apart: {which} of its {len(parts):,} drifted off, as far as {far:.3g} m from the largest"
+    )
+    return BadEnding("drifted", rest.name, float(off.max()), sentence)
+
+
+def _distances(
+    points: NDArray[np.float64], part_of: NDArray[np.integer], sizes: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """From the center of each part to that of the largest, shape (part_count,)."""
+    centers = np.stack([np.bincount(part_of, points[:, axis]) for axis in range(3)], axis=1) / sizes[:, None]
+    return np.linalg.norm(centers - centers[sizes.argmax()], axis=1)
+
+
+def _collapsed(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer], closed: bool) -> BadEnding | None:
+    area = total_area(rest)
+    left = {
+        "area": (total_area(end) / max(area, 1e-300) if area else 1.0, LEAST_AREA),
+        "size": (_radius(end.points[used]) / max(_radius(rest.points[used]), 1e-300), LEAST_RADIUS),
+    }
+    volume = signed_volume(rest)
+    if closed and volume > COMPACT * area**1.5:
+        left = {"volume": (signed_volume(end) / volume, LEAST_VOLUME), **left}
+    for what, (part, least) in left.items():
+        if part < 0.0:
+            sentence = f"{rest.name} turned inside out: its volume is {part:.2f} times that of its mesh"
+            return BadEnding("folded", rest.name, part, sentence)
+        if part < least:
+            helps = "more pressure, stiffer springs or less weight keeps it up"
+            sentence = f"{rest.name} collapsed: it has {part:.0%} of the {what} of its mesh; {helps}"
+            return BadEnding("collapsed", rest.name, part, sentence)
+    return None
+
+
+def _folded(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
+    """Faces that look against a neighbor, as they did not in the mesh."""
+    edges = mesh_edges(rest)
+    first = edges.starts[edges.face_counts == 2]
+    if not len(first):
+        return None
+    faces = corner_faces(rest)[edges.corners]
+    before, after = (_cosines(mesh, faces[first], faces[first + 1]) for mesh in (rest, end))
+    part = float(np.mean((after < FOLDED) & (before > UNFOLDED)))
+    if part < MOST_FOLDS:
+        return None
+    sentence = f"{rest.name} folded over itself: {part:.1%} of its edges are folded sharply that were not"
+    return BadEnding("folded", rest.name, part, sentence)
+
+
+def _cosines(mesh: PolygonMesh, first: NDArray[np.integer], second: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Between the normals of faces, 0 where one has no area."""
+    areas = face_vector_areas(mesh)
+    lengths = np.linalg.norm(areas, axis=1, keepdims=True)
+    normals = np.divide(areas, lengths, out=np.zeros_like(areas), where=lengths > 0.0)
+    return np.einsum("ij,ij->i", normals[first], normals[second])
+
+
+def _size(points: NDArray[np.float64]) -> float:
+    return max(float(np.ptp(points, axis=0).max()), 1e-300)
+
+
+def _radius(points: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean()))

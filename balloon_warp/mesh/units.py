@@ -1,0 +1,15 @@
+"""Units of length that a mesh may have."""
+
+from dataclasses import replace
+from typing import Literal
+
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+Unit = Literal["m", "cm", "mm", "km", "in", "ft"]
+METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
+"""in each unit; of inch and foot, the international ones of 1959"""
+
+
+def in_unit(mesh: PolygonMesh, unit: Unit | None) -> PolygonMesh:
+    """The mesh with its points taken in that unit, whatever its file says; as it is, when missing."""
+    return replace(mesh, meters_per_unit=METERS[unit], unit_known=True) if unit else mesh

@@ -1,0 +1,35 @@
+"""Velocities as a stage has them: of the points that stand in it, so that motion blur follows what is seen.
+
+A simulated velocity is that of one substep. It trembles with what no frame shows, and would end in motion blur.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Vt
+
+
+def author_velocities(target: Sdf.Layer, velocities: Sdf.Path, source: Sdf.Layer, points: Sdf.Path, frame: int) -> None:
+    """Author the velocities of a frame, if its points are there: their central difference in time [m/s]; where a
+    neighbor is missing, as at the first and the last frame, the difference from or to the other; where both are, 0.
+
+    Args:
+        target: what they are written to.
+        velocities: an attribute of it.
+        source: where the points of the frames are; it has as many frames a second.
+        points: an attribute of it.
+        frame: number of the frame.
+    """
+    here = _points(source, points, frame)
+    if here is None:
+        return
+    earlier, later = (_points(source, points, neighbor) for neighbor in (frame - 1, frame + 1))
+    frames = (earlier is not None) + (later is not None)
+    way = (here if later is None else later) - (here if earlier is None else earlier)
+    value = way * (source.timeCodesPerSecond / max(frames, 1))
+    target.SetTimeSample(velocities, frame, Vt.Vec3fArray.FromNumpy(value.astype(np.float32)))
+
+
+def _points(layer: Sdf.Layer, path: Sdf.Path, frame: int) -> NDArray[np.float64] | None:
+    """Of a frame, shape (point_count, 3), in float64: their differences lose nothing."""
+    value = layer.QueryTimeSample(path, frame)
+    return None if value is None else np.array(value, dtype=np.float64).reshape(-1, 3)

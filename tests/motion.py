@@ -1,0 +1,15 @@
+"""What a stage says of its motion, held against that motion."""
+
+import numpy as np
+from pxr import UsdGeom
+
+
+def assert_velocities_are_those_of_the_points(prim: UsdGeom.Mesh, frames_per_second: float) -> None:
+    """They are central differences of the points in time, one-sided at both ends, up to the rounding of a float32."""
+    times = prim.GetPointsAttr().GetTimeSamples()
+    assert prim.GetVelocitiesAttr().GetTimeSamples() == times
+    points = np.array([prim.GetPointsAttr().Get(time) for time in times], dtype=np.float64)
+    velocities = np.array([prim.GetVelocitiesAttr().Get(time) for time in times])
+    expected = np.gradient(points, 1.0 / frames_per_second, axis=0)
+    np.testing.assert_allclose(velocities, expected, rtol=1e-6)
+    assert np.abs(expected).max() > 0.0

@@ -1,0 +1,109 @@
+"""Runs that end badly say so. That no bundled scene does stands in test_bundled_scenes.py, where they are played."""
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import cube, grid, quad_sphere
+
+from balloon_warp import PolygonMesh, Scene, Simulator, animate
+from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
+from balloon_warp.scene import Balloon, Ground, Inflation, String
+
+BALL = quad_sphere(6)
+
+
+def endings(points: np.ndarray, mesh: PolygonMesh = BALL, speed: float = 0.0, **fields: Any) -> list[BadEnding]:
+    """Of a balloon that has got to these points, and moves downward."""
+    simulator = Simulator(Scene(**{"balloon": [Balloon(mesh=mesh)], "ground": Ground(), **fields}), "cpu")
+    frame = simulator.read_frame()
+    velocities = np.full_like(points, -speed) * np.array([0.0, 1.0, 0.0])
+    return bad_endings(simulator.model, replace(frame, points=[points], velocities=[velocities]))
+
+
+def kinds(*arguments: Any, **fields: Any) -> list[str]:
+    return [ending.kind for ending in endings(*arguments, **fields)]
+
+
+def two_balls(apart: float) -> PolygonMesh:
+    """Two components, of which the second is smaller."""
+    small = quad_sphere(4, 0.3)
+    return PolygonMesh(
+        points=np.concatenate([BALL.points, small.points + np.array([apart, 0.0, 0.0])]),
+        face_vertex_counts=np.concatenate([BALL.face_vertex_counts, small.face_vertex_counts]),
+        face_vertex_indices=np.concatenate(
+            [BALL.face_vertex_indices, small.face_vertex_indices + np.int32(BALL.vertex_count)]
+        ),
+    )
+
+
+def test_a_balloon_that_grows_turns_and_moves_has_not_ended_badly():
+    turned = BALL.points[:, [2, 0, 1]]  # about the diagonal
+    assert endings(3.0 * turned + np.array([50.0, 70.0, 0.0])) == []
+    both = two_balls(0.6)
+    assert endings(3.0 * both.points[:, [2, 0, 1]], both) == []
+
+
+def test_a_balloon_that_shrinks_or_is_flat_has_collapsed():
+    assert kinds(0.65 * BALL.points) == []  # 0.27 of its volume
+    (ending,) = endings(0.6 * BALL.points)
+    assert (ending.kind, ending.measure) == ("collapsed", pytest.approx(0.216))
+    assert str(ending).startswith("mesh collapsed: it has 22% of the volume of its mesh; more pressure, ")
+    assert kinds(BALL.points * np.array([1.0, 0.1, 1.0])) == ["collapsed"]
+    sheet = grid(4, 4)  # has no volume, and no need of one
+    assert kinds(sheet.points, sheet) == []
+    assert kinds(0.4 * sheet.points, sheet) == ["collapsed"]
+
+
+def test_a_balloon_turned_inside_out_or_creased_has_folded():
+    (ending,) = endings(-BALL.points)
+    assert (ending.kind, ending.measure) == ("folded", pytest.approx(-1.0))
+    dented = BALL.points.copy()
+    top = dented[:, 1] > 0.3 * dented[:, 1].max()
+    dented[top, 1] = 0.6 * dented[:, 1].max() - dented[top, 1]  # mirrored: a sharp crease around it
+    (ending,) = endings(dented)
+    assert ending.kind == "folded"
+    assert 0.01 < ending.measure < 0.2
+
+
+def test_a_part_that_goes_off_has_drifted():
+    mesh = two_balls(0.8)
+    assert kinds(two_balls(1.2).points, mesh) == []
+    (ending,) = endings(two_balls(3.0).points, mesh)
+    assert ending.kind == "drifted"
+    assert str(ending) == "mesh came apart: a part of its 2 drifted off, as far as 3 m from the largest"
+
+
+def test_a_balloon_with_nothing_below_it_falls_for_ever():
+    size = np.ptp(BALL.points, axis=0).max()
+    low = BALL.points - np.array([0.0, 6.0 * size, 0.0])
+    tied = {"ground": None, "string": [String(anchor=(0.0, 3.0, 0.0))]}
+    assert kinds(low, speed=1.0) == []  # there is a ground
+    assert kinds(low, speed=-1.0, ground=None) == []  # it comes up again
+    assert kinds(low, speed=1.0, **tied) == []
+    assert kinds(low, speed=1.0, ground=None, balloon=[Balloon(mesh=BALL, fixed=[0])]) == []
+    (ending,) = endings(low, speed=1.0, ground=None)
+    assert (ending.kind, ending.measure) == ("falling", pytest.approx(6.0))
+    tied["string"] = [String(anchor=(0.0, 3.0, 0.0), end=0.0)]  # and was cut
+    assert kinds(low, speed=1.0, **tied) == ["falling"]
+
+
+def test_what_happened_to_many_is_said_once():
+    many = [BadEnding("falling", name, 6.0, f"{name} falls") for name in "abc"]
+    other = BadEnding("folded", "d", 0.1, "d folded")
+    assert ending_sentences([*many, other]) == ["a falls (and 2 more like it)", "d folded"]
+
+
+def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
+    """A cube that falls past everything for a little more than a second, five times its size."""
+    cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
+    scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
+    warnings: list[str] = []
+    summary = animate(scene, tmp_path / "fall.usdc", device="cpu", on_warning=warnings.append)
+    assert warnings == ["mesh falls for ever: it is 5 times its size below its start; [ground] stops it"]
+    (said,) = json.loads(json.dumps(summary.as_json()))["bad_endings"]
+    assert said["kind"] == "falling"
+    assert said["balloon"] == "mesh"
+    assert said["measure"] == pytest.approx(0.5 * 9.9 * (63 / 60) ** 2, rel=0.01)  # the step adds 0.002
