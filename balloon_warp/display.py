@@ -27,7 +27,7 @@ class Displayed:
     @property
     def warnings(self) -> list[str]:
         """What is odd about the meshes, and what became of it, a sentence each."""
-        return [warning for shape in self.model.shapes for warning in shape.warnings]
+        return self.model.warnings
 
     def picture(self, world: int = 0, size: tuple[int, int] = (640, 360), samples: int = 4) -> bytes:
         """A picture of one world as it is now, as a PNG file has it: `Path("now.png").write_bytes(picture)`.

@@ -132,9 +132,7 @@ def animate(
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
     seconds = time.perf_counter() - began
     endings = [] if blow_up else _look_at_the_end(simulator, on_warning)
-    if picture:
-        _render(Path(output), Path(picture), device)
-    files = str(output), str(picture) if picture else None
+    files = str(output), _rendered(Path(output), picture, device)
     return _summary(simulator, name, files, begin, restarts, blow_up, endings, seconds)
 
 
@@ -155,18 +153,21 @@ def _first_simulator(
     return simulator
 
 
-def _render(stage: Path, picture: Path, device: str | None) -> None:
-    """A picture of the stage.
+def _rendered(stage: Path, picture: str | Path | None, device: str | None) -> str | None:
+    """The picture of the stage, where one is wanted.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the message says what there is.
     """
+    if not picture:
+        return None
     from balloon_warp.outputs.render import render_stage
 
     try:
         render_stage(stage, picture, device=device)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"{stage} is written, {picture} is not") from None
+    return str(picture)
 
 
 def _summary(

@@ -22,11 +22,11 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
     return request.param
 
 
-def in_space(device: str, spheres: list[Sphere], schedule: str = "auto", **fields) -> Simulator:
+def in_space(device: str, spheres: list[Sphere], **fields) -> Simulator:
     """A balloon of half a kilogram at rest, with springs and nothing else, and spheres."""
     ball = Balloon(mesh=quad_sphere(4, radius=0.5), mass=0.5, damping=0.0, inflation=NO_INFLATION)
     setting = {"gravity": 0.0, "contact": "impulse", "atmosphere": Atmosphere(density=0.0)}
-    return Simulator(Scene(balloon=[ball], sphere=spheres, **setting | fields), device, schedule=schedule)
+    return Simulator(Scene(balloon=[ball], sphere=spheres, **setting | fields), device)
 
 
 def total_energy(simulator: Simulator) -> float:
@@ -67,13 +67,13 @@ def test_a_collision_gives_no_energy_at_any_step_and_mass(ratio, substeps, devic
 
 
 @pytest.mark.parametrize("ratio", [0.001, 1.0, 1000.0])
-def test_a_balloon_between_two_spheres_gets_no_energy(ratio, schedule, device):
+def test_a_balloon_between_two_spheres_gets_no_energy(ratio, device):
     """From both sides at once, with particles at the middle that both may touch in the end."""
     spheres = [
         Sphere(position=(0.0, side * 0.85, 0.03), radius=0.3, mass=ratio * 0.5, velocity=(0.0, -side * 2.0, 0.0))
         for side in (1.0, -1.0)
     ]
-    found = energies(in_space(device, spheres, schedule, substeps=24), 30)
+    found = energies(in_space(device, spheres, substeps=24), 30)
     assert found.max() < 1.005 * found[0]
 
 
@@ -168,7 +168,7 @@ def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(de
 
 
 @pytest.mark.parametrize("restitution", [0.8, 1.0])
-def test_a_sphere_bounces_on_the_ground_and_gains_nothing(restitution, schedule, device):
+def test_a_sphere_bounces_on_the_ground_and_gains_nothing(restitution, device):
     """From H above contact to e^2 H, less the step's error of order g h T; never above, however long the step."""
     still = Balloon(mesh=cube(), position=(9.0, 9.0, 9.0), inflation=NO_INFLATION)
     for substeps, tolerance in ((2, 0.1), (200, 0.01)):
@@ -179,7 +179,7 @@ def test_a_sphere_bounces_on_the_ground_and_gains_nothing(restitution, schedule,
             contact="impulse",
             substeps=substeps,
         )
-        simulator, heights = Simulator(scene, device, schedule=schedule), []
+        simulator, heights = Simulator(scene, device), []
         for _ in range(60):
             simulator.step()
             heights.append(float(simulator.state.sphere_positions.numpy()[0, 0, 1]) - 0.5)

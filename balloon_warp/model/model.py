@@ -14,7 +14,6 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.packing import views_of
-from balloon_warp.model.passing import warnings_of
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
@@ -144,12 +143,6 @@ class Model:
     @property
     def step_seconds(self) -> float:
         return self.frame_seconds / self.substeps
-
-    @property
-    def warnings(self) -> list[str]:
-        """what is odd about the meshes, and what became of it; and which spheres may come through"""
-        radii = np.asarray(self.parameters["sphere_radius"].numpy(), dtype=np.float64)
-        return warnings_of(self.scene, self.shapes, radii, self.step_seconds)
 
     @property
     def has_water(self) -> bool:
