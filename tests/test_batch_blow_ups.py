@@ -13,7 +13,7 @@ from pxr import Usd
 
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import BatchSummary, run_batch
 from balloon_warp.sweep.cluster import Cluster
@@ -23,7 +23,7 @@ FRAMES, WORLDS = 6, 10
 BAD, LAST_GOOD = 3, 3
 """the world that blows up, and its last good frame"""
 FLOATS = Scene(
-    balloon=[Balloon(mesh=cube(), position=(0.0, 2.0, 0.0), damping=0.0)],
+    balloon=[Balloon(mesh=cube(), position=(0.0, 2.0, 0.0), damping=0.0, inflation=Inflation(k_normal=0.2))],
     sphere=[Sphere(position=(0.2, 5.0, 0.0), radius=0.5)],
     string=[String(anchor=(0.0, 0.0, 0.0), stiffness=1.0)],
     ground=Ground(),
@@ -37,7 +37,7 @@ SCHEDULES = {schedule: (FLOATS, schedule) for schedule in ("scatter", "gather", 
 WAYS = SCHEDULES | {"projective": (FLOATS.model_copy(update={"solver": "projective"}), "auto")}
 
 GAINS_ENERGY = Scene(
-    balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0)],
+    balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0, inflation=Inflation(k_normal=0.2))],
     sphere=[Sphere(position=(0.0, 4.0, 0.0))],
     string=[String(anchor=(0.0, -1.0, 0.0))],
     solver="forward_euler",

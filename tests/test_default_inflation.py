@@ -132,6 +132,17 @@ def test_worlds_get_the_pressure_of_their_own_springs():
     assert (values[:, 1] == 7.0).all()
 
 
+def test_worlds_may_differ_in_one_kind_of_spring_alone():
+    """And where none holds the balloon, in nothing that the pressure asks for."""
+    vary = {"balloon.stiffness.structural": [10.0, 20.0, 30.0]}
+    values = plan_model(Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=open_cube())]), 3, vary)
+    pressures = values.parameters["keyframe_values"]
+    assert pressures.shape == (3, 2, 2)
+    assert np.diff(pressures[:, 0, 1]) == pytest.approx(pressures[1, 0, 1] - pressures[0, 0, 1])
+    assert pressures[1, 0, 1] > pressures[0, 0, 1]
+    assert (pressures[:, 1] == 0.0).all()
+
+
 def test_an_open_balloon_is_inflated_where_something_holds_it_and_else_says_that_it_is_not():
     plans = [plan_model(Scene(balloon=[Balloon(mesh=open_cube(), fixed=fixed)])) for fixed in ([], [1])]
     values = [plan.parameters["keyframe_values"][0, 0, -1] for plan in plans]

@@ -6,12 +6,12 @@ import pytest
 from meshes import quad_sphere
 
 from balloon_warp.job import animate
-from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.sweep.batch import run_batch
 
 SCENE = Scene(
     frames=4,
-    balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0))],
+    balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))],
     sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
     string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
     ground=Ground(),

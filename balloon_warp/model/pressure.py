@@ -36,9 +36,10 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
     values = parameters["keyframe_values"]
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         if balloon.inflation.is_automatic:
-            constants = np.stack([parameters[row.name][:, number] for row in KINDS], axis=-1)
-            pressures = np.zeros((len(values), 1)) if shape.flies_off else constants @ _pressures(shape)[:, None]
-            values = np.repeat(values, len(pressures) // len(values), axis=0)
+            constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
+            pressures = np.zeros((1, 1)) if shape.flies_off else constants @ _pressures(shape)[:, None]
+            rows = max(len(values), len(pressures))
+            values = np.broadcast_to(values, (rows, *values.shape[1:])).copy()
             values[:, number] = np.where(np.isnan(values[:, number]), pressures, values[:, number])
     return values
 
