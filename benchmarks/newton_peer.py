@@ -82,7 +82,7 @@ class NewtonPeer:
 @cache
 def outer_force_kernel(traits: Traits) -> Any:
     """The kernel of what Newton lacks: laws on particles, and the inflation."""
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     particle_laws = traits.laws_on("particle")
     inflation = inflation_of(traits)
 

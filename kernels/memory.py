@@ -26,6 +26,45 @@ def vector_at(array: wp.array[wp.vec3], index: wp.int32) -> wp.vec3:
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float2 pair = __ldg(reinterpret_cast<const float2*>(array.data) + (unsigned int)index);
+    return wp::vec_t<2, wp::float32>(pair.x, pair.y);
+#else
+    return array.data[index];
+#endif
+""")
+def pair_at(array: wp.array[wp.vec2], index: wp.int32) -> wp.vec2:
+    """`array[index]` of a contiguous array that no kernel writes to, in one load."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float4 four = __ldg(reinterpret_cast<const float4*>(array.data) + (unsigned int)index);
+    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
+#else
+    return array.data[index];
+#endif
+""")
+def four_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
+    """The same of four numbers."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const int4 four = __ldg(reinterpret_cast<const int4*>(array.data) + (unsigned int)index);
+    return wp::vec_t<4, wp::int32>(four.x, four.y, four.z, four.w);
+#else
+    return array.data[index];
+#endif
+""")
+def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
+    """The same of four integers."""
+    ...
+
+
 @wp.func_native("return array.data[(unsigned int)index];")
 def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
     """`array[index]` of a contiguous array."""
@@ -34,13 +73,19 @@ def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
 
 @wp.func
 def in_tile(tile: Any, index: wp.int32):
-    """`tile[index]`; tiles are contiguous as they are."""
-    return tile[index]
+    """`tile[index]`, which has fewer entries than this; so the compiler knows that the index is not negative."""
+    return tile[index & 0xFFFF]
 
 
 @wp.func_native("tile.data.ptr[index] = value;")
 def put_in_tile(tile: Any, index: wp.int32, value: Any):
     """Into a shared tile, without a barrier."""
+    ...
+
+
+@wp.func_native("array.data[(unsigned int)index] = value;")
+def put_vector(array: wp.array[wp.vec3], index: wp.int32, value: wp.vec3):
+    """Into a contiguous array."""
     ...
 
 

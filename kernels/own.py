@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.compose import function_from
 from balloon_warp.kernels.laws.columns import Columns
-from balloon_warp.kernels.memory import float_at
+from balloon_warp.kernels.memory import float_at, int_at
 from balloon_warp.kernels.tables import Tables, row_of_world
 
 
@@ -38,8 +38,12 @@ def numbers_reader(columns: Columns) -> Any:
 
 
 @cache
-def own_functions(columns: Columns) -> tuple[Any, Any]:
-    """The type of what a particle knows, and the function that reads it."""
+def own_functions(columns: Columns, balloons: int = 0) -> tuple[Any, Any]:
+    """The type of what a particle knows, and the function that reads it.
+
+    Args:
+        balloons: of a world, where that is known: of a single one less has to be read.
+    """
     Numbers = numbers_type(columns.width)  # noqa: N806 - a type
     read_numbers = numbers_reader(columns)
     mass_column = columns.places["mass"]
@@ -62,9 +66,10 @@ def own_functions(columns: Columns) -> tuple[Any, Any]:
         own = Own()
         own.world = world
         own.number = particle
-        own.balloon = t.particles.balloon[particle]
-        own.kind = t.inflation_kind[own.balloon]
-        own.share = t.particles.mass_share[particle]
+        if wp.static(balloons != 1):
+            own.balloon = int_at(t.particles.balloon, particle)
+        own.kind = int_at(t.inflation_kind, own.balloon)
+        own.share = float_at(t.particles.mass_share, particle)
         own.n = read_numbers(t, world, own.balloon)
         own.mass = own.share * own.n[mass_column]
         return own

@@ -6,6 +6,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 import warp as wp
 
 from balloon_warp.kernels.measure.health import HealthTable
+from balloon_warp.kernels.memory import int_at
 
 SLICE = wp.constant(32)
 """particles of a slice of the tables of springs and of quads: the threads of a warp"""
@@ -29,18 +30,35 @@ class SpringTable:
 
     In slices of 32 particles, the threads of a warp: spring `slot` of particle p stands at
     `slice_offsets[p // 32] + 32 * slot + p % 32`, so that 32 threads load 32 neighbors. A particle's slots are filled
-    up to a multiple of four with springs that do nothing.
+    up to a multiple of four with springs that do nothing. Empty where all
+    schedules take them from rings.
     """
 
     slice_offsets: wp.array[wp.int32]
     valences: wp.array[wp.int32]
     """springs of each particle"""
-    ends: wp.array[wp.int32]
-    """four times the particle at the other end, plus the spring's kind"""
+    entries: wp.array[wp.vec2]
+    """four times the particle at the other end, plus the spring's kind, as the bits of an integer; rest length [m]"""
     scales: wp.array[float]
     """a spring's constant over that of its kind; empty if all are 1"""
-    rest_lengths: wp.array[float]
-    """[m]"""
+
+
+@wp.struct
+class RingTable:
+    """The springs of each particle where quads go all around every one of them: first the quads in turn, each with the
+    spring across it and the structural spring that ends it, then the flexion springs, two at a time.
+
+    In slices of 32 particles, as springs are: a particle's next entry is `SLICE` further.
+    """
+
+    places: wp.array[wp.vec4i]
+    """of each particle: its first entry, its quads, its pairs of flexion springs, and the particle at the end of the
+    structural spring that the first quad begins with"""
+    entries: wp.array[wp.vec4]
+    """the particles at the other ends of two springs, as the bits of integers, and the springs' rest lengths [m]; what
+    fills up leads to the particle itself"""
+    scales: wp.array[wp.vec2]
+    """the two springs' constants over those of their kinds; empty if all are 1"""
 
 
 @wp.struct
@@ -152,6 +170,7 @@ class Tables:
 
     particles: ParticleTable
     springs: SpringTable
+    rings: RingTable
     pairs: PairTable
     hinges: HingeTable
     strings: StringTable
@@ -201,7 +220,7 @@ def row_of_world(world: wp.int32, rows: wp.int32):
 @wp.func
 def first_entry(slice_offsets: wp.array[wp.int32], particle: wp.int32):
     """Where a particle's first spring or quad stands; the next is `SLICE` further."""
-    return slice_offsets[particle >> 5] + (particle & 31)
+    return int_at(slice_offsets, particle >> 5) + (particle & 31)
 
 
 @wp.func

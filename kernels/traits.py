@@ -19,6 +19,8 @@ class Traits(NamedTuple):
     """springs of one kind differ"""
     quads: bool = False
     """all faces are quads"""
+    rings: bool = False
+    """quads go all around every particle"""
     guarded: bool = False
     """a law may be infinite between a particle and itself"""
     aims: bool = True

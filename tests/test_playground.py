@@ -246,7 +246,7 @@ def test_every_solver_and_correction_replays(device):
             steps(playground, 2)
             playground.throw(np.array([2.0, 1.5, 0.0]), np.zeros(3), 0.1, 1.0)
             steps(playground, 2)
-    np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
+    assert_replayed(device, replayed(playground).state.points.numpy()[0], playground.points)
 
 
 @pytest.mark.parametrize(("path", "value"), [("balloon.mass", -1.0), ("balloon.helium", "a lot"), ("nonsense", 1.0)])

@@ -13,7 +13,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.tables import make_tables, spring_ends
+from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
 

@@ -15,7 +15,7 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Water
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.banks import spread_over_banks, wavefronts
 from balloon_warp.schedules.scatter import ScatterSchedule
-from balloon_warp.schedules.tables import spring_ends
+from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.simulator import Simulator
 
 

@@ -19,7 +19,7 @@ from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """Device arrays of a batch of worlds. The balloons' particles, springs and faces each stand in one array, in order.
 

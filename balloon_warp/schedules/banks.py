@@ -1,4 +1,5 @@
-"""Which slot each neighbor of a particle is loaded in, so that the loads of a warp meet in few banks of shared memory.
+"""Which slot each neighbor of a particle is loaded in, and which thread of a warp has it, so that the loads of a warp
+meet in few banks of shared memory.
 
 Shared memory has 32 banks, a word wide. A point is three words, so that particle p starts in bank 3 p mod 32, and two
 particles share their banks if they are equal mod 32. In one load, the 32 threads of a warp each read a neighbor: it
@@ -72,3 +73,72 @@ def spread_over_banks(neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
         current[a, p], current[b, p] = current[b, p], current[a, p]
         order[a, p], order[b, p] = order[b, p], order[a, p]
     return order
+
+
+LANE_ROUNDS = 1
+PARTS = 4
+"""of the warps, which are dealt out anew one after the other"""
+
+
+def spread_over_lanes(order: NDArray[np.int64], neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The particles in an order in which those of each warp stay in it, but in other places, shape (particle_count,).
+
+    A warp's particles are dealt out over its places one after the other, those that are read most often first: each
+    gets the place whose bank is least loaded by what is read along with it. All warps do so at once, and then parts of
+    them again, when they know of the others.
+
+    Args:
+        order: the particle at each place.
+        neighbors: the particle that each reads in each slot, -1 if none, shape (slot_count, particle_count).
+    """
+    count = len(order)
+    warps = count // BANKS  # a last one that is not full stays as it is
+    if warps == 0:
+        return order
+    every = order[: warps * BANKS]
+    loads_of, group_count = _loads_of_particles(every, neighbors, count)
+    members = every.reshape(warps, BANKS)
+    reads = (loads_of < group_count).sum(axis=1)
+    members = np.take_along_axis(members, np.argsort(-reads[members], axis=1, kind="stable"), axis=1)
+    loads = np.zeros((group_count + 1, BANKS), dtype=np.int64)
+    bank = np.zeros(count, dtype=np.int64)
+
+    def deal(chosen: NDArray) -> None:
+        free = np.ones((len(chosen), BANKS), dtype=bool)
+        for turn in range(BANKS):
+            particle = members[chosen, turn]
+            groups = loads_of[particle]
+            load = loads[groups]
+            more = (3 * load * (load + 1) + 1).sum(axis=1)  # of the sum of the cubes
+            more[~free] = np.iinfo(np.int64).max
+            bank[particle] = more.argmin(axis=1)
+            free[np.arange(len(chosen)), bank[particle]] = False
+            change(particle, 1)
+
+    def change(particles: NDArray, by: int) -> None:
+        np.add.at(loads, (loads_of[particles], bank[particles][:, None]), by)
+        loads[group_count] = 0  # stands for no load
+
+    deal(np.arange(warps))
+    for part in np.tile(np.arange(PARTS), LANE_ROUNDS):
+        chosen = np.arange(part, warps, PARTS)
+        change(members[chosen].ravel(), -1)
+        deal(chosen)
+    placed = order.copy()
+    placed[(np.arange(warps)[:, None] * BANKS + bank[members]).ravel()] = members.ravel()
+    return placed
+
+
+def _loads_of_particles(every: NDArray[np.int64], neighbors: NDArray[np.int64], count: int) -> tuple[NDArray, int]:
+    """By which loads, of a warp and a slot, each particle is read, shape (count, most), filled up with the number of
+    loads that there are, which is the second."""
+    read = neighbors[:, every].reshape(len(neighbors), -1, BANKS)
+    loads = np.arange(read.shape[0] * read.shape[1]).reshape(read.shape[:2])
+    there = read >= 0
+    load, particle = np.divmod(np.unique((count * loads[..., None] + read)[there]), count)
+    by_particle = np.argsort(particle, kind="stable")
+    load, particle = load[by_particle], particle[by_particle]
+    counts = np.bincount(particle, minlength=count)
+    table = np.full((count, counts.max()), loads.size)
+    table[particle, np.arange(len(particle)) - np.repeat(np.cumsum(counts) - counts, counts)] = load
+    return table, loads.size

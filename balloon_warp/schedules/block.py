@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout
@@ -13,9 +15,11 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
+from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
-from balloon_warp.schedules.tables import SpringEnds, make_tables, spring_ends, world_state
+from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
+from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
 BYTES_PER_PARTICLE = 24
@@ -26,10 +30,10 @@ CPU_TILE_BYTES = 1 << 18
 """the CPU stands in for a GPU here: a block of one thread, a tile of a GPU's size"""
 CAPACITY_STEP = 512
 """capacities of the streaming kernel are multiples of this, so that few are compiled"""
-FEW_THREADS, MOST_THREADS = 512, 1024
+FEW_THREADS, MOST_THREADS = 384, 768
 """of a block whose threads go through many particles: where a multiprocessor has memory for two such blocks, and where
 it has not"""
-STREAMING_REGISTERS = 64
+STREAMING_REGISTERS = 80
 WARP_THREADS = 32
 
 
@@ -51,12 +55,13 @@ class BlockSchedule:
                 f"memory, which holds {_most_particles(model):,}; use gather"
             )
         self.model, self._traits = model, model_traits(model)
-        self._tables = make_tables(model, self._traits)
         self._recipe = _recipe(model, self._traits)
+        self._tables = self._recipe.tables
         self._memory = BlockMemory()
         arrays = _working_arrays(model, self._traits, self._recipe.layout, Allocating(model.device))
         for name, array in arrays.items():
             setattr(self._memory, name, array)
+        self._memory.numbers = wp.array(self._recipe.numbers, dtype=wp.int32, device=model.device)
 
     @staticmethod
     def world_bytes(model: Model) -> int:
@@ -86,16 +91,22 @@ class Recipe:
 
     kernel: Any
     layout: Layout
+    tables: Any
     slots: list[Any]
     """the table of springs that stay in registers, if they do"""
+    numbers: NDArray[np.int64]
+    """of the particles in the tables, which may have them in another order"""
 
 
 def _recipe(model: Model, traits: Traits) -> Recipe:
     ends = spring_ends(model)
     layout, residing = _layout(model, traits, ends)
     if residing:
-        return Recipe(resident_kernel(traits, layout), layout, [slot_table(model, ends, residing.rings)])
-    return Recipe(streaming_kernel(traits, layout), layout, [])
+        slots = [slot_table(model, ends, residing.rings)]
+        own_order = np.arange(model.particle_count)
+        return Recipe(resident_kernel(traits, layout), layout, make_tables(model, traits), slots, own_order)
+    order = order_by_springs(model, ends)
+    return Recipe(streaming_kernel(traits, layout), layout, make_tables(renumbered(model, order), traits), [], order)
 
 
 def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Residence | None]:
@@ -141,6 +152,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "aims": vectors(streaming and traits.aims),
         "area_vectors": vectors(streaming and traits.gas),
         "free_velocities": vectors(streaming and traits.gas),
+        "velocities": vectors(streaming),
         "other_velocities": vectors(traits.looks_at_velocities or (streaming and traits.keeps_velocities)),
         "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
         "frame": room.array((1,), wp.int32),

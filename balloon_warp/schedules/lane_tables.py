@@ -14,7 +14,8 @@ from balloon_warp.kernels.schedules.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
-from balloon_warp.schedules.tables import other_corners, spring_ends
+from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.tables import other_corners
 
 LANES = int(LANE_COUNT)
 

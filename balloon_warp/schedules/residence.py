@@ -6,7 +6,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.rings import Ring, quad_rings
 from balloon_warp.schedules.slots import kind_slots
-from balloon_warp.schedules.tables import SpringEnds
+from balloon_warp.schedules.spring_ends import SpringEnds
 
 WARP_THREADS = 32
 MOST_THREADS = 1024

@@ -1,54 +1,124 @@
 """Quads around particles in order, as the neighbors that they share."""
 
+from typing import Any
+from weakref import WeakKeyDictionary
+
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.tables import SLICE, RingTable
 from balloon_warp.model import Model
-from balloon_warp.schedules.tables import SpringEnds
+from balloon_warp.schedules.slices import slices_of
+from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots
 
 Ring = tuple[NDArray[np.int64], NDArray[np.int64]]
 """The particles around each particle, along edges and across quads, in turns: e0 s0 e1 s1 ...; -1 where there are no
 more. Each of shape (most, particle_count)"""
+STRUCTURAL, SHEAR, FLEXION = range(3)
+_FOUND: WeakKeyDictionary[Model, Ring | None] = WeakKeyDictionary()
 
 
 def quad_rings(model: Model, ends: SpringEnds) -> Ring | None:
-    """The rings, if every particle has one whose neighbors are those of its structural and of its shear springs: on
-    closed surfaces of quads."""
-    offsets = model.face_offsets.numpy()
-    if (np.diff(offsets) != 4).any():
+    """The rings, found once for each model, if every particle has one whose neighbors are those of its structural and
+    of its shear springs: on closed surfaces of quads."""
+    if model not in _FOUND:
+        _FOUND[model] = _rings_of(model, ends)
+    return _FOUND[model]
+
+
+def _rings_of(model: Model, ends: SpringEnds) -> Ring | None:
+    if (np.diff(model.face_offsets.numpy()) != 4).any():
         return None
-    corners = model.face_particles.numpy().reshape(-1, 4)
-    quads_from: list[dict[int, tuple[int, int]]] = [{} for _ in range(model.particle_count)]
-    for turn in range(4):
-        for particle, after, opposite, before in np.roll(corners, -turn, axis=1).tolist():
-            if before in quads_from[particle]:
-                return None
-            quads_from[particle][before] = opposite, after
-    most = int(ends.by_kind[:, :2].max())
-    along = np.full((most, model.particle_count), -1)
-    across = np.full((most, model.particle_count), -1)
-    for particle, quads in enumerate(quads_from):
-        edges, diagonals = _walk(quads)
-        if not _same(ends, particle, 0, edges) or not _same(ends, particle, 1, diagonals):
-            return None
-        along[: len(edges), particle], across[: len(diagonals), particle] = edges, diagonals
-    return along, across
+    count = model.particle_count
+    corners = np.asarray(model.face_particles.numpy(), dtype=np.int64).reshape(-1, 4)
+    particle, after, opposite, before = np.concatenate([np.roll(corners, -turn, axis=1) for turn in range(4)]).T
+    quads = np.bincount(particle, minlength=count)
+    by_edge = np.argsort(count * particle + before, kind="stable")
+    edges = (count * particle + before)[by_edge]
+    wanted = count * particle + after
+    place = np.minimum(np.searchsorted(edges, wanted), len(edges) - 1)
+    if not quads.all() or (np.diff(edges) == 0).any() or (edges[place] != wanted).any():
+        return None
+    following = by_edge[place]
+    _, first = np.unique(particle, return_index=True)
+    along = np.full((quads.max(), count), -1)
+    across = np.full_like(along, -1)
+    quad = first
+    for turn in range(len(along)):
+        going = turn < quads
+        if turn and (going & (quad == first)).any():
+            return None  # two fans meet in a particle
+        along[turn, going], across[turn, going] = before[quad[going]], opposite[quad[going]]
+        quad = np.where(going, following[quad], quad)
+    same = _same(ends, along, STRUCTURAL) and _same(ends, across, SHEAR)
+    return (along, across) if same else None
 
 
-def _walk(quads: dict[int, tuple[int, int]]) -> tuple[list[int], list[int]]:
-    """From quad to quad around a particle, as long as there is a next."""
-    edges: list[int] = []
-    diagonals: list[int] = []
-    edge = next(iter(quads), -1)
-    while edge in quads and edge not in edges:
-        edges.append(edge)
-        opposite, edge = quads[edge]
-        diagonals.append(opposite)
-    return edges, diagonals
+def _same(ends: SpringEnds, around: NDArray[np.int64], kind: int) -> bool:
+    """Whether these are the particles' neighbors by springs of a kind."""
+    count = around.shape[1]
+    particle, neighbor = _entries(around)
+    of_kind = ends.kind == kind
+    return np.array_equal(np.sort(count * particle + neighbor), count * ends.particle[of_kind] + ends.neighbor[of_kind])
 
 
-def _same(ends: SpringEnds, particle: int, kind: int, neighbors: list[int]) -> bool:
-    """Whether these are a particle's neighbors by springs of a kind."""
-    begin, end = np.searchsorted(ends.particle, [particle, particle + 1])
-    of_kind = ends.kind[begin:end] == kind
-    return sorted(neighbors) == sorted(ends.neighbor[begin:end][of_kind].tolist())
+def _entries(around: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Each particle and a neighbor of it, sorted by particle and in the order of its ring."""
+    turns = around.T
+    particle = np.repeat(np.arange(len(turns)), turns.shape[1]).reshape(turns.shape)
+    return particle[turns >= 0], turns[turns >= 0]
+
+
+def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: bool) -> Any:
+    """The rings as kernels read them."""
+    table = RingTable()
+    if ring is None:
+        return table
+    along, across = ring
+    count = model.particle_count
+    around, opposite = _entries(across)
+    quads = np.bincount(around, minlength=count)
+    turn = np.arange(len(around)) - np.repeat(np.cumsum(quads) - quads, quads)
+    next_along = along[(turn + 1) % quads[around], around]
+    bent, other = _pairs_of(neighbors_in_slots(ends, FLEXION))
+    pairs = np.bincount(bent, minlength=count)
+
+    particle = np.concatenate([around, bent])
+    neighbors = np.concatenate([np.stack([opposite, next_along], axis=1), other])
+    kinds = np.repeat([[SHEAR, STRUCTURAL], [FLEXION, FLEXION]], [len(around), len(bent)], axis=0)
+    in_order = np.argsort(particle, kind="stable")
+    particle, neighbors, kinds = particle[in_order], neighbors[in_order], kinds[in_order]
+    slices = slices_of(particle, quads + pairs, 1)
+
+    key = count * (3 * ends.particle + ends.kind) + ends.neighbor
+    spring = np.searchsorted(key, count * (3 * particle[:, None] + kinds) + neighbors)
+    there = neighbors != particle[:, None]
+    spring[~there] = 0
+    entries = np.zeros((len(slices.owners), 4), dtype=np.float32)
+    entries[:, :2] = np.repeat(slices.owners[:, None], 2, axis=1).astype(np.int32).view(np.float32)
+    entries[slices.places, :2] = neighbors.astype(np.int32).view(np.float32)
+    entries[slices.places, 2:] = np.where(there, ends.rest_length[spring], 0.0)
+    scales = np.zeros((len(slices.owners), 2), dtype=np.float32)
+    scales[slices.places] = np.where(there, ends.scale[spring], 0.0)
+    first = slices.offsets[np.arange(count) // SLICE] + np.arange(count) % SLICE
+
+    def array(values: NDArray, dtype: Any) -> wp.array:
+        return wp.array(values, dtype=dtype, device=model.device)
+
+    table.places = array(np.stack([first, quads, pairs, along[0]], axis=1), wp.vec4i)
+    table.entries = array(entries, wp.vec4)
+    if springs_vary:
+        table.scales = array(scales, wp.vec2)
+    return table
+
+
+def _pairs_of(neighbors: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The neighbors in slots, -1 where there are no more, two at a time: particles, and two neighbors of each, shape
+    (pair_count, 2); where there is but one more, the second is the particle itself."""
+    slots, count = neighbors.shape
+    even = np.concatenate([neighbors, np.full((slots % 2, count), -1)])
+    two = even.T.reshape(count, -1, 2)
+    particle = np.broadcast_to(np.arange(count)[:, None], two.shape[:2])
+    there = two[..., 0] >= 0
+    return particle[there], np.where(two[there] < 0, particle[there][:, None], two[there])

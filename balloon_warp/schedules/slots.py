@@ -10,7 +10,7 @@ from balloon_warp.kernels.schedules.block_springs import SlotTable
 from balloon_warp.model import Model
 from balloon_warp.schedules.banks import spread_over_banks
 from balloon_warp.schedules.rings import Ring
-from balloon_warp.schedules.tables import SpringEnds
+from balloon_warp.schedules.spring_ends import SpringEnds
 
 
 def kind_slots(ends: SpringEnds) -> tuple[int, int, int]:

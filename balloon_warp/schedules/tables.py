@@ -1,6 +1,5 @@
 """From a model to the tables that kernels read."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.tables import (
     CHUNK,
-    SLICE,
     CorrectionTable,
     FaceTable,
     FanTable,
@@ -27,46 +25,19 @@ from balloon_warp.kernels.tables import (
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.health import health_table
+from balloon_warp.schedules.rings import quad_rings, ring_table
+from balloon_warp.schedules.slices import slices_of
+from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
 from balloon_warp.springs.coloring import color_springs
-
-
-@dataclass(frozen=True)
-class SpringEnds:
-    """Every spring twice, from each of its ends, sorted by particle, kind and neighbor."""
-
-    particle: NDArray[np.int64]
-    neighbor: NDArray[np.int64]
-    kind: NDArray[np.int64]
-    scale: NDArray[np.float64]
-    """its constant over that of its kind"""
-    rest_length: NDArray[np.float64]
-    """[m]"""
-    by_kind: NDArray[np.int64]
-    """springs of each kind at each particle, shape (particle_count, 3)"""
-
-
-def spring_ends(model: Model) -> SpringEnds:
-    """The model's springs as its particles see them."""
-    ends = model.spring_particles.numpy().astype(np.int64).reshape(-1, 2)
-    kind = np.tile(model.spring_kind.numpy().astype(np.int64), 2)
-    particle, neighbor = np.concatenate([ends, ends[:, ::-1]]).T
-    order = np.lexsort([neighbor, kind, particle])
-    count = model.particle_count
-    return SpringEnds(
-        particle=particle[order],
-        neighbor=neighbor[order],
-        kind=kind[order],
-        scale=np.tile(np.asarray(model.spring_stiffness_scale.numpy(), dtype=np.float64), 2)[order],
-        rest_length=np.tile(np.asarray(model.spring_rest_length.numpy(), dtype=np.float64), 2)[order],
-        by_kind=np.bincount(3 * particle + kind, minlength=3 * count).reshape(count, 3),
-    )
 
 
 def make_tables(model: Model, traits: Traits) -> Any:
     """All that does not change in a frame."""
     t = Tables()
     t.particles = _particles(model)
-    t.springs = _springs(model, traits)
+    ends = spring_ends(model)
+    t.springs = _springs(model, traits, ends)
+    t.rings = ring_table(model, ends, quad_rings(model, ends) if traits.rings else None, traits.springs_vary)
     t.pairs = _pairs(model)
     t.hinges = _hinges(model, traits)
     t.strings = _strings(model)
@@ -101,47 +72,21 @@ def _particles(model: Model) -> Any:
     return table
 
 
-@dataclass(frozen=True)
-class Slices:
-    """Where the entries of particles stand, in slices of 32 particles."""
-
-    offsets: NDArray[np.int64]
-    places: NDArray[np.int64]
-    """of each entry, sorted by particle"""
-    owners: NDArray[np.int64]
-    """the particle of each place, filled up ones too"""
-
-
-def _slices(particles: NDArray[np.int64], counts: NDArray[np.int64], step: int) -> Slices:
-    """Each particle's entries filled up to a multiple of the step, and to the most in its slice."""
-    slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
-    padded = np.zeros(-(-len(counts) // SLICE) * SLICE, dtype=np.int64)
-    padded[: len(counts)] = -(-counts // step) * step
-    widths = padded.reshape(-1, SLICE).max(axis=1)
-    offsets = SLICE * np.cumsum(np.append(0, widths))
-    in_slice = np.arange(offsets[-1]) % SLICE
-    owners = np.minimum(np.repeat(np.arange(len(widths)), SLICE * widths) * SLICE + in_slice, len(counts) - 1)
-    return Slices(offsets, offsets[particles // SLICE] + SLICE * slot + particles % SLICE, owners)
-
-
-def _springs(model: Model, traits: Traits) -> Any:
-    ends = spring_ends(model)
-    valences = ends.by_kind.sum(axis=1)
-    slices = _slices(ends.particle, valences, CHUNK)
-    packed = 4 * slices.owners  # what fills up is a spring from the particle to itself
-    packed[slices.places] = 4 * ends.neighbor + ends.kind
-
-    def placed(values: NDArray) -> wp.array:
-        entries = np.zeros(len(packed))
-        entries[slices.places] = values
-        return _array(model, entries, float)
-
+def _springs(model: Model, traits: Traits, ends: SpringEnds) -> Any:
+    """All springs, unless all schedules find them in rings."""
     table = SpringTable()
+    if traits.rings and traits.measures_areas:
+        return table
+    valences = ends.by_kind.sum(axis=1)
+    slices = slices_of(ends.particle, valences, CHUNK)
+    packed = 4 * slices.owners.astype(np.int32)  # what fills up is a spring from the particle to itself
+    packed[slices.places] = 4 * ends.neighbor + ends.kind
+    lengths, scales = np.zeros((2, len(packed)), dtype=np.float32)
+    lengths[slices.places], scales[slices.places] = ends.rest_length, ends.scale
     table.slice_offsets = _array(model, slices.offsets, wp.int32)
     table.valences = _array(model, valences, wp.int32)
-    table.ends = _array(model, packed, wp.int32)
-    table.scales = placed(ends.scale) if traits.springs_vary else _array(model, [], float)
-    table.rest_lengths = placed(ends.rest_length)
+    table.entries = _array(model, np.stack([packed.view(np.float32), lengths], axis=1), wp.vec2)
+    table.scales = _array(model, scales if traits.springs_vary else [], float)
     return table
 
 
@@ -227,7 +172,7 @@ def _fans(model: Model, traits: Traits) -> Any:
     if traits.measures_areas and traits.quads:
         particles, others = quads_at_particles(model)
         counts = np.bincount(particles, minlength=count)
-        slices = _slices(particles, counts, 1)
+        slices = slices_of(particles, counts, 1)
         quads = np.repeat(slices.owners[:, None], 3, axis=1)
         quads[slices.places] = others
         table.slice_offsets = _array(model, slices.offsets, wp.int32)

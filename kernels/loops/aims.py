@@ -6,7 +6,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.inflation import FAR, aim_of, nearer_area
-from balloon_warp.kernels.tables import FaceTable
+from balloon_warp.kernels.loops.areas import area_vector_of_quad
+from balloon_warp.kernels.memory import four_at, four_ints_at
+from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
 
 
 @cache
@@ -29,6 +31,36 @@ def aim_loop(at: Any) -> Any:
             area_vector = at(area_vectors, face)
             normal += wp.normalize(area_vector)
             nearest = nearer_area(nearest, point, at(centers, face), area_vector)
+        return aim_of(normal, nearest, total_area)
+
+    return aim_of_particle
+
+
+@cache
+def ring_aim_loop(at: Any) -> Any:
+    """The function that aims a particle by the quads that go all around it, which it measures itself.
+
+    Args:
+        at: the function that reads a point.
+    """
+
+    @wp.func
+    def aim_of_particle(rings: RingTable, points: Any, particle: wp.int32, point: wp.vec3, total_area: float):
+        """(A_p / A_total) n"""
+        normal = wp.vec3()
+        nearest = wp.vec2(FAR, 0.0)
+        place = four_ints_at(rings.places, particle)
+        before = at(points, place[3]) - point
+        ahead = four_at(rings.entries, place[0])
+        for entry in range(place[0], place[0] + SLICE * place[1], SLICE):
+            quad = ahead
+            ahead = four_at(rings.entries, entry + SLICE)
+            across = at(points, wp.cast(quad[0], wp.int32)) - point
+            along = at(points, wp.cast(quad[1], wp.int32)) - point
+            area_vector = area_vector_of_quad(before, across, along)
+            normal += wp.normalize(area_vector)
+            nearest = nearer_area(nearest, wp.vec3(), 0.25 * (before + across + along), area_vector)
+            before = along
         return aim_of(normal, nearest, total_area)
 
     return aim_of_particle

@@ -25,6 +25,12 @@ def area_vector_of_quad_corner(before: Any, opposite: Any, after: Any):
 
 
 @wp.func
+def area_vector_of_quad(before: Any, opposite: Any, after: Any):
+    """Area times unit normal of a quad, flat or not [m^2], from the vectors from one corner to the others [m]."""
+    return scaled(cross_product(opposite, before - after), 0.5)
+
+
+@wp.func
 def area_vector_of_corner(double_area: Any, chord: Any, arms: Any, corners: float):
     """What a face adds to the area vector of one of its corners [m^2].
 

@@ -9,10 +9,11 @@ from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.loops.areas import area_loop
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
+from balloon_warp.kernels.loops.rings import ring_loop
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import wetness_loop
-from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.memory import in_tile, vector_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -20,13 +21,12 @@ from balloon_warp.kernels.traits import Traits
 class Loops(NamedTuple):
     """What a particle goes through. The functions take the particle's `own`, one or eight at a time."""
 
-    springs: Any
-    """(t, points, velocities, own, springs, point, velocity, time) to their net force"""
+    around: Any
+    """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and to its area
+    vector where that is needed"""
     others: Any
     """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and faces; None if the springs'
     has it already"""
-    area_vector: Any
-    """(t, points, own, springs, point)"""
     water_load: Any
     """(t, points, own)"""
     particle_laws: Any
@@ -46,12 +46,9 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
             velocities: of all particles, where a law asks for its neighbors'.
             springs: what the loop over springs goes by, beside the tables.
         """
-        force = loops.springs(t, points, velocities, own, springs, point, velocity, time)
+        force, area_vector = loops.around(t, points, velocities, own, springs, point, velocity, time)
         if wp.static(others):
             force += loops.others(t, points, velocities, own, point, velocity, time)
-        area_vector = scaled(point, 0.0)
-        if wp.static(traits.measures_areas):
-            area_vector = loops.area_vector(t, points, own, springs, point)
         water_load = wp.vec4()
         if wp.static(traits.in_water):
             force += loops.particle_laws(
@@ -65,6 +62,22 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
         return force, area_vector
 
     return net_force
+
+
+@cache
+def one_after_the_other(traits: Traits, pull_of_springs: Any, area_vector_of_own: Any) -> Any:
+    """The function that goes through a particle's springs, and then around its faces."""
+
+    @wp.func
+    def around(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
+        """Force [N] and area vector [m^2]."""
+        force = pull_of_springs(t, points, velocities, own, springs, point, velocity, time)
+        area_vector = scaled(point, 0.0)
+        if wp.static(traits.measures_areas):
+            area_vector = area_vector_of_own(t, points, own, springs, point)
+        return force, area_vector
+
+    return around
 
 
 @cache
@@ -105,10 +118,13 @@ def scalar_loops(traits: Traits, at: Any, springs: Any = None, area_vector: Any 
         """Depth times area vector [m^3], and wetted area [m^2]."""
         return load_of_particle(t.faces, points, own.number, own.n[level_column], t.up)
 
+    if traits.rings and not springs and (traits.measures_areas or at is in_tile):
+        around = ring_loop(traits, at)
+    else:
+        around = one_after_the_other(traits, springs or spring_loop(traits, at), area_vector or area_vector_of_own)
     return Loops(
-        springs or spring_loop(traits, at),
+        around,
         other_pulls,
-        area_vector or area_vector_of_own,
         water_load_of_own,
         traits.laws_on("particle"),
     )

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
-from balloon_warp.kernels.memory import float_at, int_at, vector_at
+from balloon_warp.kernels.memory import float_at, int_at, pair_at, vector_at
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import CHUNK, SLICE, Tables, first_entry
 from balloon_warp.kernels.traits import Traits
@@ -42,10 +42,41 @@ def pair_pull(traits: Traits) -> Any:
 
 
 @cache
-def spring_loop(traits: Traits, at: Any) -> Any:
-    """The function that sums a particle's springs, read from the table."""
+def spring_pull(traits: Traits) -> Any:
+    """The function that gives what a spring does to the particle at one of its ends."""
     coefficient = traits.laws_on("spring")
     moving = traits.needs("spring", "opening")
+
+    @wp.func
+    def pull_of_spring(
+        t: Tables,
+        velocities: Any,
+        own: Any,
+        end: wp.int32,
+        d: wp.vec3,
+        stiffness: float,
+        length: float,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        """[N]; `d` leads to the other end [m]. What fills up leads to the particle itself, and does nothing."""
+        opening = float(0.0)
+        if wp.static(moving):
+            opening = wp.dot(vector_at(velocities, end) - velocity, d)
+        pull = d * coefficient(
+            squared_length(d), opening, length, stiffness, stiffness * length, t.step_seconds, time, own.n
+        )
+        if wp.static(traits.guarded):
+            pull = wp.where(end == own.number, wp.vec3(), pull)
+        return pull
+
+    return pull_of_spring
+
+
+@cache
+def spring_loop(traits: Traits, at: Any) -> Any:
+    """The function that sums a particle's springs, read from the table."""
+    pull_of_spring = spring_pull(traits)
 
     @wp.func
     def pull_of_springs(
@@ -61,24 +92,18 @@ def spring_loop(traits: Traits, at: Any) -> Any:
         """Net force of a particle's springs [N]."""
         force = wp.vec3()
         begin = first_entry(t.springs.slice_offsets, own.number)
-        for chunk in range(begin, begin + SLICE * t.springs.valences[own.number], SLICE * CHUNK):
+        for chunk in range(begin, begin + SLICE * int_at(t.springs.valences, own.number), SLICE * CHUNK):
             for slot in range(CHUNK):
                 entry = chunk + SLICE * slot
-                end = int_at(t.springs.ends, entry)
-                length = float_at(t.springs.rest_lengths, entry)
+                spring = pair_at(t.springs.entries, entry)
+                end = wp.cast(spring[0], wp.int32)
                 stiffness = constant_of_kind(own.n, end & 3)
                 if wp.static(traits.springs_vary):
                     stiffness *= float_at(t.springs.scales, entry)
-                d = at(points, end >> 2) - point
-                opening = float(0.0)
-                if wp.static(moving):
-                    opening = wp.dot(vector_at(velocities, end >> 2) - velocity, d)
-                pull = d * coefficient(
-                    squared_length(d), opening, length, stiffness, stiffness * length, t.step_seconds, time, own.n
-                )
-                if wp.static(traits.guarded):
-                    pull = wp.where(end >> 2 == own.number, wp.vec3(), pull)
-                force += pull
+                force += pull_of_spring(
+                    t, velocities, own, end >> 2, at(points, end >> 2) - point, stiffness,
+                    spring[1], velocity, time,
+                )  # fmt: skip
         return force
 
     return pull_of_springs

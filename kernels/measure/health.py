@@ -37,13 +37,14 @@ def look_at_particle(
     first_bad: wp.array[wp.int32],
     world: wp.int32,
     particle: wp.int32,
+    number: wp.int32,
     balloon: wp.int32,
     mass_share: float,
     points: Any,
 ):
-    """Lower the world's entry to the particle if that is bad: too far from its balloon's origin, or itself that origin
-    and too far from the world's or from its partner. Most are near, which takes no memory to see. A particle without
-    mass stays where it is."""
+    """Lower the world's entry to the particle's number in the model if that is bad: too far from its balloon's origin,
+    or itself that origin and too far from the world's or from its partner. Most are near, which takes no memory to see.
+    A particle without mass stays where it is."""
     point = points[particle]
     if is_past(point, health.near):
         if mass_share > 0.0:
@@ -53,7 +54,7 @@ def look_at_particle(
                 other = health.partners[balloon]
                 bad = is_past(point, health.reach)
             if bad or is_past(point - points[other], health.spans[balloon]):
-                wp.atomic_min(first_bad, world, particle)
+                wp.atomic_min(first_bad, world, number)
 
 
 @wp.func

@@ -78,7 +78,7 @@ def string_measure(traits: Traits) -> Any:
 def law_measure(traits: Traits, laws: tuple[Law, ...], number: int = 0) -> Any:
     """The function that measures what each law on particles, hinges or faces does to a particle, one by one."""
     alone = traits._replace(laws=laws[:1], pressures=False)
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     net_force = net_force_function(alone, scalar_loops(alone, vector_at))
     others = law_measure(traits, laws[1:], number + 1) if len(laws) > 1 else None
 

@@ -57,7 +57,7 @@ def advance_kernel(
         loops: over what acts on a particle; None where free velocities already have all of it but the inflation.
         until: how far. Forces are all but the inflation's; free velocities are those that they give.
     """
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     net_force = net_force_function(traits, loops) if loops else None
     inertia = inertia_function(traits)
     push_and_move = pushing_function(traits)

@@ -46,6 +46,10 @@ class BlockMemory:
     aims: wp.array2d[wp.vec3]
     area_vectors: wp.array2d[wp.vec3]
     free_velocities: wp.array2d[wp.vec3]
+    numbers: wp.array[wp.int32]
+    """of the particles in the model: tables may have them in another order"""
+    velocities: wp.array2d[wp.vec3]
+    """in that order"""
     other_velocities: wp.array2d[wp.vec3]
     """where neighbors look at them: a substep reads one buffer and writes the other"""
     inflations: wp.array2d[wp.vec3]
@@ -106,7 +110,7 @@ def count_frame(state: WorldState, world: wp.int32, thread: wp.int32):
 @cache
 def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tuple[Any, Any]:
     """The type of a particle in a thread's registers, and the function that seats one."""
-    Own, read_own = own_functions(traits.columns)  # noqa: N806 - a type
+    Own, read_own = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
 
     @wp.struct
     class Member:

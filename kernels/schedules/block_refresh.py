@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.loops.aims import aim_loop
-from balloon_warp.kernels.loops.areas import face_measures
-from balloon_warp.kernels.memory import in_tile, put_in_array, put_in_tile, vector_at
+from balloon_warp.kernels.loops.aims import aim_loop, ring_aim_loop
+from balloon_warp.kernels.loops.areas import area_vector_of_quad, face_measures
+from balloon_warp.kernels.memory import in_tile, int_at, put_in_array, put_in_tile, vector_at
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
@@ -17,7 +17,7 @@ from balloon_warp.kernels.schedules.warps import (
     warp_sum,
     word_at,
 )
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.tables import FaceTable, Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -27,7 +27,7 @@ class Refresh(NamedTuple):
     measure: Any
     """(t, seat, points, centers, area_vectors): every face by one thread, and the areas of balloons; with barriers"""
     aim: Any
-    """(t, seat, centers, area_vectors, particle, balloon, point): (A_p / A_total) n"""
+    """(t, seat, points, centers, area_vectors, particle, balloon, point): (A_p / A_total) n"""
 
 
 @cache
@@ -38,6 +38,19 @@ def refresh_of(traits: Traits, layout: Layout) -> Refresh:
     at, put = (in_tile, put_in_tile) if layout.resident else (vector_at, put_in_array)
     center_of_face, area_vector_of_face = face_measures(in_tile)
     aim_of_particle = aim_loop(at)
+    aim_in_ring = ring_aim_loop(in_tile)
+    rings = traits.rings and not layout.resident
+
+    @wp.func
+    def area_vector_of_quad_face(faces: FaceTable, points: Any, face: wp.int32):
+        """[m^2]"""
+        corner = 4 * face
+        point = in_tile(points, int_at(faces.particles, corner))
+        return area_vector_of_quad(
+            in_tile(points, int_at(faces.particles, corner + 3)) - point,
+            in_tile(points, int_at(faces.particles, corner + 2)) - point,
+            in_tile(points, int_at(faces.particles, corner + 1)) - point,
+        )
 
     @wp.func
     def measure(t: Tables, seat: Seat, points: Any, centers: Any, area_vectors: Any):
@@ -45,11 +58,14 @@ def refresh_of(traits: Traits, layout: Layout) -> Refresh:
             part = float(0.0)
             begin = t.faces.balloon_offsets[balloon]
             for face in range(begin + seat.thread, t.faces.balloon_offsets[balloon + 1], wp.block_dim()):
-                center = center_of_face(t.faces, points, face)
-                area_vector = area_vector_of_face(t.faces, points, face, center)
-                put(centers, face, center)
-                put(area_vectors, face, area_vector)
-                part += wp.length(area_vector)
+                if wp.static(rings):
+                    part += wp.length(area_vector_of_quad_face(t.faces, points, face))
+                else:
+                    center = center_of_face(t.faces, points, face)
+                    area_vector = area_vector_of_face(t.faces, points, face, center)
+                    put(centers, face, center)
+                    put(area_vectors, face, area_vector)
+                    part += wp.length(area_vector)
             part = warp_sum(part)
             if seat.thread % WARP_THREADS == 0:
                 put_word(areas(), balloon * warps + seat.thread // WARP_THREADS, part)
@@ -57,11 +73,21 @@ def refresh_of(traits: Traits, layout: Layout) -> Refresh:
 
     @wp.func
     def aim(
-        t: Tables, seat: Seat, centers: Any, area_vectors: Any, particle: wp.int32, balloon: wp.int32, point: wp.vec3
+        t: Tables,
+        seat: Seat,
+        points: Any,
+        centers: Any,
+        area_vectors: Any,
+        particle: wp.int32,
+        balloon: wp.int32,
+        point: wp.vec3,
     ):
         area = float(0.0)
         for warp in range(warps):
             area += word_at(areas(), balloon * warps + warp)
-        return aim_of_particle(t.faces, centers, area_vectors, particle, point, area)
+        if wp.static(rings):
+            return aim_in_ring(t.rings, points, particle, point, area)
+        else:
+            return aim_of_particle(t.faces, centers, area_vectors, particle, point, area)
 
     return Refresh(measure, aim)

@@ -145,9 +145,9 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         """One substep, from one tile of points to the other."""
         if wp.static(traits.aims and traits.fresh_normals):
             refresh.measure(t, seat, source, centers, areas)
-            mine.aim = refresh.aim(t, seat, centers, areas, mine.own.number, mine.own.balloon, mine.point)
+            mine.aim = refresh.aim(t, seat, source, centers, areas, mine.own.number, mine.own.balloon, mine.point)
             if wp.static(two):
-                also.aim = refresh.aim(t, seat, centers, areas, also.own.number, also.own.balloon, also.point)
+                also.aim = refresh.aim(t, seat, source, centers, areas, also.own.number, also.own.balloon, also.point)
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
             board.roll(t, seat.world, seat.thread, seat.substep)
             block_barrier()
@@ -203,7 +203,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             state.velocities[seat.world, place] = member.velocity
             if is_past(member.point, t.health.near):  # few are
                 look_at_particle(
-                    t.health, state.first_bad, seat.world, place, t.particles.balloon[place],
+                    t.health, state.first_bad, seat.world, place, place, t.particles.balloon[place],
                     t.particles.mass_share[place], points,
                 )  # fmt: skip
 
@@ -251,9 +251,9 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         block_barrier()
         if wp.static(traits.aims and not traits.fresh_normals):
             refresh.measure(t, seat, even, centers, areas)
-            mine.aim = refresh.aim(t, seat, centers, areas, mine.own.number, mine.own.balloon, mine.point)
+            mine.aim = refresh.aim(t, seat, even, centers, areas, mine.own.number, mine.own.balloon, mine.point)
             if wp.static(two):
-                also.aim = refresh.aim(t, seat, centers, areas, also.own.number, also.own.balloon, also.point)
+                also.aim = refresh.aim(t, seat, even, centers, areas, also.own.number, also.own.balloon, also.point)
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
             first, second = substep(t, state, now, mine, also, even, odd, velocities, other_velocities, centers, areas)

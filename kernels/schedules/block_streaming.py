@@ -9,7 +9,7 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.measure.health import look_at_particle
-from balloon_warp.kernels.memory import in_tile, put_in_tile
+from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_gas import gas_sums
@@ -68,8 +68,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """The particle that a thread has in a turn."""
         member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
-        member.point = points[member.own.number]
-        member.velocity = velocities[member.own.number]
+        member.point = in_tile(points, member.own.number)
+        member.velocity = vector_at(velocities, member.own.number)
         if wp.static(traits.aims):
             member.aim = memory.aims[seat.world, member.own.number]
         if wp.static(traits.gas):
@@ -91,7 +91,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     def put_member(seat: Seat, member: Member, target: Any, velocities: wp.array[wp.vec3]):
         """Where others and the next substep find it."""
         if member.active:
-            velocities[member.own.number] = member.velocity
+            put_vector(velocities, member.own.number, member.velocity)
             put_in_tile(target, member.own.number, member.point)
 
     @wp.func
@@ -103,7 +103,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         for particle in range(seat.thread, seat.count, wp.block_dim()):
             balloon = t.particles.balloon[particle]
             memory.aims[seat.world, particle] = refresh.aim(
-                t, seat, centers, areas, particle, balloon, points[particle]
+                t, seat, points, centers, areas, particle, balloon, points[particle]
             )
 
     @wp.func
@@ -215,7 +215,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 refresh_aims(t, memory, seat, rounds, source)
         if wp.static(traits.spheres > 0):
             board.roll(t, seat.world, seat.thread, seat.substep)
-        block_barrier()
+            block_barrier()
         if wp.static(traits.gas):
             pull_and_swell(t, state, memory, seat, rounds, source, velocities)
         push_and_move(t, state, memory, seat, rounds, source, target, velocities, new_velocities)
@@ -229,13 +229,16 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         block_barrier()
 
     @wp.func
-    def end_world(t: Tables, state: WorldState, seat: Seat, points: Any, velocities: wp.array[wp.vec3]):
+    def end_world(
+        t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: Any, velocities: wp.array[wp.vec3]
+    ):
         """What a frame ends with."""
         for particle in range(seat.thread, seat.count, wp.block_dim()):
-            state.points[seat.world, particle] = points[particle]
-            state.velocities[seat.world, particle] = velocities[particle]
+            number = memory.numbers[particle]
+            state.points[seat.world, number] = points[particle]
+            state.velocities[seat.world, number] = velocities[particle]
             look_at_particle(
-                t.health, state.first_bad, seat.world, particle, t.particles.balloon[particle],
+                t.health, state.first_bad, seat.world, particle, number, t.particles.balloon[particle],
                 t.particles.mass_share[particle], points,
             )  # fmt: skip
 
@@ -261,8 +264,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         seat.thread = thread
         seat.count = state.points.shape[1]
         frame_begin = begins(t, memory)
-        velocities = state.velocities[world]
-        other_velocities = state.velocities[world]
+        velocities = memory.velocities[world]
+        other_velocities = memory.velocities[world]
         if wp.static(traits.keeps_velocities):
             other_velocities = memory.other_velocities[world]
         if wp.static(traits.spheres > 0):
@@ -270,7 +273,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.gas):
             gas.begin(t, state, seat)
         for particle in range(thread, seat.count, wp.block_dim()):
-            put_in_tile(even, particle, state.points[world, particle])
+            number = memory.numbers[particle]
+            put_in_tile(even, particle, state.points[world, number])
+            velocities[particle] = state.velocities[world, number]
         block_barrier()
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
@@ -280,9 +285,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(layout.odd_substeps):
             last = at_substep(t, seat, frame_begin, t.substeps - 1)
             substep(t, state, memory, last, even, odd, velocities, other_velocities)
-            end_world(t, state, seat, odd, other_velocities)
+            end_world(t, state, memory, seat, odd, other_velocities)
         else:
-            end_world(t, state, seat, even, velocities)
+            end_world(t, state, memory, seat, even, velocities)
         if wp.static(traits.spheres > 0):
             board.end(t, state, world, thread, t.substeps - 1)
         count_frame(state, world, thread)

@@ -213,7 +213,7 @@ def end_frame(
     for particle in range(thread, points.shape[1], threads):
         balloon = particles.balloon[particle]
         share = particles.mass_share[particle]
-        look_at_particle(health, first_bad, world, particle, balloon, share, points[world])
+        look_at_particle(health, first_bad, world, particle, particle, balloon, share, points[world])
     for sphere in range(thread, sphere_positions.shape[1], threads):
         look_at_sphere(health, first_bad, world, points.shape[1], sphere, sphere_positions[world, sphere])
     if world == 0 and thread == 0:

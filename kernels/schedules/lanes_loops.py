@@ -23,7 +23,7 @@ from balloon_warp.kernels.algebra import (
 from balloon_warp.kernels.loops.areas import area_loop, area_vector_of_quad_corner
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
-from balloon_warp.kernels.loops.net_force import Loops
+from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import wetness_loop
 from balloon_warp.kernels.own import numbers_reader
@@ -192,4 +192,5 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
             force[2, lane] = of_one[2]
         return force
 
-    return Loops(lane_spring_loop(traits), other_pulls, lane_area_loop(traits), water_load, particle_laws)
+    around = one_after_the_other(traits, lane_spring_loop(traits), lane_area_loop(traits))
+    return Loops(around, other_pulls, water_load, particle_laws)

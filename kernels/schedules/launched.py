@@ -141,7 +141,7 @@ def inertia_function(traits: Traits) -> Any:
 @cache
 def leave_kernel(traits: Traits) -> Any:
     """The kernel by which particles leave obstacles after a correction."""
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     leave = leaving_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -70,7 +70,7 @@ def tube_kernel(traits: Traits) -> Any:
 @cache
 def load_kernel(traits: Traits) -> Any:
     """The kernel that finds the pressures of balloons, from how they would swell without them."""
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     read_numbers = numbers_reader(traits.columns)
     swell = swell_function(traits, sphere_in_state)
     remembered = memory_function(traits)

@@ -27,7 +27,7 @@ from balloon_warp.kernels.traits import Traits
 def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
     """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, and,
     when all have, how they stand on the ground."""
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     height_column = traits.columns.places["ground_height"]
     friction_column = traits.columns.places["ground_friction"]

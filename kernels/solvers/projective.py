@@ -64,7 +64,7 @@ def push_function(traits: Traits) -> Any:
 @cache
 def foreseeing_kernel(traits: Traits) -> Any:
     """The kernel that foresees displacements."""
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     outer = tuple(law for law in traits.of_kind("particle") if law is not DAMPING)
     particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns)
     inertia = inertia_function(traits)
@@ -106,7 +106,7 @@ def foreseeing_kernel(traits: Traits) -> Any:
 @cache
 def local_step_kernel(traits: Traits) -> Any:
     """The kernel of the local step."""
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     pull_of_springs = spring_loop(traits, vector_at)
     pull_of_strings = string_loop(traits)
     inertia = inertia_function(traits)
@@ -162,7 +162,7 @@ def apply_increments(
 @cache
 def ending_kernel(traits: Traits) -> Any:
     """The kernel that ends a substep."""
-    _, read_own = own_functions(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
     leave = leaving_function(traits)
     push_of = push_function(traits)
 

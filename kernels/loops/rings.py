@@ -1,0 +1,71 @@
+"""A particle's springs and faces together, where quads go all around it: each point is read once for both."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.areas import area_vector_of_quad_corner
+from balloon_warp.kernels.loops.springs import spring_pull
+from balloon_warp.kernels.memory import four_at, four_ints_at, pair_at
+from balloon_warp.kernels.tables import SLICE, Tables
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def ring_loop(traits: Traits, at: Any) -> Any:
+    """The function that goes around a particle, and then through its flexion springs."""
+    pull_of_spring = spring_pull(traits)
+
+    @wp.func
+    def scales_of(t: Tables, entry: wp.int32):
+        """Of two springs."""
+        if wp.static(traits.springs_vary):
+            return pair_at(t.rings.scales, entry)
+        else:
+            return wp.vec2(1.0, 1.0)
+
+    @wp.func
+    def around(
+        t: Tables,
+        points: Any,
+        velocities: Any,
+        own: Any,
+        springs: Any,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        """Net force of the springs [N], and the area vector [m^2] where it is needed."""
+        force = wp.vec3()
+        area_vector = wp.vec3()
+        place = four_ints_at(t.rings.places, own.number)
+        before = at(points, place[3]) - point
+        middle = place[0] + SLICE * place[1]
+        ahead = four_at(t.rings.entries, place[0])
+        for entry in range(place[0], middle, SLICE):
+            quad = ahead
+            ahead = four_at(t.rings.entries, entry + SLICE)  # so that it is there in the next turn
+            scales = scales_of(t, entry)
+            opposite = wp.cast(quad[0], wp.int32)
+            neighbor = wp.cast(quad[1], wp.int32)
+            across = at(points, opposite) - point
+            along = at(points, neighbor) - point
+            force += pull_of_spring(t, velocities, own, opposite, across, own.n[1] * scales[0], quad[2], velocity, time)
+            force += pull_of_spring(t, velocities, own, neighbor, along, own.n[0] * scales[1], quad[3], velocity, time)
+            if wp.static(traits.measures_areas):
+                area_vector += area_vector_of_quad_corner(before, across, along)
+                before = along
+        for entry in range(middle, middle + SLICE * place[2], SLICE):
+            two = ahead
+            ahead = four_at(t.rings.entries, entry + SLICE)
+            scales = scales_of(t, entry)
+            for number in range(2):
+                end = wp.cast(two[number], wp.int32)
+                force += pull_of_spring(
+                    t, velocities, own, end, at(points, end) - point, own.n[2] * scales[number], two[2 + number],
+                    velocity, time,
+                )  # fmt: skip
+        return force, area_vector
+
+    return around
