@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,6 +27,14 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return request.param
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c_of_this_process() -> Iterator[None]:
+    """Ctrl-C reaches the tests and what they start, though they run where a shell has told them to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session", autouse=True)

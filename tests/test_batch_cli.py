@@ -19,7 +19,8 @@ mesh = "ball.obj"
 [balloon.inflation]
 k_normal = 0.2
 [[sphere]]
-position = [0, 3, 0]
+position = [0, 4, 0]
+radius = 1.2
 """
 
 

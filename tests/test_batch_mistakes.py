@@ -87,7 +87,7 @@ def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
     sums = 40 * (2 * 32 * 40 + 4 * 7)  # 32 lanes of each balloon, seven measures
     row = 40 * 4 * 8  # of the table: seven measures and the health
     table = (FRAMES + 1) * row
-    exported = 40 * 5 * (2 * 12 * (56 + 8) + 12)  # on the device, and four frames under way
+    exported = 40 * 5 * (12 * (56 + 8) + 12)  # on the device, and four frames under way
 
     def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
         assert usable < needed

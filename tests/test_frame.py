@@ -11,6 +11,7 @@ from PIL import Image
 from balloon_warp import Balloon, Change, InputError, Scene, Simulator, Sphere, display
 
 TWO = Scene(
+    normals="cached",
     balloon=[
         Balloon(mesh=cube(), inflation={"kind": "pressure", "pressure": 50.0}),
         Balloon(mesh=quad_sphere(3), position=(5.0, 0.0, 0.0), scale=2.0),

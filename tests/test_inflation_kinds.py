@@ -47,7 +47,7 @@ def test_what_is_set_beside_another_kind_is_refused_and_named(tmp_path: Path):
     with pytest.raises(OverrideError, match=r'inflation\.k_normal: needs kind = "normal_force"') as caught:
         load_scene(path, overrides)
     assert caught.value.number == 2
-    with pytest.raises(InputError, match="kind: must be 'normal_force', 'pressure' or 'gas'"):
+    with pytest.raises(InputError, match="kind: must be 'pressure', 'gas' or 'normal_force'"):
         load_scene(path, {"balloon.inflation.kind": "helium"})
 
 

@@ -136,6 +136,7 @@ def test_what_it_cannot_simulate_is_refused():
         Simulator(kicked_balloon(), "cpu", schedule="gather")
     with pytest.raises(InputError, match=r'^solver: "projective" does not simulate water; expected another'):
         Simulator(kicked_balloon(water=Water()), "cpu")
-    large = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(27))], solver="projective"), "cpu")
+    many = Balloon(mesh=quad_sphere(27), inflation=Inflation(k_normal=0.2))
+    large = build_model(Scene(balloon=[many], solver="projective"), "cpu")
     with pytest.raises(InputError, match=rf"^solver: .* {MOST_PARTICLES:,} particles at most on a GPU \(got 4,376\)"):
         ProjectiveSolver(large, DenseInverse)

@@ -11,7 +11,7 @@ import pytest
 from meshes import quad_sphere
 
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.scene import Balloon, Ground, Scene, Sphere, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.cluster import Cluster, start_workers
@@ -83,7 +83,7 @@ def tables_alone(folder: Path) -> dict[str, list[bytes]]:
 def tables(schedule: str, folder: Path, cluster: Cluster | None = None) -> list[bytes]:
     scene = Scene(
         frames=3,
-        balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0))],
+        balloon=[Balloon(mesh=quad_sphere(3), position=(0.0, 1.2, 0.0), inflation=Inflation(k_normal=0.2))],
         sphere=[Sphere(position=(0.2, 2.1, 0.0), radius=0.3)],
         string=[String(anchor=(0.0, 0.0, 0.0), length=0.1)],
         ground=Ground(),

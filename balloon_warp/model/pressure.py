@@ -72,22 +72,25 @@ def _pressures(shape: BalloonShape) -> NDArray[np.float64]:
     within = parts[springs.pairs[:, 0]] == parts[springs.pairs[:, 1]]
     weights = shape.stiffness_scale / shape.softness * springs.rest_lengths**2 * within
     tension = np.bincount(springs.kind, weights, len(KINDS)) / (2.0 * areas.sum())
-    return PRESSURE * 2.0 * _evenness(shape) * tension / radius
+    return PRESSURE * 2.0 * _evenness(shape, within) * tension / radius
 
 
-def _evenness(shape: BalloonShape) -> float:
+def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:
     """How much less stretching one way takes than stretching all ways, from 0 to 1, where all but the softest tenth of
     the area are better: long thin faces, as of a cylinder without rings between its ends, have springs along them
     alone, and would burst. Up to `UNEVEN` times less counts as even, as quads are that somebody drew.
 
     A vertex has 1/2 k L^2 t t^T over its share of the area, summed over its springs of direction t; what counts is the
     least of that across the normal. By the defaults of the constants, so that it is a property of the mesh.
+
+    Args:
+        within: whether each spring is within a part, and does not hold two together.
     """
     mesh, springs = shape.mesh, shape.springs
     shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
     areas = np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count)
     ways = mesh.points[springs.pairs[:, 1]] - mesh.points[springs.pairs[:, 0]]
-    constants = np.array([row.default for row in KINDS])[springs.kind]
+    constants = np.array([row.default for row in KINDS])[springs.kind] * within
     pulls = 0.5 * constants[:, None, None] * ways[:, :, None] * ways[:, None, :]
     tensors = np.zeros((mesh.vertex_count, 3, 3))
     for end in (0, 1):
