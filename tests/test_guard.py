@@ -170,4 +170,4 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
         f"{tmp_path.resolve()}; nothing is encrypted, nobody is asked a name\n"
     )
     assert printed[1:] == ([warning] if host == "0.0.0.0" else [])
-    assert rest == ""
+    assert rest == "the page is closed\n"

@@ -41,7 +41,7 @@ def misspelt(position: wp.vec3):
 
 @wp.func
 def without_helper(position: wp.vec3):
-    return helper_that_is_not_there(position)  # noqa: F821
+    return helper_that_is_not_there(position)  # noqa: F821  # pyright: ignore[reportUndefinedVariable]
 
 
 @wp.func

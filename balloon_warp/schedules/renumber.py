@@ -34,7 +34,8 @@ def renumbered(model: Model, order: NDArray[np.int64]) -> Model:
     Particles of a balloon must stay together.
     """
     places = np.argsort(order)
-    around = np.split(model.particle_faces.numpy(), model.particle_face_offsets.numpy()[1:-1])
+    offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)
+    around = np.split(np.asarray(model.particle_faces.numpy()), offsets[1:-1])
     shapes = []
     for shape, first in zip(model.shapes, model.particle_offsets, strict=False):
         mesh = shape.mesh
@@ -49,7 +50,11 @@ def renumbered(model: Model, order: NDArray[np.int64]) -> Model:
         return array(values, values.numpy()[order])
 
     def to_particles(particles: wp.array) -> wp.array:
-        return array(particles, places[particles.numpy()].astype(np.int32)) if particles.size else particles
+        return (
+            array(particles, places[np.asarray(particles.numpy(), dtype=np.int64)].astype(np.int32))
+            if particles.size
+            else particles
+        )
 
     return replace(
         model,
