@@ -30,8 +30,7 @@ class SpringTable:
 
     In slices of 32 particles, the threads of a warp: spring `slot` of particle p stands at
     `slice_offsets[p // 32] + 32 * slot + p % 32`, so that 32 threads load 32 neighbors. A particle's slots are filled
-    up to a multiple of four with springs that do nothing. Empty where all
-    schedules take them from rings.
+    up to a multiple of four with springs that do nothing.
     """
 
     slice_offsets: wp.array[wp.int32]

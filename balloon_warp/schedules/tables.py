@@ -73,10 +73,7 @@ def _particles(model: Model) -> Any:
 
 
 def _springs(model: Model, traits: Traits, ends: SpringEnds) -> Any:
-    """All springs, unless all schedules find them in rings."""
     table = SpringTable()
-    if traits.rings and traits.measures_areas:
-        return table
     valences = ends.by_kind.sum(axis=1)
     slices = slices_of(ends.particle, valences, CHUNK)
     packed = 4 * slices.owners.astype(np.int32)  # what fills up is a spring from the particle to itself
