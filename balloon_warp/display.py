@@ -1,23 +1,25 @@
 """What a person sees of a simulator: a line of text, and in a notebook a picture."""
 
+from abc import ABC, abstractmethod
+
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.snapshot import snapshot
 
 NOTEBOOK_SIZE = (480, 270)
-"""pixels, which take a CPU a second or two"""
+"""pixels"""
 
 
-class Displayed:
+class Displayed(ABC):
     """The part of a simulator that shows what it is and where it is."""
 
     model: Model
     frame_number: int
 
+    @abstractmethod
     def read_frame(self, world: int = 0) -> Frame:
         """One world as it is now."""
-        raise NotImplementedError
 
     @property
     def time(self) -> float:

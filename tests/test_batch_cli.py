@@ -95,7 +95,10 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     assert batch(monkeypatch, "--worlds", "2", "--export", "all") == 0
-    assert "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; Blender plays 24, " in capsys.readouterr().out
+    assert (
+        "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, "
+        in capsys.readouterr().out
+    )
     assert batch(monkeypatch, "--worlds", "2", "--vary", "gravity=2:1") == 2
     assert (folder / "ball_batch" / "worlds.usdc").exists()  # a batch that is refused leaves all as it was
     capsys.readouterr()

@@ -72,7 +72,7 @@ def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     assert done.stderr.startswith(FIRST_LINE)
     assert len(done.stderr.splitlines()) == 1  # no bar in a pipe, no word of Warp's
     assert done.stdout.splitlines()[1:] == [
-        "wrote ball.usdc: 0.05 s at 60 frames/s; Blender plays 24, unless told; or use --fps 24",
+        "wrote ball.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, or run with --fps 24",
         "wrote ball.png",
     ]
     assert done.stdout.startswith("ball: 56 particles, 312 springs, 3 frames of ")

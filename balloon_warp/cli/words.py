@@ -12,4 +12,8 @@ def counted(count: int, noun: str) -> str:
 def played(frames: int, rate: float) -> str:
     """How long a stage lasts, at which rate, and what to do where Blender plays it at another."""
     said = f"{frames / rate:.3g} s at {rate:g} frames/s"
-    return said if rate == BLENDERS_RATE else f"{said}; Blender plays {BLENDERS_RATE:g}, unless told; or use --fps 24"
+    return (
+        said
+        if rate == BLENDERS_RATE
+        else f"{said}; in Blender, set the frame rate to {rate:g}, or run with --fps {BLENDERS_RATE:g}"
+    )

@@ -147,8 +147,8 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         return room.array((worlds, count if needed else 0), wp.vec3)
 
     return {
-        "face_centers": vectors(streaming and traits.aims, model.face_count),
-        "face_area_vectors": vectors(streaming and traits.aims, model.face_count),
+        "face_centers": vectors(streaming and traits.aims and not traits.rings, model.face_count),
+        "face_area_vectors": vectors(streaming and traits.aims and not traits.rings, model.face_count),
         "aims": vectors(streaming and traits.aims),
         "area_vectors": vectors(streaming and traits.gas),
         "free_velocities": vectors(streaming and traits.gas),

@@ -31,7 +31,7 @@ def order_by_springs(model: Model, ends: SpringEnds) -> NDArray[np.int64]:
 def renumbered(model: Model, order: NDArray[np.int64]) -> Model:
     """The model in which the particle at each place is that of the order, shape (particle_count,).
 
-    Particles of a balloon must stay together.
+    Particles of a balloon must stay together. Of the shapes, the meshes alone are in that order.
     """
     places = np.argsort(order)
     offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)

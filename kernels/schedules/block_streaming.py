@@ -95,7 +95,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             put_in_tile(target, member.own.number, member.point)
 
     @wp.func
-    def refresh_aims(t: Tables, memory: BlockMemory, seat: Seat, rounds: wp.int32, points: Any):
+    def refresh_aims(t: Tables, memory: BlockMemory, seat: Seat, points: Any):
         """Of all particles, into memory."""
         centers = memory.face_centers[seat.world]
         areas = memory.face_area_vectors[seat.world]
@@ -212,7 +212,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         rounds = (seat.count + threads - 1) // threads
         if wp.static(traits.aims):
             if wp.static(traits.fresh_normals) or seat.substep == 0:
-                refresh_aims(t, memory, seat, rounds, source)
+                refresh_aims(t, memory, seat, source)
         if wp.static(traits.spheres > 0):
             board.roll(t, seat.world, seat.thread, seat.substep)
             block_barrier()
