@@ -1,5 +1,18 @@
-"""`python -m balloon_warp` is `balloon-warp`."""
+"""`balloon-warp`, and `python -m balloon_warp`, which is the same."""
 
-from balloon_warp.cli import main
+import sys
 
-main()
+
+def main() -> None:
+    """Run the command line; Ctrl-C while it still loads ends it with a word, too."""
+    try:
+        from balloon_warp.cli import main as command_line
+
+        command_line()
+    except KeyboardInterrupt:
+        print("error: stopped before it began", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

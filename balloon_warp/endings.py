@@ -7,7 +7,7 @@ bundled scenes end with, and near to what balloons in ruins do (tests/test_endin
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corner_faces
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, total_area
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
-from balloon_warp.model import Model
+from balloon_warp.model import Model, ModelPlan
 from balloon_warp.scene.timeline import is_there
 
 FALLEN = 5.0
@@ -50,14 +50,24 @@ class BadEnding:
         return self.sentence
 
 
-def bad_endings(model: Model, frame: Frame) -> list[BadEnding]:
+class LastFrame(NamedTuple):
+    """What is looked at of a world's last frame."""
+
+    number: int
+    points: Sequence[NDArray[np.floating]]
+    """of each balloon [m], shape (particle_count, 3)"""
+    velocities: Sequence[NDArray[np.floating]]
+    """of each balloon [m/s], shape (particle_count, 3)"""
+
+
+def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadEnding]:
     """The balloons of a world that ended badly, each with the gravest of what there is, in the scene's order.
 
     Args:
         model: what was simulated.
         frame: the last one.
     """
-    found = (_ending(model, frame, number) for number in range(model.balloon_count))
+    found = (_ending(model, frame, number) for number in range(len(model.shapes)))
     return [ending for ending in found if ending]
 
 
@@ -69,7 +79,7 @@ def ending_sentences(endings: Sequence[BadEnding]) -> list[str]:
     return [f"{firsts[kind]}{more[kind]}" for kind in counts]
 
 
-def _ending(model: Model, frame: Frame, number: int) -> BadEnding | None:
+def _ending(model: Model | ModelPlan, frame: Frame | LastFrame, number: int) -> BadEnding | None:
     rest = model.shapes[number].mesh
     end = replace(rest, points=frame.points[number].astype(np.float64))
     used = np.unique(rest.face_vertex_indices)
@@ -83,7 +93,9 @@ def _ending(model: Model, frame: Frame, number: int) -> BadEnding | None:
     )
 
 
-def _falling(model: Model, frame: Frame, number: int, used: NDArray[np.integer]) -> BadEnding | None:
+def _falling(
+    model: Model | ModelPlan, frame: Frame | LastFrame, number: int, used: NDArray[np.integer]
+) -> BadEnding | None:
     scene, shape = model.scene, model.shapes[number]
     tied = [string for string in scene.string if string.balloon == number and is_there(scene, string, frame.number)]
     if scene.ground or tied or (shape.mass_share[used] == 0.0).any():

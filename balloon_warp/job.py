@@ -38,6 +38,8 @@ class Summary:
     """that the stage has, after the start"""
     begin: int
     """the frame after which it went on: 0, or a checkpoint's"""
+    frames_per_second: float
+    """that the stage plays"""
     substeps: int
     """in one frame"""
     restarts: int
@@ -192,6 +194,7 @@ def _summary(
         particles=model.particle_count,
         springs=model.spring_count,
         frames=frames,
+        frames_per_second=model.scene.frames_per_second,
         begin=begin,
         substeps=model.substeps,
         restarts=restarts,

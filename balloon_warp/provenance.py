@@ -25,6 +25,17 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
     return described
 
 
+def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dict[str, Any]:
+    """What is simulated, by what. Before the run: mesh files may change meanwhile."""
+    return {
+        "scene": describe_scene(scene),
+        "laws": describe_laws(laws),
+        "meshes": hash_meshes(balloon.mesh for balloon in scene.balloon),
+        "substeps": substeps,
+        "versions": installed_versions(),
+    }
+
+
 def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
     """A description with a `scene` and its `meshes`, as it is wherever the files are: the meshes' names without their
     folders, and their hashes by balloon, as `balloon.0.mesh`."""

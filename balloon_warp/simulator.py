@@ -215,7 +215,7 @@ class Simulator(Displayed):
     def _forget_records(self) -> None:
         """What was recorded or laid out for another schedule."""
         for cached in ("_frame_graph", "_frame_reader"):
-            self.__dict__.pop(cached, None)
+            vars(self).pop(cached, None)
 
     def diagnose(self, world: int, frame: int) -> BlowUp:
         """Why a world is bad that was found so after a frame: by itself, its last frames are simulated again to see."""

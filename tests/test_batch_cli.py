@@ -81,6 +81,22 @@ def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monk
     assert first.splitlines()[2].startswith("1,0,0.0,other.obj,")
 
 
+@pytest.mark.parametrize(
+    ("vary", "complaint"),
+    [
+        ("balloon.mas=1:2", "balloon.0.mas: unknown field; did you mean mass?"),
+        ("balloon.mass=1,-1", "balloon.0.mass: must be greater than 0 (got -1.0), in world 1"),
+        ("balloon.scale=1,-1", "balloon.0.scale: must be greater than 0 (got -1.0), in world 1"),
+        ("water.level=0:1", "cannot differ between worlds, the scene has no water"),
+    ],
+)
+def test_a_mistake_in_what_differs_names_the_option(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], vary: str, complaint: str
+):
+    assert batch(monkeypatch, "--worlds", "3", "--vary", vary) == 2
+    assert capsys.readouterr().err == f"error: --vary {vary.partition('=')[0]}: {complaint}\n"
+
+
 def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     assert batch(monkeypatch, "--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
     captured = capsys.readouterr()
@@ -123,11 +139,14 @@ def test_one_is_one_and_names_are_as_they_are(
     ("arguments", "sentence"),
     [
         (["--vary", "balloon.mass"], "--vary balloon.mass: expected PATH=LOW:HIGH with LOW below HIGH"),
-        (["--vary", "balloon.mass=-2:-1"], "balloon.0.mass: must be greater than 0"),
-        (["--vary", "frames=1,2"], "frames: cannot differ between worlds, but between runs of compare; what can is gr"),
+        (["--vary", "balloon.mass=-2:-1"], "--vary balloon.mass: balloon.0.mass: must be greater than 0"),
+        (
+            ["--vary", "frames=1,2"],
+            "--vary frames: cannot differ between worlds, but between runs of compare; what can ",
+        ),
         (
             ["--vary", "substeps=1:9"],
-            "substeps: cannot differ between worlds, but between runs of compare; ",
+            "--vary substeps: cannot differ between worlds, but between runs of compare; ",
         ),
         (["--vary", "normals=cached,fresh"], "--vary normals=cached,fresh: expected PATH=LOW:HIGH with LOW below HIGH"),
         (["--export", "64"], "--export 64: there is no world 64, the batch has worlds 0 to 63"),

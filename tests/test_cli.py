@@ -27,6 +27,7 @@ SUMMARY_KEYS = [
     "springs",
     "frames",
     "begin",
+    "frames_per_second",
     "substeps",
     "restarts",
     "blow_up",

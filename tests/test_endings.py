@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
 
-from balloon_warp import PolygonMesh, Scene, Simulator, animate
+from balloon_warp import PolygonMesh, Scene, Simulator, animate, run_batch
 from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
 from balloon_warp.scene import Balloon, Ground, Inflation, String
 
@@ -107,3 +107,15 @@ def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
     assert said["kind"] == "falling"
     assert said["balloon"] == "mesh"
     assert said["measure"] == pytest.approx(0.5 * 9.9 * (63 / 60) ** 2, rel=0.01)  # the step adds 0.002
+
+
+def test_a_batch_says_it_of_the_worlds_that_it_exports(tmp_path):
+    """The cube above, in worlds of which two are light enough to float, and of which one is not looked at."""
+    cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
+    scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
+    lift, warnings = {"balloon.helium": [0.0, 9.9, 9.9, 0.0, 0.0]}, list[str]()
+    summary = run_batch(scene, tmp_path, 5, lift, export=[0, 1, 2, 3], device="cpu", on_warning=warnings.append)
+    falls = "mesh falls for ever: it is 5 times its size below its start; [ground] stops it"
+    assert warnings == [f"world 0: {falls} (and 1 more like it)"]
+    assert [str(ending) for ending in summary.bad_endings] == [f"world 0: {falls}", f"world 3: {falls}"]
+    assert run_batch(scene, tmp_path, 5, lift, device="cpu").bad_endings == []

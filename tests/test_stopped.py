@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -38,6 +39,16 @@ def test_a_command_that_is_stopped_says_so(
     assert capsys.readouterr() == ("", "error: scenes was stopped before it was done\n")
     assert list(tmp_path.iterdir()) == []
     assert signal.getsignal(number) == before
+
+
+def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path: Path):
+    """A module that is loaded first stops it: a real Ctrl-C would have to meet a few tenths of a second."""
+    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])}
+    done = subprocess.run(
+        [sys.executable, "-m", "balloon_warp", "scenes"], env=environment, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: stopped before it began\n")
 
 
 def test_what_is_ignored_stays_ignored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):

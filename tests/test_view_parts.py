@@ -227,6 +227,8 @@ def test_a_recording_is_a_valid_stage(session, tmp_path):
         stage
     )
     assert [error.GetMessage() for error in errors] == []
+    said = stage.GetRootLayer().customLayerData["balloonWarp"]
+    assert {"scene", "meshes", "substeps", "versions"} <= set(said)
     session.run(False)
 
 

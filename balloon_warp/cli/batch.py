@@ -29,6 +29,7 @@ from balloon_warp.cli.options import (
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import first_line, note, opened_by, warn
 from balloon_warp.cli.words import counted, played
+from balloon_warp.errors import InputError
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
 
@@ -136,6 +137,7 @@ def batch(
     loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     quiet_warp()
+    from balloon_warp.model.vary import VaryError
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.values import parse_export, parse_vary, spread
@@ -144,28 +146,31 @@ def batch(
     if (cluster, gpus, workers) != (None, None, None):
         spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
-    with frame_progress() as progress:
-        task = progress.add_task(escape(name), total=loaded.frames)
-        listeners = (lambda number: progress.update(task, completed=number)), note, warn
-        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
-        summary = run_batch(
-            loaded,
-            output or Path(f"{name}_batch"),
-            worlds,
-            spread(choices, worlds, seed=seed, grid=grid),
-            export=parse_export(export, worlds),
-            name=name,
-            device=device,
-            schedule=schedule,
-            on_blowup=on_blowup,
-            cluster=spread_over,
-            checkpoint_seconds=checkpoint,
-            resume=resume,
-            provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
-            on_frame=on_frame,
-            on_note=on_note,
-            on_warning=on_warning,
-        )
+    try:
+        with frame_progress() as progress:
+            task = progress.add_task(escape(name), total=loaded.frames)
+            listeners = (lambda number: progress.update(task, completed=number)), note, warn
+            on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
+            summary = run_batch(
+                loaded,
+                output or Path(f"{name}_batch"),
+                worlds,
+                spread(choices, worlds, seed=seed, grid=grid),
+                export=parse_export(export, worlds),
+                name=name,
+                device=device,
+                schedule=schedule,
+                on_blowup=on_blowup,
+                cluster=spread_over,
+                checkpoint_seconds=checkpoint,
+                resume=resume,
+                provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
+                on_frame=on_frame,
+                on_note=on_note,
+                on_warning=on_warning,
+            )
+    except VaryError as mistake:
+        raise InputError(f"--vary {mistake.path}: {str(mistake).removeprefix(f'{mistake.path}: ')}") from None
     if not choices and worlds > 1:
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     if as_json:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,13 +25,26 @@ SURROUNDINGS = ("ground", "water")
 """tables of which a scene has one or none"""
 
 
+class VaryError(InputError):
+    """What differs between worlds is at fault.
+
+    Args:
+        mistake: the sentence.
+        path: the one that is at fault, as it was given.
+    """
+
+    def __init__(self, mistake: object, path: str):
+        super().__init__(str(mistake))
+        self.path = path
+
+
 def vary_parameters(
     parameters: Parameters, scene: Scene, rows: Sequence[Parameter], world_count: int, vary: Vary
 ) -> Parameters:
     """The parameters with a value for each world where `vary` has them.
 
     Raises:
-        InputError: names the path, and the world whose value the scene's schema refuses; or what can vary.
+        VaryError: names the path, and the world whose value the scene's schema refuses; or what can vary.
     """
     places = places_of(scene, rows)
     varied = dict(parameters)
@@ -47,25 +61,35 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
     """The varied values as arrays of shape (world_count,), all of them fit for the scene.
 
     Raises:
-        InputError: as `vary_parameters`.
+        VaryError: as `vary_parameters`.
     """
     if not isinstance(vary, Mapping):
         raise InputError(f'vary: must be paths and values, as in {{"balloon.mass": [1.0, 2.0]}} (got {str(vary)[:60]})')
     places = places_of(scene, rows)
     checked = {}
     for path, given in vary.items():
-        if path not in places:
-            if path not in Scene.model_fields:  # what has no such path says so
-                _require_fit(scene, rows, path, np.ravel(given).tolist()[0])
-            table = path.partition(".")[0]
-            if table in SURROUNDINGS and not getattr(scene, table):
-                raise InputError(f"{path}: cannot differ between worlds, the scene has no {table}")
-            if SHAPING.fullmatch(path):
-                raise InputError(f"{path}: makes another model of each world; batches and `simulate` can vary it")
-            names = ", ".join(_summary(places))
-            raise InputError(f"{path}: cannot differ between worlds, but between runs of compare; what can is {names}")
-        checked[path] = _checked(scene, rows, path, given, world_count)
+        try:
+            if path not in places:
+                _refuse(scene, rows, path, given, places)
+            checked[path] = _checked(scene, rows, path, given, world_count)
+        except InputError as mistake:
+            raise VaryError(mistake, path) from None
     return checked
+
+
+def _refuse(
+    scene: Scene, rows: Sequence[Parameter], path: str, given: ArrayLike, places: Mapping[str, list[Place]]
+) -> NoReturn:
+    """Say why a path cannot differ between worlds."""
+    if path not in Scene.model_fields:  # what has no such path says so
+        _require_fit(scene, rows, path, np.ravel(given).tolist()[0])
+    table = path.partition(".")[0]
+    if table in SURROUNDINGS and not getattr(scene, table):
+        raise InputError(f"{path}: cannot differ between worlds, the scene has no {table}")
+    if SHAPING.fullmatch(path):
+        raise InputError(f"{path}: makes another model of each world; batches and `simulate` can vary it")
+    names = ", ".join(_summary(places))
+    raise InputError(f"{path}: cannot differ between worlds, but between runs of compare; what can is {names}")
 
 
 def require_changeable(scene: Scene, rows: Sequence[Parameter], paths: Iterable[str]) -> None:

@@ -13,7 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.usd.playlist import write_playlist
-from balloon_warp.provenance import describe_laws, describe_scene, hash_meshes, installed_versions
+from balloon_warp.provenance import describe_simulation
 from balloon_warp.resume.folder import PartialFolder
 from balloon_warp.resume.same_job import as_json, differences
 from balloon_warp.simulator import Simulator
@@ -42,18 +42,12 @@ def halvings_until(folder: Path, substeps: int) -> int:
 
 def describe_run(simulator: Simulator) -> dict[str, Any]:
     """What the bits of a run depend on, as JSON has it. Before the run: mesh files may change meanwhile."""
-    scene, model = simulator.model.scene, simulator.model
-    return as_json(
-        {
-            "scene": describe_scene(scene),
-            "laws": describe_laws(model.own_laws),
-            "meshes": hash_meshes(balloon.mesh for balloon in scene.balloon),
-            "substeps": model.substeps,
-            "schedule": simulator.schedule.name,
-            "device": model.device.name if model.device.is_cuda else "cpu",
-            "versions": installed_versions(),
-        }
-    )
+    model = simulator.model
+    done_by = {
+        "schedule": simulator.schedule.name,
+        "device": model.device.name if model.device.is_cuda else "cpu",
+    }
+    return as_json(describe_simulation(model.scene, model.own_laws, model.substeps) | done_by)
 
 
 class Checkpoints:

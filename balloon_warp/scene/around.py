@@ -1,5 +1,6 @@
 """The scene that a bare mesh gets: it inflates gently above a floor, everything scaled to the mesh's size."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -58,24 +59,24 @@ def scene_table_around(
     lift = 0.0 if gas else GRAVITY - WEIGHT  # gas has its own
     fall = WEIGHT if gas else GRAVITY
     growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
-    mass = 2.0 * size / growth
+    mass = _short(2.0 * size / growth)
     return {
         "description": _description(source.name, mesh.unit_known, size, fall * growth if gravity is None else None),
         "up_axis": up_axis,
-        "gravity": fall * growth,
+        "gravity": _short(fall * growth),
         "frames": 120,
         "balloon": [
             {
                 "mesh": source if isinstance(source, PolygonMesh) else source.resolve(),
                 "mass": mass,
-                "helium": lift * growth,
-                "damping": 10.0 * (2.0 * mass) ** 0.5,
+                "helium": _short(lift * growth),
+                "damping": _short(10.0 * (2.0 * mass) ** 0.5),
                 "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0, "thin": "softer"},
                 "inflation": _gentle(balloon.inflation, placed, size),
                 "fixed": pinned_at_borders(mesh, balloon.parts).tolist(),
             }
         ],
-        "ground": {"height": float(lowest["XYZ".index(up_axis)]) - 0.05 * size},
+        "ground": {"height": _short(float(lowest["XYZ".index(up_axis)]) - 0.05 * size, size)},
     }
 
 
@@ -102,8 +103,14 @@ def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str,
     if inflation.kind == "pressure":
         return {}
     if inflation.kind == "normal_force":
-        return {"k_normal": [[0.2, 0.0], [1.5, 4.0 * size]]}
+        return {"k_normal": [[0.2, 0.0], [1.5, _short(4.0 * size)]]}
     if inflation.amount is not None or inflation.start_pressure:
         return {}
-    flow = min(0.5 * abs(signed_volume(placed)) / MOLAR_VOLUME / 1.2, MOST_FLOW)
+    flow = _short(min(0.5 * abs(signed_volume(placed)) / MOLAR_VOLUME / 1.2, MOST_FLOW))
     return {"pump": [[0.2, 0.0], [0.3, flow], [1.4, flow], [1.5, 0.0]]}
+
+
+def _short(value: float, beside: float = 0.0) -> float:
+    """To six digits, of what it stands beside where that is given: the scene may be written, and read by people."""
+    largest = abs(beside or value)
+    return round(value, 5 - math.floor(math.log10(largest))) if largest else value

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.blow_ups import check_policy
+from balloon_warp.endings import BadEnding, ending_sentences
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.resume import CHECKPOINT_SECONDS
@@ -49,11 +50,16 @@ class BatchSummary:
     """worlds that blew up, and did not with shorter steps"""
     blow_ups: list[str]
     """why the first few worlds blew up"""
+    bad_endings: list[BadEnding]
+    """balloons that came apart, fell for ever, collapsed or folded over by the last frame, in exported worlds; of many
+    a few are looked at, spread evenly"""
     particles: int
     """in all worlds"""
     springs: int
     """in all worlds"""
     frames: int
+    frames_per_second: float
+    """that the stage plays"""
     substeps: int
     """in one frame"""
     resumed: float
@@ -114,7 +120,7 @@ def run_batch(
             on a cluster without the shares that are done, whatever the number of workers.
         on_frame: told the number of each frame when it is simulated; on a cluster, now and then, of the average world.
         on_note: told where the batch begins, and of an earlier one that was not finished, in a sentence.
-        on_warning: told what is odd about each mesh, and what became of it.
+        on_warning: told what is odd about each mesh, what became of it, and which exported worlds end badly.
 
     Raises:
         InputError: the scene cannot be simulated, a varied value or a law is wrong, the worlds do not fit into the
@@ -144,6 +150,8 @@ def run_batch(
     names = [*TABLE_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
+    for sentence in ending_sentences(outcome.bad_endings):
+        on_warning(sentence)
     return _summary(task, outcome, name)
 
 
@@ -182,10 +190,12 @@ def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
         exported_worlds=len(task.chosen),
         unhealthy_worlds=task.world_count - outcome.healthy_worlds,
         restarted_worlds=len(outcome.failures.restarted),
+        bad_endings=outcome.bad_endings,
         blow_ups=[str(report) for report in outcome.failures.reports],
         particles=particles,
         springs=sum(len(group.worlds) * group.plan.spring_count for group in groups),
         frames=scene.frames,
+        frames_per_second=scene.frames_per_second,
         substeps=substeps,
         resumed=round(outcome.resumed, 3),
         wall_seconds=round(outcome.seconds, 3),

@@ -83,12 +83,14 @@ def distribute_batch(
                 raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
             for _ in range(task.scene.frames + 1):
                 output.end_frame()
+            endings = output.endings()
         return Outcome(
             device=", ".join(sorted(set(devices))),
             schedule=", ".join(sorted(set(journal.schedules.values()))),
             workers=len(devices),
             healthy_worlds=output.healthy_count,
             failures=journal.failures,
+            bad_endings=endings,
             seconds=time.perf_counter() - began,
             resumed=journal.resumed,
             removed_stage=output.removed_stage,

@@ -15,7 +15,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.rows import rows_of
-from balloon_warp.model.vary import SHAPING, check_vary
+from balloon_warp.model.vary import SHAPING, VaryError, check_vary
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
@@ -105,14 +105,14 @@ def _own_scene(scene: Scene, values: Mapping[str, Any], world: int) -> Scene:
     """The scene of a group, whose first world is given.
 
     Raises:
-        InputError: names that world, where a number is wrong.
+        VaryError: names that world, where a number is wrong.
     """
-    try:
-        return override_scene(scene, values.items())
-    except InputError as mistake:
-        if all(map(_is_mesh, values)):
-            raise
-        raise InputError(f"{mistake}, in world {world}") from None
+    for path, value in values.items():
+        try:
+            scene = override_scene(scene, [(path, value)])
+        except InputError as mistake:
+            raise VaryError(mistake if _is_mesh(path) else f"{mistake}, in world {world}", path) from None
+    return scene
 
 
 def _identity(value: Any) -> Any:

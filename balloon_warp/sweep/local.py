@@ -51,12 +51,14 @@ def simulate_locally(
                 bad = task.world_count - output.healthy_count
                 checkpoints.on_note(f"{bad:,} of {task.world_count:,} worlds blew up: once more, with half the step")
                 failures.add(_restart_all(task, output, target, schedules))
+        endings = output.endings()
     return Outcome(
         device=str(target),
         schedule=", ".join(sorted(set(schedules))),
         workers=1,
         healthy_worlds=output.healthy_count,
         failures=failures,
+        bad_endings=endings,
         seconds=time.perf_counter() - began,
         resumed=max(begin - 1, 0) / task.scene.frames,
         removed_stage=output.removed_stage,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -9,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.endings import BadEnding, LastFrame, bad_endings
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.outputs.table import TableWriter
@@ -18,6 +20,8 @@ from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
 from balloon_warp.sweep.recorder import MEASURES, Record
 
 STAGE_NAME = "worlds.usdc"
+MOST_LOOKED_AT = 16
+"""worlds of the stage whose ends are looked at: one takes some hundredths of a second"""
 
 
 class BatchOutput:
@@ -95,6 +99,26 @@ class BatchOutput:
     def rewrite_table(self) -> None:
         """Write what was replaced."""
         self.table.write_again()
+
+    def endings(self) -> list[BadEnding]:
+        """What ended badly in worlds of the stage, in at most `MOST_LOOKED_AT` of them, spread evenly."""
+        if not self.stage:
+            return []
+        exported = [
+            (int(world), group, place)
+            for group, part in enumerate(self.stage.groups)
+            for place, world in enumerate(part.worlds)
+            if self.table.health[-1, world]
+        ]
+        found = []
+        for world, group, place in sorted(exported)[:: -(-len(exported) // MOST_LOOKED_AT) or 1]:
+            plan = self.groups[group].plan
+            before, points = self.stage.last_points(group, place)
+            rate = plan.scene.frames_per_second
+            velocities = [rate * (end - begin) for begin, end in zip(before, points, strict=True)]
+            for ending in bad_endings(plan, LastFrame(plan.scene.frames, points, velocities)):
+                found.append(replace(ending, sentence=f"world {world}: {ending.sentence}"))
+        return found
 
     def health_of(self, group: int) -> NDArray[np.int32]:
         """Of the worlds of a group in all frames, shape (frame_count, world_count)."""

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.endings import BadEnding
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
@@ -48,6 +49,8 @@ class Outcome:
     """processes that simulated"""
     healthy_worlds: int
     failures: Failures
+    bad_endings: list[BadEnding]
+    """in worlds of the stage"""
     seconds: float
     """of simulating and writing"""
     resumed: float

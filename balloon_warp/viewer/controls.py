@@ -235,7 +235,7 @@ def _on_change(handle: Any, act: Callable[[Any], None]) -> None:
 
 def _put(handle: Any, value: Any) -> None:
     if hasattr(handle, "max") and not isinstance(value, tuple):
-        value = min(max(float(value), handle.min), handle.max)
+        value = min(max(float(f"{value:.4g}"), handle.min), handle.max)  # as many digits as the field shows
     handle.value = value
 
 

@@ -12,6 +12,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, build_model
 from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.provenance import describe_simulation, without_folders
 from balloon_warp.scene.write import scene_toml
 from balloon_warp.viewer.journal import Journal
 
@@ -68,7 +69,8 @@ def write_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[
         check_writable(path, (path.suffix,))
     scene = recorded.journal.scene(recorded.frames[-1].number)
     model = build_model(scene, "cpu", laws=laws)
-    with StageWriter(stage, model) as writer:
+    described = without_folders(describe_simulation(scene, laws, model.substeps))
+    with StageWriter(stage, model, described) as writer:
         writer.stage.SetStartTimeCode(recorded.frames[0].number)
         for frame, bodies in zip(recorded.frames, recorded.bodies, strict=True):
             writer.write(_with_all_bodies(frame, bodies, model))

@@ -116,6 +116,12 @@ class GridWriter:
         self._last = number
         self._end_frame(number, 2 * points.nbytes)
 
+    def last_points(self, group: int, place: int) -> list[list[NDArray[np.float32]]]:
+        """Of a chosen world in its last two frames: for each frame, of each balloon, shape (particle_count, 3)."""
+        assert self._last is not None
+        world = self._worlds[group][place]
+        return [world.points(self._layer, number) for number in (self._last - 1, self._last)]
+
     def copy_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
         """Author frames of some groups as they are in a part that a writer of the same groups wrote.
 

@@ -108,6 +108,10 @@ class GridWorld:
             seen = is_there(self.plan.scene, body, time)
             self.layer.SetTimeSample(path, time, UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible)
 
+    def points(self, source: Sdf.Layer, time: int) -> list[NDArray[np.float32]]:
+        """Of each balloon in a frame that stands in `source`, shape (particle_count, 3)."""
+        return [np.array(source.QueryTimeSample(path, time)) for path, _, _ in self._balloons]
+
     def write_velocities(self, time: int, source: Sdf.Layer) -> None:
         """Those of a frame, from the points that stand in `source`, a layer of the same worlds."""
         for point_path, velocity_path, _ in self._balloons:
