@@ -12,6 +12,19 @@ import balloon_warp
 
 wp.config.log_level = wp.LOG_ERROR
 
+CROWDED = (
+    *("cluster", "cluster_mistakes", "guard", "kills", "nonsense", "playground", "repeatable_anywhere"),
+    *("resume_batch_processes", "trust", "view", "view_parts"),
+)
+"""files of tests that start processes or wait for a page: one process goes through them while others do the rest, or a
+machine of two cores is too slow for the clocks that people and networks go by"""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.stem.removeprefix("test_") in CROWDED:
+            item.add_marker(pytest.mark.xdist_group("crowded"))
+
 
 @pytest.fixture(params=["cpu", "cuda:0"])
 def device(request: pytest.FixtureRequest) -> str:

@@ -144,8 +144,9 @@ def is_at_work() -> bool:
 
 
 def test_a_share_that_ends_every_worker_is_given_up(address: str, tmp_path: Path):
+    """Now and then Dask does not start a worker again that ended as it joined; then none is left, which ends it too."""
     cluster = Cluster(address=address, prepare=end_worker)
-    with pytest.raises(WorkersLostError, match=r"^a share of the batch ended 4 workers, one after the other"):
+    with pytest.raises(WorkersLostError, match=r"^(a share of the batch ended 4 workers, one after|all workers ended)"):
         run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
     assert list((tmp_path / "out").iterdir()) == []
 

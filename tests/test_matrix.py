@@ -14,6 +14,7 @@ from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model
+from balloon_warp.scene import Scene
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules.traits import model_traits
 
@@ -44,10 +45,15 @@ def test_the_scene_with_everything_has_contacts(device):
     assert state["points"][..., 1].min() == pytest.approx(0.0, abs=1e-6)
 
 
+@cache
+def bundled(name: str) -> Scene:
+    return load_scene(name)
+
+
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule, device):
     """A frame in the thick of the action."""
-    scene = load_scene(name)
+    scene = bundled(name)
     found, expected, start = advance_both(scene, schedule, device, settled=30, frames=1)
     assert np.abs(expected["points"] - start["points"]).max() > 300 * ROUNDING
     # On a GPU scatter adds in another order every time, and whether a particle touches an obstacle may hang on that.

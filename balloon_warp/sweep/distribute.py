@@ -32,6 +32,8 @@ REPORT_SECONDS = 0.1
 """between two words of a worker about the frame that it is at"""
 LOOK_SECONDS = 0.5
 """after which we look up from waiting"""
+ALONE_SECONDS = 60.0
+"""after which workers that all ended are not waited for any more: Dask may not have started them again"""
 AHEAD = 2
 """shares that are out, for each worker: one at work and one that follows; more would only fill the memory"""
 
@@ -152,7 +154,7 @@ def _run_shares(
     Raises:
         InputError: a share does not fit into a worker's memory.
         BlowUpError: a world blew up, which is to stop all.
-        WorkersLostError: a share lost one worker after the other, or the scheduler is gone.
+        WorkersLostError: a share lost one worker after the other, no worker is left, or the scheduler is gone.
     """
     topic = f"balloon-warp-{uuid4().hex}"
     events: SimpleQueue[tuple[int, int | Future]] = SimpleQueue()  # a share, and its frame or its end
@@ -170,12 +172,18 @@ def _run_shares(
         send_next()
     frames = np.array([0 if number in missing else task.scene.frames for number in range(len(shares))])
     weights = np.array([len(share.worlds) for share in shares]) / task.world_count
+    in_company = time.monotonic()
     while missing:
         try:
             number, news = events.get(timeout=LOOK_SECONDS)
         except Empty:
             yield None
+            if _has_workers(client):
+                in_company = time.monotonic()
+            elif time.monotonic() - in_company > ALONE_SECONDS:
+                raise WorkersLostError(f"all workers ended, and none came for {ALONE_SECONDS:g} s") from None
             continue
+        in_company = time.monotonic()
         if isinstance(news, int):
             frames[number] = news
             yield None
@@ -186,6 +194,14 @@ def _run_shares(
             send_next()
             yield number, result
         on_frame(int(frames @ weights + 1.0e-6))
+
+
+def _has_workers(client: "Client") -> bool:
+    """Whether any are there; a scheduler that is gone tells of itself otherwise."""
+    try:
+        return bool(client.nthreads())
+    except OSError:
+        return True
 
 
 def _result(future: "Future") -> ShareResult:
