@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.geometry import volume_and_area
 from balloon_warp.model import Model, State
 
 
@@ -47,19 +47,21 @@ class Frame:
     meshes: list[PolygonMesh]
     """of the balloons, as they are at the start"""
 
-    @cached_property
+    @property
     def volumes(self) -> NDArray[np.float64]:
         """of the balloons [m^3], shape (balloon_count,): what a closed one encloses"""
-        return np.array([signed_volume(mesh) for mesh in self._meshes_now()])
+        return self._volumes_and_areas[:, 0]
 
-    @cached_property
+    @property
     def areas(self) -> NDArray[np.float64]:
         """of the balloons [m^2], shape (balloon_count,)"""
-        return np.array([total_area(mesh) for mesh in self._meshes_now()])
+        return self._volumes_and_areas[:, 1]
 
-    def _meshes_now(self) -> list[PolygonMesh]:
+    @cached_property
+    def _volumes_and_areas(self) -> NDArray[np.float64]:
         pairs = zip(self.meshes, self.points, strict=True)
-        return [replace(mesh, points=points.astype(np.float64)) for mesh, points in pairs]
+        now = (replace(mesh, points=points.astype(np.float64)) for mesh, points in pairs)
+        return np.array([volume_and_area(mesh) for mesh in now]).reshape(-1, 2)
 
     def __repr__(self) -> str:
         balloons = ", ".join(

@@ -1,14 +1,19 @@
 """What a batch refuses before it begins, and what it leaves alone."""
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from small_batch import FRAMES, scene, write_meshes
 
-from balloon_warp import InputError, Scene, run_batch
+from balloon_warp import Cluster, InputError, Scene, run_batch
+from balloon_warp.device import pick_device
 from balloon_warp.model import lay_out, memory, world_bytes
 from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.sweep import batch as batch_module
+from balloon_warp.sweep import memory as sweep_memory
 from balloon_warp.sweep.groups import Group, plan_groups
 
 
@@ -49,6 +54,29 @@ def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complain
     with pytest.raises(InputError, match=complaint):
         run_batch(scene(), **arguments, device="cpu", on_frame=never)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("cluster", [None, Cluster(workers=2)])
+def test_far_too_many_worlds_are_refused_before_they_get_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cluster: Cluster | None
+):
+    """Which took minutes: a hundred million of anything do not fit into memory."""
+    monkeypatch.setattr(batch_module, "plan_groups", never)
+    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
+        run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyPatch):
+    """Never with room for more worlds than are asked for, which is what takes the table and the worlds as they are."""
+    monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
+    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
+    bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + sweep_memory.table_bytes(scene()))
+    for room, refused in ((1.02, False), (0.9, True)):
+        monkeypatch.setattr(memory, "free_memory", lambda device, room=room: room * bytes_of_all / memory.USABLE)
+        with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
+            sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
 
 
 def never(frame: int) -> None:

@@ -17,6 +17,7 @@ from balloon_warp.mesh.geometry import (
     total_area,
     triangulate,
     vertex_normals,
+    volume_and_area,
 )
 
 # A few hundred float64 operations of values near 1.
@@ -30,6 +31,22 @@ def test_cube() -> None:
     outward = face_centers(mesh) - 0.5
     np.testing.assert_allclose(face_vector_areas(mesh), 2.0 * outward, atol=ROUND_OFF)
     np.testing.assert_allclose(vertex_normals(mesh), (mesh.points - 0.5) * 2.0 / np.sqrt(3.0), atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("mesh", [quad_sphere(5, 0.7), torus(), tetrahedron(), prism(5), open_cube()])
+def test_quads_alone_are_measured_as_among_others(mesh: PolygonMesh) -> None:
+    """Which takes another way: numbers side by side."""
+    points = np.random.default_rng(0).normal(1.0, 0.02, mesh.points.shape) * mesh.points + 3.0  # faces are not flat
+    alone = replace(mesh, points=points)
+    crumb = np.array([0, 0, 0], dtype=np.int32)  # adds nothing but its one point three times to the mean of all
+    among = replace(
+        alone,
+        face_vertex_counts=np.append(mesh.face_vertex_counts, np.int32(3)),
+        face_vertex_indices=np.append(mesh.face_vertex_indices, crumb),
+    )
+    np.testing.assert_allclose(face_vector_areas(alone), face_vector_areas(among)[:-1], atol=ROUND_OFF)
+    assert volume_and_area(alone) == pytest.approx((signed_volume(alone), total_area(alone)), abs=ROUND_OFF)
+    assert total_area(alone) == pytest.approx(total_area(among), abs=ROUND_OFF)
 
 
 def test_tetrahedron() -> None:

@@ -140,12 +140,14 @@ def batch(
     from balloon_warp.model.vary import VaryError
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
     from balloon_warp.sweep.cluster import Cluster
+    from balloon_warp.sweep.memory import require_room
     from balloon_warp.sweep.values import parse_export, parse_vary, spread
 
     spread_over = None
     if (cluster, gpus, workers) != (None, None, None):
         spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
+    require_room(loaded, worlds, choices, device, schedule, spread=bool(spread_over))
     try:
         with frame_progress() as progress:
             task = progress.add_task(escape(name), total=loaded.frames)

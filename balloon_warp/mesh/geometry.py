@@ -18,6 +18,8 @@ def face_centers(mesh: PolygonMesh) -> NDArray[np.float64]:
 
 def face_vector_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
     """Each face's area along its normal, 1/2 sum a x b over its edges a b, shape (face_count, 3)."""
+    if _only_quads(mesh):
+        return _vector_areas_of_quads(*_corners_of_quads(mesh))
     # Taken about the face's first corner, so that a small face far from the origin keeps its digits.
     first = mesh.points[mesh.face_vertex_indices[face_starts(mesh)]]
     arms = mesh.points[mesh.face_vertex_indices] - first[corner_faces(mesh)]
@@ -39,14 +41,24 @@ def face_volumes(mesh: PolygonMesh) -> NDArray[np.float64]:
 
     A face counts as the fan of triangles about its center; for a quad that is the mean of its two triangulations.
     """
-    centers = face_centers(mesh)
-    middle = mesh.points[mesh.face_vertex_indices].mean(axis=0)
-    return np.einsum("ij,ij->i", centers - middle, face_vector_areas(mesh)) / 3.0
+    return _volumes(mesh, face_centers(mesh), face_vector_areas(mesh))
 
 
 def signed_volume(mesh: PolygonMesh) -> float:
     """Volume about the mesh's own center: positive where a closed mesh's faces wind outward."""
     return float(face_volumes(mesh).sum())
+
+
+def volume_and_area(mesh: PolygonMesh) -> tuple[float, float]:
+    """`signed_volume` and `total_area`, for little more than either takes."""
+    if _only_quads(mesh):
+        corners = _corners_of_quads(mesh)
+        vector_areas, centers = _vector_areas_of_quads(*corners), [0.25 * sum(axis) for axis in corners]
+        centers = np.stack(centers, axis=1)
+    else:
+        vector_areas, centers = face_vector_areas(mesh), face_centers(mesh)
+    volume = _volumes(mesh, centers, vector_areas).sum()
+    return float(volume), float(np.sqrt(_dot(vector_areas, vector_areas)).sum())
 
 
 def vertex_normals(mesh: PolygonMesh) -> NDArray[np.float64]:
@@ -86,9 +98,38 @@ def first_coincident(points: NDArray[np.float64]) -> NDArray[np.int64]:
     return first
 
 
+def _volumes(mesh: PolygonMesh, centers: NDArray[np.float64], vector_areas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the cones from the mean of all faces' corners."""
+    middle = np.average(centers, axis=0, weights=mesh.face_vertex_counts) if len(centers) else np.zeros(3)
+    return _dot(centers - middle, vector_areas) / 3.0
+
+
+def _only_quads(mesh: PolygonMesh) -> bool:
+    return mesh.face_count > 0 and bool((mesh.face_vertex_counts == 4).all())
+
+
+def _corners_of_quads(mesh: PolygonMesh) -> list[list[NDArray[np.float64]]]:
+    """By axis and corner, arrays of shape (face_count,): numbers side by side are several times as fast as vectors."""
+    corners = mesh.face_vertex_indices.reshape(-1, 4).T
+    return [[values[corner] for corner in corners] for values in np.ascontiguousarray(mesh.points.T)]
+
+
+def _vector_areas_of_quads(*axes: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Half the cross products of the diagonals: of differences, as above."""
+    (ax, bx), (ay, by), (az, bz) = ((third - first, fourth - second) for first, second, third, fourth in axes)
+    return 0.5 * np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.einsum("ij,ij->i", a, b)
+
+
 def _sum_over_faces(mesh: PolygonMesh, at_corners: NDArray[np.float64]) -> NDArray[np.float64]:
     if mesh.face_count == 0:
         return np.zeros((0, at_corners.shape[1]))
+    if (mesh.face_vertex_counts == mesh.face_vertex_counts[0]).all():
+        size = int(mesh.face_vertex_counts[0])
+        return sum((at_corners[corner::size] for corner in range(1, size)), start=at_corners[::size])
     return np.add.reduceat(at_corners, face_starts(mesh), axis=0)
 
 

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,15 @@ from balloon_warp.scene import Scene
 Bound = Literal["stiffness", "drag"]
 CHUNK = 1_000_000
 """numbers looked at together, to bound the memory"""
+
+
+class Stiffest(NamedTuple):
+    """Bounds of a balloon's stiffness over its mass, in all its worlds [1/s^2]."""
+
+    springs: NDArray[np.float64]
+    """of a spring of each kind, and how much more in proportion to its scale, shape (3, 2)"""
+    held: NDArray[np.float64]
+    """of all else, at each particle that moves, shape (P,)"""
 
 
 class Bounds:
@@ -60,6 +69,41 @@ class Bounds:
 
     def sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
         """The sum of the laws' bounds at each particle, shape (worlds, P) or (1, P)."""
+        total = self._other_sums(bound, around, worlds)
+        for kind, least, more in self._spring_constants(bound, worlds):
+            if np.any(least):
+                total = total + least * around.spring_counts[:, kind]
+            total = total + more * around.spring_scales[:, kind]
+        return total
+
+    def stiffest(self, around: Surroundings, masses: NDArray[np.float64]) -> "Stiffest":
+        """What no world is stiffer than.
+
+        Args:
+            masses: of the balloon in each world [kg], shape (world_count,) or (1,).
+        """
+        springs = np.zeros((len(KINDS), 2))
+        for kind, *parts in self._spring_constants("stiffness", slice(None)):
+            springs[kind] += [np.max(part / masses[:, None]) for part in parts]
+        at_once = max(CHUNK // max(around.particle_count, 1), 1)
+        held = np.zeros(around.particle_count)
+        for begin in range(0, self._world_count, at_once):
+            worlds = slice(begin, begin + at_once)
+            sums = self._other_sums("stiffness", around, worlds)
+            over = masses[worlds] if len(masses) > 1 else masses
+            held = np.maximum(held, np.max(2.0 * sums / over[:, None], axis=0))
+        return Stiffest(springs, held)
+
+    def _spring_constants(self, bound: Bound, worlds: slice) -> Iterator[tuple[int, Any, Any]]:
+        """Of each law and kind of spring what all springs have, and how much more in proportion to their scale."""
+        told = {name: values[worlds] if len(values) > 1 else values for name, values in self._told.items()}
+        for of_spring in self._of_kind("spring", bound):
+            for kind, row in enumerate(KINDS):  # what is not proportional to the constant is left where that is 0
+                least, most = (of_spring(**told | {"stiffness": scale * told[row.name]}) for scale in (0.0, 1.0))
+                yield kind, least, most - least
+
+    def _other_sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
+        """The sum of the bounds of all laws but those of springs."""
 
         def some(values: NDArray[np.float64]) -> NDArray[np.float64]:
             return values[worlds] if len(values) > 1 else values
@@ -67,12 +111,6 @@ class Bounds:
         told = {name: some(values) for name, values in self._told.items()}
         strings = some(self._strings)
         total = np.zeros((1, around.particle_count))
-        for of_spring in self._of_kind("spring", bound):
-            for kind, row in enumerate(KINDS):  # what is not proportional to the constant is left where that is 0
-                least, most = (of_spring(**told | {"stiffness": scale * told[row.name]}) for scale in (0.0, 1.0))
-                if np.any(least):
-                    total = total + least * around.spring_counts[:, kind]
-                total = total + (most - least) * around.spring_scales[:, kind]
         for of_string in self._of_kind("string", bound):
             for place in range(strings.shape[1]):
                 held = of_string(**told | {"stiffness": strings[:, place, None]})

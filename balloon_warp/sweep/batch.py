@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.blow_ups import check_policy
 from balloon_warp.endings import BadEnding, ending_sentences
@@ -17,6 +18,7 @@ from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.local import simulate_locally
 from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
+from balloon_warp.sweep.memory import require_room
 from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.resume import BatchCheckpoints
 from balloon_warp.sweep.task import BatchTask, Outcome
@@ -133,10 +135,9 @@ def run_batch(
     """
     scene = scene_of(scene)
     check_policy(on_blowup)
-    vary, chosen = vary or {}, np.unique(np.asarray(export, dtype=np.int64))
-    if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
-        raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
+    vary, chosen = vary or {}, _chosen(export, world_count)
     device = cluster.device(device) if cluster else device
+    require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
     groups = plan_groups(scene, world_count, vary, laws)
     task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup)
     for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
@@ -153,6 +154,18 @@ def run_batch(
     for sentence in ending_sentences(outcome.bad_endings):
         on_warning(sentence)
     return _summary(task, outcome, name)
+
+
+def _chosen(export: Sequence[int], world_count: int) -> NDArray[np.int64]:
+    """The worlds to export, ascending.
+
+    Raises:
+        InputError: one is not there.
+    """
+    chosen = np.unique(np.asarray(export, dtype=np.int64))
+    if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
+        raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
+    return chosen
 
 
 def _simulate(

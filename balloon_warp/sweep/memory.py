@@ -1,17 +1,56 @@
 """What a batch takes besides its models, and whether all fits, before anything is allocated."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
-from balloon_warp.model import Model, world_bytes
+from balloon_warp.kernels.laws import Law
+from balloon_warp.model import Model, build_model, world_bytes
 from balloon_warp.model.memory import require_memory
+from balloon_warp.model.vary import SHAPING
 from balloon_warp.scene import Scene
-from balloon_warp.solvers.choose import solver_named
+from balloon_warp.solvers.choose import settled_solver, solver_named
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.recorder import MEASURES, picked_bytes, record_bytes
+
+MANY = 50_000
+"""worlds whose values take longer to make than it takes to see how large one world is"""
+SOME = 64
+"""worlds of which one takes no more than of many: schedules lay out several side by side"""
+
+
+def require_room(
+    scene: Scene,
+    world_count: int,
+    varied: Collection[str] = (),
+    device: str | None = None,
+    schedule: str = "auto",
+    laws: Sequence[Law] = (),
+    spread: bool = False,
+) -> None:
+    """Make sure that so many worlds could fit, before each gets its values: where they are very many, and all of one
+    size.
+
+    Args:
+        varied: the paths of what differs.
+        device: a Warp device; the GPU where there is one, when missing.
+        spread: whether workers simulate them, and only the table is here.
+
+    Raises:
+        InputError: they could not, or the scene cannot be simulated, or there is no such device or schedule.
+    """
+    if world_count < MANY or any(map(SHAPING.fullmatch, varied)):
+        return
+    on_host = table_bytes(scene)
+    if not spread:
+        model = build_model(scene, pick_device(device), SOME, laws=laws)
+        solver = solver_named(settled_solver(schedule, model, world_count), model)
+        simulated = world_bytes(model) + solver.world_bytes(model)
+        require_memory(model.device, [world_count], [simulated])
+        on_host += simulated if model.device.is_cpu else 0
+    require_memory(pick_device("cpu"), [world_count], [on_host])
 
 
 def require_batch_memory(

@@ -63,9 +63,9 @@ def spread(choices: dict[str, Choice], world_count: int, seed: int = 0, grid: bo
     """
     worlds = np.arange(world_count)
     ranges = {path: choice for path, choice in choices.items() if isinstance(choice, Range)}
-    sides = _grid_sides(len(ranges), world_count)
-    places = np.unravel_index(worlds % math.prod(sides), sides, order="F") if ranges else ()
-    in_grid = dict(zip(ranges, zip(sides, places, strict=True), strict=True))
+    sides = _grid_sides(len(ranges), world_count) if grid else []
+    places = np.unravel_index(worlds % math.prod(sides), sides, order="F") if sides else ()
+    in_grid = dict(zip(ranges, zip(sides, places, strict=True), strict=True)) if grid else {}
     values: dict[str, NDArray] = {}
     for path, choice in choices.items():
         if not isinstance(choice, Range):
@@ -99,7 +99,9 @@ def parse_export(text: str, world_count: int) -> list[int]:
 
 def _grid_sides(range_count: int, world_count: int) -> Sequence[int]:
     """As many points on each range as give a product of at most `world_count`, the first ones getting more."""
-    sides = [1] * range_count
+    if not range_count:
+        return []
+    sides = [max(int(world_count ** (1.0 / range_count)) - 1, 1)] * range_count  # a root may be rounded up
     grew = True
     while grew:
         grew = False

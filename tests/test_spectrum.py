@@ -1,0 +1,80 @@
+"""The highest frequency of a network, beside that of its whole matrix."""
+
+import numpy as np
+import pytest
+from meshes import cube, grid, quad_sphere
+from numpy.typing import NDArray
+
+from balloon_warp import PolygonMesh
+from balloon_warp.model import plan_model
+from balloon_warp.model.bounds import Bounds
+from balloon_warp.model.spectrum import FEW, MARGIN, highest_squared_frequency
+from balloon_warp.model.stability import Network
+from balloon_warp.scene import bundled_scenes, load_scene
+from balloon_warp.springs import build_springs
+
+MESHES = {"sphere": quad_sphere(9), "cube": cube(), "sheet": grid(12, 12), "fine": quad_sphere(16)}
+
+
+def whole_matrix(
+    pairs: NDArray[np.integer], constants: NDArray[np.float64], held: NDArray[np.float64], masses: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """M^-1/2 K M^-1/2 of what moves."""
+    stiffness = np.diag(held)
+    for (first, second), constant in zip(pairs, constants, strict=True):
+        stiffness[[first, second], [first, second]] += constant
+        stiffness[[first, second], [second, first]] -= constant
+    moving = masses > 0.0
+    roots = masses[moving] ** -0.5
+    return roots[:, None] * stiffness[np.ix_(moving, moving)] * roots
+
+
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+@pytest.mark.parametrize("seed", range(3))
+def test_it_is_that_of_the_whole_matrix_and_never_below_it(mesh: PolygonMesh, seed: int):
+    """Of springs and masses at random, some of which are fixed: exactly where there are few, else within its margin."""
+    random, pairs = np.random.default_rng(seed), build_springs(mesh).pairs
+    constants, held = random.uniform(0.1, 10.0, len(pairs)), random.uniform(0.0, 5.0, mesh.vertex_count)
+    masses = random.uniform(0.5, 2.0, mesh.vertex_count) * (random.uniform(size=mesh.vertex_count) > 0.1)
+    expected = np.linalg.eigvalsh(whole_matrix(pairs, constants, held, masses)).max()
+    found = highest_squared_frequency(pairs, constants, held, masses)
+    if np.count_nonzero(masses) <= FEW:
+        assert found == pytest.approx(expected, rel=1e-12)
+    else:
+        assert expected <= found <= 1.0001 * MARGIN * expected
+
+
+def test_of_nothing_that_moves_it_is_zero():
+    assert highest_squared_frequency(np.array([[0, 1]]), np.ones(1), np.zeros(2), np.zeros(2)) == 0.0
+
+
+def test_of_a_spring_between_two_masses_it_is_that_of_the_textbook():
+    """k (1/m + 1/M)"""
+    found = highest_squared_frequency(np.array([[0, 1]]), np.array([6.0]), np.zeros(2), np.array([1.0, 3.0]))
+    assert found == pytest.approx(6.0 * (1.0 + 1.0 / 3.0))
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_bundled_scenes_are_within_the_margin(name: str):
+    """What Lanczos leaves out of the largest eigenvalue, on the networks that are there; by a hundred times as much
+    work."""
+    plan = plan_model(load_scene(name))
+    shape = plan.shapes[0]
+    bounds = Bounds(plan.scene, plan.laws, 0, plan.parameters)
+    around = Network(plan.shapes, plan.held, plan.laws)._around(plan.scene, 0, bounds)
+    stiffest = bounds.stiffest(around, plan.parameters["mass"][:, 0])
+    constants = stiffest.springs[shape.springs.kind].sum(axis=1)
+    held = np.zeros(len(shape.mass_share))
+    held[shape.mass_share > 0.0] = stiffest.held
+    found = highest_squared_frequency(shape.springs.pairs, constants, held, shape.mass_share)
+    from scipy.sparse import coo_array
+    from scipy.sparse.linalg import eigsh
+
+    roots = np.where(shape.mass_share > 0.0, np.maximum(shape.mass_share, 1e-300) ** -0.5, 0.0)
+    first, second = shape.springs.pairs.T
+    count = len(roots)
+    diagonal = held + np.bincount(first, constants, count) + np.bincount(second, constants, count)
+    rows, columns = np.concatenate([first, second, range(count)]), np.concatenate([second, first, range(count)])
+    values = np.concatenate([-constants, -constants, diagonal]) * roots[rows] * roots[columns]
+    (expected,) = eigsh(coo_array((values, (rows, columns))).tocsr(), k=1, which="LA", return_eigenvectors=False)
+    assert expected <= found <= 1.001 * MARGIN * expected
