@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.repeat import repeat_batch
     from balloon_warp.trajectories import Trajectories, simulate
     from balloon_warp.viewer.view import view
+    from balloon_warp.warming import warm_up
 
 __all__ = [
     "Atmosphere",
@@ -91,6 +92,7 @@ __all__ = [
     "simulate",
     "spring_law",
     "view",
+    "warm_up",
 ]
 
 _HOMES = {
@@ -130,6 +132,7 @@ _HOMES = {
     "sweep.repeat": ("repeat_batch",),
     "trajectories": ("Trajectories", "simulate"),
     "viewer.view": ("view",),
+    "warming": ("warm_up",),
 }
 
 # In a source tree kernels/ and scenes/ stand beside this folder; an installed package has them inside.

@@ -12,6 +12,7 @@ from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.files import check_writable
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
+from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.provenance import without_folders
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
@@ -92,7 +93,7 @@ def animate(
             beside the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
         checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
-        on_frame: told the number of each frame when it is written.
+        on_frame: told the number of each frame when it is simulated.
         on_note: told where the run begins, and of an earlier one that was not finished, in a sentence.
         on_warning: told in a sentence what is odd about a mesh, which strings start overstretched, which spheres may
             come through, of a blow-up that does not stop it, and of what ends badly.
@@ -224,13 +225,16 @@ def _write_stage(
         begin = _begin(checkpoints, resume, on_note)
         on_frame(begin)
         try:
-            for frame in simulator.run():
-                stage.write(frame)
-                on_frame(frame.number)
-                checkpoints.save_if_due()
-                if interrupts.pending:
-                    checkpoints.save()
-                    interrupts.deliver(f"{checkpoints.playlist} plays what there is, and --resume goes on from it")
+            with Background() as writer:  # while the next frame is simulated
+                for frame in simulator.run():
+                    writer.submit(stage.write, frame)
+                    on_frame(frame.number)
+                    stop = interrupts.pending
+                    if stop or checkpoints.due:
+                        writer.wait()
+                        checkpoints.save()
+                    if stop:
+                        interrupts.deliver(f"{checkpoints.playlist} plays what there is, and --resume goes on from it")
         except BlowUpError as failure:
             if on_blowup == "restart":
                 checkpoints.remove()  # of another step

@@ -27,7 +27,7 @@ LAYERS = (
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("comparison", "trajectories"),
+    ("comparison", "trajectories", "warming"),
     ("benchmarks", "scenes"),
     ("cli",),
 )

@@ -187,7 +187,7 @@ def test_the_command_prints_a_table_and_says_what_it_wrote(
 ):
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
-    write_obj(tmp_path / "other.obj", quad_sphere(3))
+    write_obj(tmp_path / "other.obj", quad_sphere(6))  # which takes other substeps
     words = "compare ball.obj --set frames=2 --device cpu --table t.csv --vary balloon.mesh=ball.obj,other.obj"
     monkeypatch.setattr(sys, "argv", ["balloon-warp", *words.split(), "--vary", "normals=cached,fresh,stale"])
     with pytest.raises(SystemExit) as ended:

@@ -56,8 +56,10 @@ def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule,
     scene = bundled(name)
     found, expected, start = advance_both(scene, schedule, device, settled=30, frames=1)
     assert np.abs(expected["points"] - start["points"]).max() > 300 * ROUNDING
-    # On a GPU scatter adds in another order every time, and whether a particle touches an obstacle may hang on that.
-    assert_close(found, expected, tolerance_of(scene), outliers=0.0 if device == "cpu" else 0.001)
+    # On a GPU scatter adds in another order every time, and whether a particle touches an obstacle may hang on that; as
+    # anywhere whether one that is as near to two faces takes the area of the one or the other.
+    exact = device == "cpu" and tolerance_of(scene) == ROUNDING
+    assert_close(found, expected, tolerance_of(scene), outliers=0.0 if exact else 0.001)
 
 
 def features(model: Model) -> set[str]:

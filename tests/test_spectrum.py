@@ -78,3 +78,21 @@ def test_bundled_scenes_are_within_the_margin(name: str):
     values = np.concatenate([-constants, -constants, diagonal]) * roots[rows] * roots[columns]
     (expected,) = eigsh(coo_array((values, (rows, columns))).tocsr(), k=1, which="LA", return_eigenvectors=False)
     assert expected <= found <= 1.001 * MARGIN * expected
+
+
+def test_it_lets_bundled_scenes_take_a_fifth_to_a_third_more_than_gershgorins_bound():
+    """2 / omega, omega^2 twice the largest sum of constants at a particle over its mass: what docs/PHYSICS.md says."""
+    ratios = []
+    for name in bundled_scenes():
+        plan = plan_model(load_scene(name))
+        network = Network(plan.shapes, plan.held, plan.laws)
+        step = network.stable_step(plan.scene, plan.parameters)
+        bounds = [Bounds(plan.scene, plan.laws, number, plan.parameters) for number in range(len(plan.shapes))]
+        steps = []
+        for number, bound in enumerate(bounds):
+            around = network._around(plan.scene, number, bound)
+            mass = plan.parameters["mass"][:, number]
+            rate = 2.0 * bound.largest("drag", around) / mass
+            steps.append(4.0 / (np.sqrt(rate**2 + 8.0 * bound.largest("stiffness", around) / mass) + rate))
+        ratios.append(step / np.min(steps))
+    assert (round(min(ratios), 2), round(max(ratios), 2)) == (1.18, 1.32)

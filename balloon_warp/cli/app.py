@@ -18,6 +18,7 @@ from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
 from balloon_warp.cli.usage import UsageError, usage_sentence
 from balloon_warp.cli.view import view
+from balloon_warp.cli.warm_up import warm_up
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, StoppedError, WorkersLostError
 
 
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, view, batch, compare, scenes, inspect, remesh, render, bench):
+for command in (run, view, batch, compare, scenes, inspect, remesh, render, warm_up, bench):
     app.command()(command)
 
 

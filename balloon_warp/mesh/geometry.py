@@ -110,7 +110,7 @@ def _only_quads(mesh: PolygonMesh) -> bool:
 
 def _corners_of_quads(mesh: PolygonMesh) -> list[list[NDArray[np.float64]]]:
     """By axis and corner, arrays of shape (face_count,): numbers side by side are several times as fast as vectors."""
-    corners = mesh.face_vertex_indices.reshape(-1, 4).T
+    corners = np.ascontiguousarray(mesh.face_vertex_indices.reshape(-1, 4).T, dtype=np.intp)
     return [[values[corner] for corner in corners] for values in np.ascontiguousarray(mesh.points.T)]
 
 

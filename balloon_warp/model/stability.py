@@ -63,17 +63,20 @@ class Network:
         for number in range(len(self.shapes)):
             bounds = Bounds(scene, self.laws, number, parameters)
             around = self._around(scene, number, bounds, None if velocities is None else velocities[number])
-            step = float(np.min(_steps(scene, number, parameters, bounds, around.different())))
-            if scene.solver == "symplectic_euler":
-                step = max(step, self._step_of_spectrum(number, parameters["mass"][:, number], bounds, around))
+            different = around.different()
+            step = float(np.min(_steps(scene, number, parameters, bounds, different)))
+            if scene.solver != "forward_euler":
+                masses = parameters["mass"][:, number]
+                rate = float(np.max(2.0 * bounds.largest("drag", different) / masses))
+                step = max(step, self._step_of_spectrum(self.shapes[number], masses, bounds, around, rate))
             steps.append(step)
         return min(steps)
 
     def _step_of_spectrum(
-        self, number: int, masses: NDArray[np.float64], bounds: Bounds, around: Surroundings
+        self, shape: BalloonShape, masses: NDArray[np.float64], bounds: Bounds, around: Surroundings, rate: float
     ) -> float:
-        """The stable step [s] of one balloon in all its worlds, of its highest frequency."""
-        shape = self.shapes[number]
+        """The stable step [s] of one balloon in all its worlds, of its highest frequency and the largest rate of
+        damping."""
         stiffest = bounds.stiffest(around, masses)
         of_kind = stiffest.springs[shape.springs.kind]
         held = np.zeros(len(shape.mass_share))
@@ -81,7 +84,6 @@ class Network:
         squared_frequency = highest_squared_frequency(
             shape.springs.pairs, of_kind[:, 0] + of_kind[:, 1] * shape.stiffness_scale, held, shape.mass_share
         )
-        rate = float(np.max(2.0 * bounds.largest("drag", around.different()) / masses))
         return float(_step(max(squared_frequency, 1.0e-12), rate))
 
     def limiting_particle(self, scene: Scene, parameters: Parameters) -> tuple[int, int]:

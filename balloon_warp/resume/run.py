@@ -110,20 +110,16 @@ class Checkpoints:
         self._begun = True
         return True
 
-    def save_if_due(self) -> None:
-        """After a frame is written: save it, if the last time is long ago.
+    @property
+    def due(self) -> bool:
+        """Whether the last time is long ago."""
+        return self.seconds > 0.0 and time.monotonic() - self._saved_at >= self.seconds
+
+    def save(self) -> None:
+        """Save all frames, which are written, and the state.
 
         Raises:
             InputError: the folder cannot be written to; what is in it stays.
-        """
-        if self.seconds and time.monotonic() - self._saved_at >= self.seconds:
-            self.save()
-
-    def save(self) -> None:
-        """Save all frames that are written, and the state.
-
-        Raises:
-            InputError: as `save_if_due`.
         """
         frame = self.simulator.frame_number
         if not self._begun:

@@ -46,9 +46,9 @@ class BalloonPrim:
         }
 
     def write(self, frame: Frame) -> None:
-        points = frame.points[self.number]
+        points = Vt.Vec3fArray.FromNumpy(frame.points[self.number])
         self.prim.GetPointsAttr().Set(points, frame.number)
-        self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(Vt.Vec3fArray.FromNumpy(points)), frame.number)
+        self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(points), frame.number)
         for name, value in self._measure(frame).items():
             self._measures[name].Set(value, frame.number)
 
@@ -65,5 +65,6 @@ class BalloonPrim:
         """Above the air's [Pa]; of normal forces, their sum over the area."""
         if self._has_pressure:
             return float(frame.pressures[self.number])
-        inflation = float(np.linalg.norm(frame.inflation_forces[self.number], axis=1).sum())
+        forces = frame.inflation_forces[self.number]
+        inflation = float(np.sqrt(np.einsum("ij,ij->i", forces, forces)).sum(dtype=np.float64))
         return inflation / area if area > 0.0 else 0.0

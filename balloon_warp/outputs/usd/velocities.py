@@ -24,12 +24,13 @@ def author_velocities(target: Sdf.Layer, velocities: Sdf.Path, source: Sdf.Layer
         return
     earlier, later = (_points(source, points, neighbor) for neighbor in (frame - 1, frame + 1))
     frames = (earlier is not None) + (later is not None)
-    way = (here if later is None else later) - (here if earlier is None else earlier)
-    value = way * (source.timeCodesPerSecond / max(frames, 1))
-    target.SetTimeSample(velocities, frame, Vt.Vec3fArray.FromNumpy(value.astype(np.float32)))
+    last, first = here if later is None else later, here if earlier is None else earlier
+    way = np.subtract(last, first, dtype=np.float64)  # of float32: it loses nothing
+    way *= source.timeCodesPerSecond / max(frames, 1)
+    target.SetTimeSample(velocities, frame, Vt.Vec3fArray.FromNumpy(way.astype(np.float32)))
 
 
-def _points(layer: Sdf.Layer, path: Sdf.Path, frame: int) -> NDArray[np.float64] | None:
-    """Of a frame, shape (point_count, 3), in float64: their differences lose nothing."""
+def _points(layer: Sdf.Layer, path: Sdf.Path, frame: int) -> NDArray[np.float32] | None:
+    """Of a frame, shape (point_count, 3)."""
     value = layer.QueryTimeSample(path, frame)
-    return None if value is None else np.array(value, dtype=np.float64).reshape(-1, 3)
+    return None if value is None else np.asarray(value).reshape(-1, 3)

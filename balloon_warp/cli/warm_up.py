@@ -1,0 +1,36 @@
+"""`balloon-warp warm-up`"""
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from balloon_warp.cli.options import Device, Schedule
+from balloon_warp.quiet import quiet_warp
+from balloon_warp.scene import bundled_scenes, load_scene
+from balloon_warp.scene.load import scene_name
+
+
+def warm_up(
+    scenes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="SCENE", help="Bundled scenes, scene files or meshes; all bundled ones if none."),
+    ] = None,
+    worlds: Annotated[
+        int, typer.Option(metavar="COUNT", help="For batches of about so many worlds, if more than one.")
+    ] = 1,
+    device: Device = None,
+    schedule: Schedule = "auto",
+) -> None:
+    """Compile the kernels of scenes ahead, so that the first frame of a later command comes at once.
+
+    Try `balloon-warp warm-up squirrel_tether`. WARP_CACHE_PATH says where kernels are kept, such as in an image.
+    """
+    loaded = {scene: load_scene(scene) for scene in scenes or bundled_scenes()}
+    quiet_warp()
+    from balloon_warp import warming  # loads Warp and USD: only once the scenes are known to be good
+
+    console = Console(highlight=False, soft_wrap=True)
+    for source, scene in loaded.items():
+        done = warming.warm_up(scene, device, worlds, schedule)
+        console.print(f"{scene_name(source)}: {done.seconds:.1f} s on {done.device} ({done.schedule})", markup=False)

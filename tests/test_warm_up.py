@@ -1,0 +1,48 @@
+"""Kernels that are compiled ahead are all that a run or a batch needs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp.mesh.obj import write_obj
+
+COMMANDS = {
+    "run": ([], ["run", "ball.obj", "--frames", "3", "--picture"]),
+    "batch": (
+        ["--worlds", "9"],
+        ["batch", "ball.obj", "--frames", "3", "--worlds", "12", "--vary", "balloon.mass=1:3", "--export", "all"],
+    ),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_compiles_nothing_after_it(command: str, tmp_path: Path):
+    """With other numbers and more frames, by what is in the cache."""
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    options, later = COMMANDS[command]
+    said = balloon_warp(tmp_path, "warm-up", "ball.obj", *options)
+    assert said.startswith("ball: ")
+    compiled = kernels(tmp_path)
+    assert compiled
+    balloon_warp(tmp_path, *later)
+    assert kernels(tmp_path) == compiled
+
+
+def balloon_warp(folder: Path, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "balloon_warp", *arguments, "--device", "cpu"],
+        env={**os.environ, "WARP_CACHE_PATH": str(folder / "kernels")},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def kernels(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in (folder / "kernels").rglob("*.o")}
