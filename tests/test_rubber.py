@@ -1,6 +1,9 @@
 """What Tarantino's springs have beyond Hooke's: viscosity, an end to their pull, and constants that change over the
 balloon."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
@@ -127,6 +130,34 @@ def test_weights_of_vertices_make_parts_stiffer():
         InputError, match=r"^stiffness\.weights: box has 8 vertices; expected a number for each \(got 2"
     ):
         shape(weights=[1.0, 2.0])
+
+
+def test_weights_of_a_group_or_of_a_rule_are_those_of_its_vertices(tmp_path):
+    """1 outside of all groups. A rule is told the mesh's own points; what is written of the scene is what it says."""
+    mesh = replace(cube(), name="box", groups={"neck": np.array([0, 1]), "tip": np.array([1])})
+
+    def scale(weights: Any) -> np.ndarray:
+        balloon = Balloon(mesh=mesh, position=(0.0, 9.0, 0.0), stiffness=Stiffness(weights=weights))
+        return shape_balloon(balloon, Scene(balloon=[balloon])).stiffness_scale
+
+    of_group = scale({"neck": 3.0, "tip": 7.0})
+    np.testing.assert_array_equal(of_group, scale([3.0, 7.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
+    np.testing.assert_array_equal(scale(lambda points: 2.0 * points[:, 1]), scale(2.0 * mesh.points[:, 1]))
+    written = Balloon(mesh=mesh, stiffness={"weights": lambda points: points[:, 0]}).model_dump()["stiffness"][
+        "weights"
+    ]
+    assert written == mesh.points[:, 0].tolist()
+    for wrong, said in (
+        ({"nek": 2.0}, "stiffness.weights: box has no group nek; it has neck, tip"),
+        (
+            lambda points: points,
+            r"balloon\.stiffness\.weights: the function must give a number for each point, of shape",
+        ),
+        (lambda points: -np.ones(len(points)), r"balloon\.stiffness\.weights\.0: must be greater than or equal to 0"),
+        ({"neck": -1.0}, r"stiffness\.weights: must be greater than or equal to 0"),
+    ):
+        with pytest.raises(InputError, match=rf"^{said}"):
+            scale(wrong)
 
 
 def test_the_seed_decides_on_the_draws_alone():

@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 
@@ -21,9 +24,21 @@ def fixed_particles(fixed: Sequence[int | str], mesh: PolygonMesh) -> list[int]:
             if pin >= mesh.vertex_count:
                 raise InputError(f"fixed: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {pin})")
             particles.append(pin)
-        elif pin in mesh.groups:
-            particles += mesh.groups[pin].tolist()
         else:
-            known = ", ".join(list(mesh.groups)[:MOST_NAMED]) or "none"
-            raise InputError(f"fixed: {mesh.name} has no group {pin[:60]}; it has {known}")
+            particles += group_of(mesh, pin, "fixed").tolist()
     return particles
+
+
+def group_of(mesh: PolygonMesh, name: str, field: str) -> NDArray[np.int32]:
+    """The particles of a group of the mesh.
+
+    Args:
+        field: that names it.
+
+    Raises:
+        InputError: there is no such group.
+    """
+    if name in mesh.groups:
+        return mesh.groups[name]
+    known = ", ".join(list(mesh.groups)[:MOST_NAMED]) or "none"
+    raise InputError(f"{field}: {mesh.name} has no group {name[:60]}; it has {known}")

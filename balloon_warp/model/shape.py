@@ -17,7 +17,7 @@ from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.thickness import relative_thickness
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.mesh.units import in_unit
-from balloon_warp.model.fixed import fixed_particles
+from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.springs import Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -112,6 +112,12 @@ def _weights(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArr
     """What the vertices say of each spring's constant: 1 where they say nothing."""
     if stiffness.weights is None:
         return np.ones(springs.count)
+    if isinstance(stiffness.weights, dict):
+        weights = np.ones(mesh.vertex_count)
+        for name, weight in stiffness.weights.items():
+            weights[group_of(mesh, name, "stiffness.weights")] = weight
+        return weights[springs.pairs].mean(axis=1)
+    assert isinstance(stiffness.weights, list)  # a balloon's are no function
     if len(stiffness.weights) != mesh.vertex_count:
         raise InputError(
             f"stiffness.weights: {mesh.name} has {mesh.vertex_count} vertices; expected a number for each "

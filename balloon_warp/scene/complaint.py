@@ -11,6 +11,8 @@ from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.meant import ask, closest, did_you_mean
 from balloon_warp.scene.nesting import table_in
 
+LISTS = ("balloon", "sphere", "string", "tube", "change")
+"""tables of which there may be several"""
 MOST_ASKED = 3
 """fields that a question names"""
 
@@ -20,17 +22,20 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
     what they expect is joined by "or"."""
     by_field: dict[str, list[ErrorDetails]] = {}
     for details in error.errors():
+        if details["type"] == "callable_type":
+            continue  # Python alone may give a function: there are other words for it
         by_field.setdefault(_field(details, schema), []).append(details)
     # What is unknown comes first: a field that is missing is often there by another name.
     unknown = (field for field, failures in by_field.items() if failures[0]["type"] == "extra_forbidden")
     field = next(unknown, next(iter(by_field)))
-    failures = by_field[field]
+    deepest = max(len(details["loc"]) for details in by_field[field])  # of a union, what fits it nearly
+    failures = [details for details in by_field[field] if len(details["loc"]) == deepest]
     first = failures[0]
     match first["type"]:
         case "extra_forbidden":
             what = "table" if _is_table(first["input"]) else "field"
             return f"{field}: unknown {what}{_hint(first, schema)}"
-        case "list_type" if isinstance(first["input"], dict) and "." not in field:
+        case "list_type" if isinstance(first["input"], dict) and field in LISTS:
             return f"{field}: is one table, [{field}]; expected a list of them, each beginning with [[{field}]]"
         case "missing":
             return f"{field}: is missing"

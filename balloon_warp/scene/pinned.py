@@ -1,4 +1,4 @@
-"""Which particles of a balloon do not move, as Python says it: a mask, or a rule for points."""
+"""What holds of some particles of a balloon, as Python says it: a mask, or a rule for points."""
 
 from collections.abc import Callable
 from typing import Any
@@ -33,3 +33,21 @@ def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.flo
             f"(got {said.dtype} of shape {said.shape})"
         )
     return np.flatnonzero(said).tolist()
+
+
+def weighed_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[float]:
+    """What a rule says of each point of a mesh.
+
+    Args:
+        points: as the mesh has them, shape (n, 3).
+
+    Raises:
+        InputError: the rule does not give a number for each point.
+    """
+    said = np.asarray(rule(points.copy()))
+    if said.shape != (len(points),) or said.dtype.kind not in "biuf":
+        raise InputError(
+            f"the function must give a number for each point, of shape ({len(points)},) "
+            f"(got {said.dtype} of shape {said.shape})"
+        )
+    return said.astype(float).tolist()

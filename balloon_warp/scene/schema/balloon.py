@@ -2,10 +2,12 @@
 
 import itertools
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, InstanceOf, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -13,7 +15,7 @@ from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
 from balloon_warp.mesh.units import Unit
-from balloon_warp.scene.pinned import pinned_by, pins_of
+from balloon_warp.scene.pinned import pinned_by, pins_of, weighed_by
 from balloon_warp.scene.schema.fields import (
     Color,
     Index,
@@ -29,6 +31,8 @@ from balloon_warp.scene.schema.fields import (
     field_of,
     optional_field_of,
 )
+
+Rule = SkipJsonSchema[Callable[[Any], Any]]
 
 
 class Stiffness(Table):
@@ -46,8 +50,10 @@ class Stiffness(Table):
     """factors on the constants of springs at the balloon's lowest and highest coordinate, and linear between them"""
     gradient_axis: Literal["X", "Y", "Z"] = "Y"
     """of the scene, along which they change; where the middles of springs are at the start counts"""
-    weights: list[NonNegative] | None = None
-    """a number for each vertex of the file: a spring's constant is multiplied by the mean of those at its ends"""
+    weights: list[NonNegative] | dict[str, NonNegative] | Rule | None = None
+    """a number for each vertex of the file, or for groups of the mesh by their names, and 1 elsewhere: a spring's
+    constant is multiplied by the mean of those at its ends. From Python also a function that takes the mesh's own
+    points, shape (n, 3), and gives the number of each, shape (n,)"""
     viscosity: float = field_of("viscosity")
     yield_stretch: float | None = optional_field_of("yield_stretch")
     thin: Literal["alike", "softer"] = "alike"
@@ -203,10 +209,20 @@ class Balloon(Table):
     @model_validator(mode="before")
     @classmethod
     def _without_rules(cls, given: Any) -> Any:
-        """A function that says what is fixed becomes what it says, so that a scene can be written down."""
-        if not isinstance(given, dict) or not callable(given.get("fixed")) or "mesh" not in given:
+        """A function of points becomes what it says, so that a scene can be written down."""
+        if not isinstance(given, dict) or "mesh" not in given:
             return given
-        try:
-            return {**given, "fixed": pinned_by(given["fixed"], load_mesh(given["mesh"]).points)}
-        except InputError as mistake:
-            raise ValueError(f"fixed: {mistake}") from None
+        stiffness = given.get("stiffness")
+        weights = stiffness.get("weights") if isinstance(stiffness, dict) else getattr(stiffness, "weights", None)
+        for field, rule in (("fixed", given.get("fixed")), ("stiffness.weights", weights)):
+            if not callable(rule):
+                continue
+            try:
+                points = load_mesh(given["mesh"]).points
+                if field == "fixed":
+                    given = {**given, "fixed": pinned_by(rule, points)}
+                else:
+                    given = {**given, "stiffness": {**dict(stiffness or {}), "weights": weighed_by(rule, points)}}
+            except InputError as mistake:
+                raise ValueError(f"{field}: {mistake}") from None
+        return given
