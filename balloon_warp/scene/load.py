@@ -4,7 +4,6 @@ import copy
 import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -28,7 +27,9 @@ LARGEST_FILE = 1 << 24
 
 def bundled_scenes() -> dict[str, Path]:
     """Names of the bundled scenes, and their files."""
-    folder = Path(str(resources.files("balloon_warp.scenes")))
+    package = Path(__file__).parents[1]
+    inside, beside = package / "scenes", package.parent / "scenes"  # installed, and in a source tree
+    folder = inside if inside.is_dir() else beside
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 

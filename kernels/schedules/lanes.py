@@ -9,7 +9,12 @@ import warp as wp
 from balloon_warp.kernels.algebra import Lanes, Lanes3, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
-from balloon_warp.kernels.schedules.lanes_contact import correct_function, leave_function, roll_function
+from balloon_warp.kernels.schedules.lanes_contact import (
+    correct_function,
+    leave_all_function,
+    leave_function,
+    roll_function,
+)
 from balloon_warp.kernels.schedules.lanes_gas import load_in_lanes, pump_in_lanes, swell_in_lanes
 from balloon_warp.kernels.schedules.lanes_loops import lane_loops
 from balloon_warp.kernels.schedules.lanes_refresh import refresh_function
@@ -43,15 +48,11 @@ def own_function(traits: Traits, layout: Layout) -> Any:
 
 
 @cache
-def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that take items through a substep: those of all balloons as far as their loads; and those of one
-    through the rest, which without gas is all of it."""
+def gas_steps(traits: Traits, layout: Layout) -> Any:
+    """The function that takes the items of all balloons as far as their loads."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     own_of = own_function(traits, layout)
     net_force = net_force_function(traits, lane_loops(traits, layout))
-    inflation = inflation_of(traits)
-    drift = drift_of(traits)
-    leave = leave_function(traits, layout)
     swell = swell_in_lanes(traits, layout)
     find_load, take_loads = load_in_lanes(traits, layout)
     Swellings = wp.types.matrix(shape=(5, 8), dtype=wp.float32)  # noqa: N806 - a type
@@ -99,6 +100,19 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
         for balloon in range(t.all.inflation_kind.shape[0]):
             pull_and_swell_one(t, state, lanes, group, balloon, points, time, time_in_frame)
         take_loads(t, state, lanes, group)
+
+    return pull_and_swell
+
+
+@cache
+def particle_steps(traits: Traits, layout: Layout) -> Any:
+    """The function that takes the items of a balloon through a substep, or where there is gas through what is left."""
+    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
+    own_of = own_function(traits, layout)
+    net_force = net_force_function(traits, lane_loops(traits, layout)) if not traits.gas else None
+    inflation = inflation_of(traits)
+    drift = drift_of(traits)
+    leave = leave_function(traits, layout) if traits.leaves_at_once else None
 
     @wp.func
     def push_and_move(
@@ -150,7 +164,7 @@ def particle_steps(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             lanes.velocities[group, item] = velocity
             put_item(new_points, item, point)
 
-    return pull_and_swell, push_and_move
+    return push_and_move
 
 
 @cache
@@ -159,12 +173,15 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     read_lanes, show_velocities = read_function(traits, layout)
     write_lanes = write_function(traits, layout)
-    refresh_aims = refresh_function(traits, layout)
-    roll = roll_function(traits, layout)
-    pump = pump_in_lanes(traits, layout)
-    pull_and_swell, push_and_move = particle_steps(traits, layout)
-    correct, leave_all = correct_function(traits, layout)
-    touch = touch_function(traits, layout)
+    push_and_move = particle_steps(traits, layout)
+    # What a scene does not have is not made: a function takes Warp some milliseconds.
+    refresh_aims = refresh_function(traits, layout) if traits.aims else None
+    roll = roll_function(traits, layout) if traits.spheres else None
+    pump = pump_in_lanes(traits, layout) if traits.gas else None
+    pull_and_swell = gas_steps(traits, layout) if traits.gas else None
+    correct = correct_function(traits, layout) if traits.corrected else None
+    touch = touch_function(traits, layout) if traits.impulses else None
+    leave_all = leave_all_function(traits, layout) if traits.leaves_together else None
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_lanes(

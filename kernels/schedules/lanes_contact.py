@@ -153,11 +153,10 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
 
 
 @cache
-def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that shorten springs which are too long, and that let all particles leave obstacles then."""
-    LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+def correct_function(traits: Traits, layout: Layout) -> Any:
+    """The function that shortens springs which are too long."""
+    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     limit_column = traits.columns.places.get("correction_limit", 0)
-    leave = leave_function(traits, layout)
 
     @wp.func
     def may_be_too_long(d: Lanes3, rest_length: float, limits: Lanes):
@@ -217,6 +216,15 @@ def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                     move_place(lanes, group, points, p, move_p, t.step_seconds)
                     move_place(lanes, group, points, q, move_q, t.step_seconds)
 
+    return correct_in_worlds if layout.worlds else correct_in_world
+
+
+@cache
+def leave_all_function(traits: Traits, layout: Layout) -> Any:
+    """The function that lets all particles leave obstacles, once all have moved."""
+    LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+    leave = leave_function(traits, layout)
+
     @wp.func
     def leave_all(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, points: Any):
         """Every particle out of obstacles, where corrections or other contacts have left it."""
@@ -235,4 +243,4 @@ def correct_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                 put_item(points, item, out)
                 lanes.velocities[group, item] = after
 
-    return (correct_in_worlds if layout.worlds else correct_in_world), leave_all
+    return leave_all

@@ -110,10 +110,10 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
     """The loops for an item."""
     places = places_of(layout)
     read_numbers = numbers_reader(traits.columns)
-    sum_strings = string_loop(traits)
-    sum_hinges = hinge_loop(traits, places.seen)
-    sum_faces = face_loop(traits, places.seen, places.seen)
-    load_of_particle = wetness_loop(places.seen)
+    sum_strings = string_loop(traits) if traits.has("string") else None
+    sum_hinges = hinge_loop(traits, places.seen) if traits.has("hinge") else None
+    sum_faces = face_loop(traits, places.seen, places.seen) if traits.has("face") else None
+    load_of_particle = wetness_loop(places.seen) if traits.in_water else None
     level_column = traits.columns.places.get("water_level", 0)
     laws_in_lane = traits.laws_in_lane_on("particle")
 
