@@ -3,9 +3,13 @@
 The tests hold docs/SCENE.md to this.
 """
 
+import ast
 import inspect
+import itertools
+import textwrap
 import typing
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel
@@ -23,9 +27,22 @@ Tables = type[BaseModel]
 
 def meaning_of(table: Tables, field: str) -> str:
     """What a field of a table is, with its unit, on one line; of a table within it, the first line of that one's."""
-    said = table.model_fields[field].description
+    said = table.model_fields[field].description or _docstrings(table).get(field)
     inner = table_in(table.model_fields[field].annotation)
     return " ".join((said or (first_line(inner) if inner else "")).split())
+
+
+@cache
+def _docstrings(table: Tables) -> dict[str, str]:
+    """Of the fields, as they stand below them in the source. Pydantic would read it for each process that has scenes,
+    which takes it as long as to load them."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(table))).body
+    assert isinstance(definition, ast.ClassDef)
+    said = {}
+    for field, below in itertools.pairwise(definition.body):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(below, ast.Expr):
+            said[field.target.id] = inspect.cleandoc(ast.literal_eval(below.value))
+    return said
 
 
 def default_of(table: Tables, field: str) -> str:

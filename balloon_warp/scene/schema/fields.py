@@ -60,9 +60,7 @@ class Table(BaseModel):
         InputError: made in Python, it has a field that is wrong, which is named as in a scene file.
     """
 
-    model_config = ConfigDict(
-        extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True)
 
     if not TYPE_CHECKING:  # where each table's own fields are the arguments
 
