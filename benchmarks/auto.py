@@ -6,11 +6,13 @@ ends with status 1 where another is faster by more than it may be.
 """
 
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import warp as wp
 
 from balloon_warp.benchmarks.measure import seconds_a_frame
+from balloon_warp.benchmarks.result import Result
 from balloon_warp.device import pick_device
 from balloon_warp.model import build_model
 from balloon_warp.quiet import quiet_warp
@@ -32,6 +34,8 @@ class Choice:
 
     scene: str
     worlds: int
+    particles: int
+    """in one world"""
     taken: str
     rates: dict[str, float]
     """particle-substeps a second, by schedule"""
@@ -50,7 +54,18 @@ def measure(name: str, worlds: int, device: wp.Device) -> Choice:
     frames = max(1, min(20, int(FRAME_SECONDS * (3e7 if device.is_cpu else 5e9) / work)))
     seconds = seconds_a_frame(schedules, frames)
     rates = {schedule.name: work / each for schedule, each in zip(schedules, seconds, strict=True)}
-    return Choice(name, worlds, fastest_schedule(model, worlds), rates)
+    return Choice(name, worlds, model.particle_count, fastest_schedule(model, worlds), rates)
+
+
+def scene_results(device: wp.Device, counts: Sequence[int] = WORLDS) -> Iterator[Result]:
+    """Every bundled scene, so many times side by side, in each schedule; beside it what `auto` takes."""
+    for name in bundled_scenes():
+        for worlds in counts:
+            choice = measure(name, worlds, device)
+            taken = choice.rates[choice.taken]
+            for schedule, rate in choice.rates.items():
+                peer = (f"auto: {choice.taken}", taken, rate / taken)
+                yield Result(name, str(device), schedule, worlds, choice.particles, rate, *peer)
 
 
 def main() -> None:

@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from balloon_warp.benchmarks import run
+from balloon_warp.benchmarks import auto, run
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.cli import main
+from balloon_warp.device import pick_device
+from balloon_warp.model import build_model
+from balloon_warp.scene import load_scene
+from balloon_warp.schedules.choose import fastest_schedule
 
 RESULTS = [Result("1 balloon", "cpu", "gather", 1, 488, 2.0e8), Result("[s]", "cpu", "lanes", 8, 26, 3.0, "peer", 2.0)]
 
@@ -43,3 +47,32 @@ def test_a_table_is_printed_and_the_json_written(
     cases = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
     assert [case for case in cases if not case.startswith("-")] == ["case", "1 balloon", "[s]"]
     assert json.loads((tmp_path / "results.json").read_text()) == [result.as_json() for result in RESULTS]
+
+
+def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(auto, "bundled_scenes", lambda: ["two_balloons"])
+    monkeypatch.setattr(auto, "WORLDS", (1, 2))
+    monkeypatch.setattr(auto, "FRAME_SECONDS", 0.0)  # one at a time
+    measured = list(auto.scene_results(pick_device("cpu"), auto.WORLDS))
+    assert [(each.schedule, each.worlds) for each in measured] == [(name, n) for n in (1, 2) for name in auto.ON_CPU]
+    for each in measured:
+        model = build_model(load_scene("two_balloons"), "cpu", each.worlds)
+        assert (each.case, each.particles, each.rate > 0.0) == ("two_balloons", 820, True)
+        taken = fastest_schedule(model, each.worlds)
+        assert each.peer == f"auto: {taken}"
+        assert each.peer_rate is not None
+        assert each.ratio == pytest.approx(each.rate / each.peer_rate)
+        assert each.schedule != taken or each.ratio == 1.0
+    monkeypatch.setattr(auto, "scene_results", lambda device: measured)
+    bench(monkeypatch, "--scenes", "--json")
+    assert json.loads(capsys.readouterr().out) == [result.as_json() for result in measured]
+
+
+def test_two_sets_of_cases_at_once_are_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "bench", "--scenes", "--quick"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected one of them\n"

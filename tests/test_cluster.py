@@ -22,7 +22,7 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
-from balloon_warp.sweep import shares
+from balloon_warp.sweep import distribute, shares
 
 dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
 distributed = pytest.importorskip("distributed")
@@ -149,6 +149,14 @@ def test_a_share_that_ends_every_worker_is_given_up(address: str, tmp_path: Path
     with pytest.raises(WorkersLostError, match=r"^(a share of the batch ended 4 workers, one after|all workers ended)"):
         run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(distribute, "ALONE_SECONDS", 1.0)
+    with cluster_module.start_workers([{}]) as workers:
+        cluster = Cluster(address=address_of(workers))
+        with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; .*--resume"):
+            run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0))
 
 
 def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):

@@ -24,6 +24,10 @@ FILE_WIDTH = 200
 def bench(
     device: Device = None,
     quick: Annotated[bool, typer.Option("--quick", metavar="", help="A few cases only.")] = False,
+    scenes: Annotated[
+        bool,
+        typer.Option("--scenes", metavar="", help="Bundled scenes instead, in each schedule, alone and in batches."),
+    ] = False,
     gpus: Annotated[
         str | None,
         typer.Option(metavar="1,2,4", help="Weak scaling instead: so many GPUs, each with 8,192 balloons."),
@@ -43,6 +47,7 @@ def bench(
     The table is Markdown. A rate is in particle-substeps a second, unless the case says another unit.
     """
     quiet_warp()
+    from balloon_warp.benchmarks.auto import scene_results
     from balloon_warp.benchmarks.run import run_cases
     from balloon_warp.benchmarks.scaling import CPU_SHARE, GPU_SHARE, measure_scaling
     from balloon_warp.device import pick_device
@@ -52,10 +57,12 @@ def bench(
         check_writable(output, (".json",))
     if sum(choice is not None for choice in (device, gpus, workers)) > 1:
         raise InputError("--device, --gpus, --workers: expected one of them")
+    if sum((quick, scenes, bool(gpus or workers))) > 1:
+        raise InputError("--quick, --scenes, and --gpus or --workers: expected one of them")
     if gpus or workers:
         measured = measure_scaling(GPU_SHARE if gpus else CPU_SHARE, _counts(gpus or workers or ""))
     else:
-        measured = run_cases(pick_device(device), quick)
+        measured = scene_results(pick_device(device)) if scenes else run_cases(pick_device(device), quick)
     progress = Console(stderr=True, highlight=False)
     results = []
     for result in measured:
