@@ -155,7 +155,7 @@ def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path: Path, m
     monkeypatch.setattr(distribute, "ALONE_SECONDS", 1.0)
     with cluster_module.start_workers([{}]) as workers:
         cluster = Cluster(address=address_of(workers))
-        with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; .*--resume"):
+        with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; "):
             run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0))
 
 
