@@ -35,7 +35,7 @@ class Network:
 
     An undamped network is stable for h < 2 / omega_max. By Gershgorin's theorem omega_max^2 is at most twice the
     largest sum, at a particle over its mass, of spring constants: of the laws' bounds by the place. It is also at most
-    the largest eigenvalue of the springs' Laplacian, see `spectrum`, which is 1.5 to 1.75 times lower in meshes of
+    the largest eigenvalue of the springs' Laplacian, see `spectrum`, which is 1.4 to 1.75 times lower in meshes of
     quads; of worlds that differ, with the largest bound of each kind over all of them. The lower of both counts.
 
     Damping at the rate g [1/s], taken explicitly as the listing does, shrinks the bound to the root of
