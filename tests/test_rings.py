@@ -62,3 +62,14 @@ def test_rings_of_quads_that_are_not_flat(mesh):
 def test_what_has_no_rings(mesh):
     model = model_of(mesh)
     assert quad_rings(model, spring_ends(model)) is None
+
+
+@pytest.mark.parametrize("inflation", [Inflation(pressure=10.0), Inflation(k_normal=0.1)])
+def test_springs_stand_in_their_own_table_beside_rings(inflation: Inflation):
+    """For who goes through springs alone, such as the measures of a blow-up: on a GPU an empty table is read past."""
+    model = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(5), inflation=inflation)]), "cpu")
+    traits = model_traits(model)
+    assert traits.rings
+    springs = make_tables(model, traits).springs
+    assert springs.valences.numpy().sum() == 2 * model.spring_count
+    assert len(springs.entries) >= 2 * model.spring_count
