@@ -126,7 +126,7 @@ def _ratio(own: float | None, first: float | None) -> float | None:
 
 
 def as_markdown(rows: Sequence[Row]) -> str:
-    """The rows as a table of the README."""
+    """The rows as a table of docs/METHODS.md."""
     lines = [
         "| method | cost | in `gather` | substeps | volume [L] | stretch | unrest [mJ] |",
         "|---|---|---|---|---|---|---|",

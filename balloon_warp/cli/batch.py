@@ -2,6 +2,8 @@
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -137,7 +139,6 @@ def batch(
     loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     quiet_warp()
-    from balloon_warp.model.vary import VaryError
     from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.memory import require_room
@@ -148,37 +149,45 @@ def batch(
         spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
     require_room(loaded, worlds, choices, device, schedule, spread=bool(spread_over))
-    try:
-        with frame_progress() as progress:
-            task = progress.add_task(escape(name), total=loaded.frames)
-            listeners = (lambda number: progress.update(task, completed=number)), note, warn
-            on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
-            summary = run_batch(
-                loaded,
-                output or Path(f"{name}_batch"),
-                worlds,
-                spread(choices, worlds, seed=seed, grid=grid),
-                export=parse_export(export, worlds),
-                name=name,
-                device=device,
-                schedule=schedule,
-                on_blowup=on_blowup,
-                cluster=spread_over,
-                checkpoint_seconds=checkpoint,
-                resume=resume,
-                provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
-                on_frame=on_frame,
-                on_note=on_note,
-                on_warning=on_warning,
-            )
-    except VaryError as mistake:
-        raise InputError(f"--vary {mistake.path}: {str(mistake).removeprefix(f'{mistake.path}: ')}") from None
+    with _naming_vary(), frame_progress() as progress:
+        task = progress.add_task(escape(name), total=loaded.frames)
+        listeners = (lambda number: progress.update(task, completed=number)), note, warn
+        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
+        summary = run_batch(
+            loaded,
+            output or Path(f"{name}_batch"),
+            worlds,
+            spread(choices, worlds, seed=seed, grid=grid),
+            export=parse_export(export, worlds),
+            name=name,
+            device=device,
+            schedule=schedule,
+            on_blowup=on_blowup,
+            cluster=spread_over,
+            checkpoint_seconds=checkpoint,
+            resume=resume,
+            provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
+            on_frame=on_frame,
+            on_note=on_note,
+            on_warning=on_warning,
+        )
     if not choices and worlds > 1:
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     if as_json:
         print(json.dumps(summary.as_json()))
     else:
         _print_summary(summary, loaded.frames_per_second, spread=bool(spread_over))
+
+
+@contextmanager
+def _naming_vary() -> Iterator[None]:
+    """A mistake in what differs between worlds names the option."""
+    from balloon_warp.model.vary import VaryError
+
+    try:
+        yield
+    except VaryError as mistake:
+        raise InputError(f"--vary {mistake.path}: {str(mistake).removeprefix(f'{mistake.path}: ')}") from None
 
 
 def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
