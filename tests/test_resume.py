@@ -6,6 +6,7 @@ import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -94,6 +95,24 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path: Path):
                 np.testing.assert_array_equal(np.array(there.Get(time)), np.array(attribute.Get(time)), str(attribute))
     summary = animate(SCENE, output, resume=True)
     assert summary.begin == STOPPED_AT
+    assert output.read_bytes() == whole.read_bytes()
+
+
+def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Which happens beside the simulation, here slowly."""
+    write = usd_stage.StageWriter.write
+
+    def write_slowly(self: usd_stage.StageWriter, frame: Any) -> None:
+        sleep(0.05)
+        write(self, frame)
+
+    whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
+    animate(SCENE, whole)
+    monkeypatch.setattr(usd_stage.StageWriter, "write", write_slowly)
+    with pytest.raises(KeyboardInterrupt):
+        animate(SCENE, output, on_frame=press_ctrl_c)
+    monkeypatch.undo()
+    assert animate(SCENE, output, resume=True).begin == STOPPED_AT
     assert output.read_bytes() == whole.read_bytes()
 
 

@@ -148,7 +148,7 @@ def batch(
     if (cluster, gpus, workers) != (None, None, None):
         spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
-    require_room(loaded, worlds, choices, device, schedule, spread=bool(spread_over))
+    require_room(loaded, worlds, choices, device, schedule, spread=bool(spread_over))  # before each gets its values
     with _naming_vary(), frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
         listeners = (lambda number: progress.update(task, completed=number)), note, warn
