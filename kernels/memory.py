@@ -65,6 +65,20 @@ def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const int4 four = __ldg(reinterpret_cast<const int4*>(array.data) + (unsigned int)index);
+    return wp::vec_t<4, wp::int32>(four.x, four.y, four.z, four.w);
+#else
+    const int* four = array.data + 4 * index;
+    return wp::vec_t<4, wp::int32>(four[0], four[1], four[2], four[3]);
+#endif
+""")
+def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
+    """The integers from `array[4 * index]` on, in one load."""
+    ...
+
+
 @wp.func_native("return array.data[(unsigned int)index];")
 def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
     """`array[index]` of a contiguous array."""

@@ -75,3 +75,25 @@ def own_functions(columns: Columns, balloons: int = 0) -> tuple[Any, Any]:
         return own
 
     return Own, read_own
+
+
+@cache
+def own_beside_function(columns: Columns, balloons: int = 0) -> Any:
+    """The function that reads what a particle knows of its own alone, beside another of the same balloon and world."""
+    Own, _ = own_functions(columns, balloons)  # noqa: N806 - a type
+    mass_column = columns.places["mass"]
+
+    @wp.func
+    def read_own_beside(t: Tables, beside: Own, particle: wp.int32):
+        """All of it."""
+        own = Own()
+        own.world = beside.world
+        own.number = particle
+        own.balloon = beside.balloon
+        own.kind = beside.kind
+        own.n = beside.n
+        own.share = float_at(t.particles.mass_share, particle)
+        own.mass = own.share * own.n[mass_column]
+        return own
+
+    return read_own_beside

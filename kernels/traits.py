@@ -78,6 +78,16 @@ class Traits(NamedTuple):
         return self.pressures or self.needs("particle", "area_vector")
 
     @property
+    def aims_on_the_way(self) -> bool:
+        """Whether a block, which has the points at hand, aims as it goes around particles: in every substep."""
+        return self.rings and self.aims and self.fresh_normals
+
+    @property
+    def keeps_aims(self) -> bool:
+        """Whether a block keeps aims in memory: those of a frame, or where not all is done in one go."""
+        return self.aims and (not self.aims_on_the_way or self.gas or self.leaves_together)
+
+    @property
     def in_water(self) -> bool:
         """Whether the wetted parts of faces are needed."""
         return self.needs("particle", "water_load")

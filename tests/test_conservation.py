@@ -110,8 +110,12 @@ def energy_swing(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 
 def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(schedule, device):
-    """By about h omega / 2 of what is in the fastest springs, and it goes nowhere."""
-    assert np.abs(energy_swing(thrown(device, schedule), FRAMES)).max() < 0.02
+    """By about h omega / 2 of what is in the fastest springs, and it goes nowhere.
+
+    The motion is chaotic, and `scatter` adds up in another order every time on a GPU: of 40 starts a micrometer apart
+    the farthest swings were 0.013 to 0.026.
+    """
+    assert np.abs(energy_swing(thrown(device, schedule), FRAMES)).max() < 0.04
 
 
 def test_the_energy_of_forward_euler_grows_at_once(device):

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from meshes import cube, grid, prism, quad_sphere, torus
 
-from balloon_warp.kernels.loops.areas import area_vector_of_quad_corner
+from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
 from balloon_warp.kernels.schedules.scatter import add_area_vectors
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
@@ -33,7 +33,7 @@ def _by_rings(
         before = points[along[slot, p]] - points[p]
         opposite = points[across[slot, p]] - points[p]
         after = points[along[(slot + 1) % count, p]] - points[p]
-        area_vectors[p] = area_vectors[p] + area_vector_of_quad_corner(before, opposite, after)
+        area_vectors[p] = area_vectors[p] + CROSSES * cross_at_quad_corner(before, opposite, after)
 
 
 def model_of(mesh: PolygonMesh) -> Model:

@@ -119,7 +119,7 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
             capacity=residing.threads * residing.particles_a_thread,
             resident=True,
             two=residing.particles_a_thread == 2,
-            faces=model.face_count if traits.aims else 1,
+            faces=model.face_count if traits.aims and not traits.aims_on_the_way else 1,
             kind_slots=kind_slots(ends),
             rings=residing.rings is not None,
             odd_substeps=odd,
@@ -149,7 +149,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
     return {
         "face_centers": vectors(streaming and traits.aims and not traits.rings, model.face_count),
         "face_area_vectors": vectors(streaming and traits.aims and not traits.rings, model.face_count),
-        "aims": vectors(streaming and traits.aims),
+        "aims": vectors(streaming and traits.keeps_aims),
         "area_vectors": vectors(streaming and traits.gas),
         "free_velocities": vectors(streaming and traits.gas),
         "velocities": vectors(streaming),

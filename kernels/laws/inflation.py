@@ -31,6 +31,12 @@ def nearer_area(nearest: wp.vec2, point: wp.vec3, center: wp.vec3, area_vector: 
 
 
 @wp.func
-def aim_of(normal_sum: wp.vec3, nearest: wp.vec2, total_area: float):
-    """(A_p / A_total) n from the sum of the unit normals around a particle, and its nearest face."""
-    return (nearest[1] / wp.max(total_area, 1.0e-20)) * wp.normalize(normal_sum)
+def facing_of(normal_sum: wp.vec3, nearest: wp.vec2):
+    """A_p n from the sum of the unit normals around a particle, and its nearest face [m^2]."""
+    return nearest[1] * wp.normalize(normal_sum)
+
+
+@wp.func
+def aim_of(facing: wp.vec3, total_area: float):
+    """(A_p / A_total) n from A_p n."""
+    return facing / wp.max(total_area, 1.0e-20)

@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.inflation import FAR, aim_of, nearer_area
-from balloon_warp.kernels.loops.areas import area_vector_of_quad
+from balloon_warp.kernels.algebra import cross_product
+from balloon_warp.kernels.laws.inflation import FAR, aim_of, facing_of, nearer_area
 from balloon_warp.kernels.memory import four_at, four_ints_at
 from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
 
@@ -31,9 +31,23 @@ def aim_loop(at: Any) -> Any:
             area_vector = at(area_vectors, face)
             normal += wp.normalize(area_vector)
             nearest = nearer_area(nearest, point, at(centers, face), area_vector)
-        return aim_of(normal, nearest, total_area)
+        return aim_of(facing_of(normal, nearest), total_area)
 
     return aim_of_particle
+
+
+@wp.func
+def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3, along: wp.vec3):
+    """The sum of the unit normals around a particle, and its nearest face, with one more quad, from the vectors to its
+    other corners. Distances are four times as long, and areas twice as large as they are."""
+    area_vector = cross_product(across, before - along)
+    return normal + wp.normalize(area_vector), nearer_area(nearest, wp.vec3(), before + across + along, area_vector)
+
+
+@wp.func
+def facing_of_quads(normal: wp.vec3, nearest: wp.vec2):
+    """A_p n, when all quads around a particle have been seen [m^2]."""
+    return 0.5 * facing_of(normal, nearest)
 
 
 @cache
@@ -57,10 +71,10 @@ def ring_aim_loop(at: Any) -> Any:
             ahead = four_at(rings.entries, entry + SLICE)
             across = at(points, wp.cast(quad[0], wp.int32)) - point
             along = at(points, wp.cast(quad[1], wp.int32)) - point
-            area_vector = area_vector_of_quad(before, across, along)
-            normal += wp.normalize(area_vector)
-            nearest = nearer_area(nearest, wp.vec3(), 0.25 * (before + across + along), area_vector)
+            turned, nearer = see_quad(normal, nearest, before, across, along)
+            normal = turned
+            nearest = nearer
             before = along
-        return aim_of(normal, nearest, total_area)
+        return aim_of(facing_of_quads(normal, nearest), total_area)
 
     return aim_of_particle

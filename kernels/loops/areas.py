@@ -16,12 +16,17 @@ from balloon_warp.kernels.tables import SLICE, FanTable, first_entry
 
 
 @wp.func
-def area_vector_of_quad_corner(before: Any, opposite: Any, after: Any):
-    """What a quad adds to the area vector of one of its corners [m^2], from the vectors to the others [m].
+def cross_at_quad_corner(before: Any, opposite: Any, after: Any):
+    """Over `CROSSES`, what a quad adds to the area vector of one of its corners [m^2], from the vectors to the others
+    [m].
 
     The formula above with c = (b + o + d) / 4 and A = 1/2 o x (b - d).
     """
-    return scaled(cross_product(after - before, before + after + scaled(opposite, 2.0)), 1.0 / 24.0)
+    return cross_product(after - before, before + after + scaled(opposite, 2.0))
+
+
+CROSSES = wp.constant(1.0 / 24.0)
+"""area vector over the sum of the crosses at the corners of quads"""
 
 
 @wp.func
@@ -57,10 +62,10 @@ def area_loop(quads: bool, at: Any) -> Any:
         begin = first_entry(fans.slice_offsets, particle)
         for entry in range(begin, begin + SLICE * fans.counts[particle], SLICE):
             others = triple_at(fans.quads, entry)
-            area_vector += area_vector_of_quad_corner(
+            area_vector += cross_at_quad_corner(
                 at(points, others[0]) - point, at(points, others[1]) - point, at(points, others[2]) - point
             )
-        return area_vector
+        return scaled(area_vector, CROSSES)
 
     @wp.func
     def area_vector_in_faces(fans: Any, points: Any, particle: wp.int32, point: Any):

@@ -22,8 +22,8 @@ class Loops(NamedTuple):
     """What a particle goes through. The functions take the particle's `own`, one or eight at a time."""
 
     around: Any
-    """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and to its area
-    vector where that is needed"""
+    """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
+    needed and found on the way, to its area vector and A_p n, see `laws.inflation`"""
     others: Any
     """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and faces; None if the springs'
     has it already"""
@@ -40,13 +40,13 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
 
     @wp.func
     def net_force(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
-        """The force [N], and the particle's area vector [m^2] where it is needed.
+        """The force [N], and where they are needed and found on the way, area vector and A_p n of the particle [m^2].
 
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
             springs: what the loop over springs goes by, beside the tables.
         """
-        force, area_vector = loops.around(t, points, velocities, own, springs, point, velocity, time)
+        force, area_vector, facing = loops.around(t, points, velocities, own, springs, point, velocity, time)
         if wp.static(others):
             force += loops.others(t, points, velocities, own, point, velocity, time)
         water_load = wp.vec4()
@@ -59,35 +59,44 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
             force += loops.particle_laws(
                 point, velocity, own.mass, own.share, area_vector, water_load, t.up, t.step_seconds, time, own.n
             )
-        return force, area_vector
+        return force, area_vector, facing
 
     return net_force
 
 
 @cache
-def one_after_the_other(traits: Traits, pull_of_springs: Any, area_vector_of_own: Any) -> Any:
+def one_after_the_other(
+    traits: Traits, pull_of_springs: Any, area_vector_of_own: Any, facing_of_own: Any = None
+) -> Any:
     """The function that goes through a particle's springs, and then around its faces."""
 
     @wp.func
     def around(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
-        """Force [N] and area vector [m^2]."""
+        """Force [N], area vector and A_p n [m^2]."""
         force = pull_of_springs(t, points, velocities, own, springs, point, velocity, time)
         area_vector = scaled(point, 0.0)
+        facing = scaled(point, 0.0)
         if wp.static(traits.measures_areas):
             area_vector = area_vector_of_own(t, points, own, springs, point)
-        return force, area_vector
+        if wp.static(facing_of_own is not None):
+            facing = facing_of_own(t, points, own, springs, point)
+        return force, area_vector, facing
 
     return around
 
 
 @cache
-def scalar_loops(traits: Traits, at: Any, springs: Any = None, area_vector: Any = None) -> Loops:
+def scalar_loops(
+    traits: Traits, at: Any, springs: Any = None, area_vector: Any = None, facing: Any = None, aims: bool = False
+) -> Loops:
     """The loops for one particle at a time.
 
     Args:
         at: the function that reads a point.
         springs: the loop over springs, if they are not read from the table.
         area_vector: the loop over faces, if it goes another way.
+        facing: the one that finds A_p n, if it does.
+        aims: whether rings find A_p n on the way.
     """
     sum_strings = string_loop(traits)
     sum_hinges = hinge_loop(traits, at)
@@ -119,9 +128,10 @@ def scalar_loops(traits: Traits, at: Any, springs: Any = None, area_vector: Any 
         return load_of_particle(t.faces, points, own.number, own.n[level_column], t.up)
 
     if traits.rings and not springs and (traits.measures_areas or at is in_tile):
-        around = ring_loop(traits, at)
+        around = ring_loop(traits, at, aims)
     else:
-        around = one_after_the_other(traits, springs or spring_loop(traits, at), area_vector or area_vector_of_own)
+        pull_of_springs = springs or spring_loop(traits, at)
+        around = one_after_the_other(traits, pull_of_springs, area_vector or area_vector_of_own, facing)
     return Loops(
         around,
         other_pulls,

@@ -89,7 +89,7 @@ def law_measure(traits: Traits, laws: tuple[Law, ...], number: int = 0) -> Any:
         """The force of each [N]."""
         own = read_own(t, world, particle)
         point = points[particle]
-        force, _area = net_force(t, points, velocities, own, particle, point, velocities[particle], time)
+        force, _area, _facing = net_force(t, points, velocities, own, particle, point, velocities[particle], time)
         pulls[number, particle] = wp.length(force)
         if wp.static(others is not None):
             others(t, world, particle, points, velocities, time, pulls)

@@ -89,7 +89,7 @@ def advance_kernel(
         area_vector = wp.vec3()
         if wp.static(net_force is not None):
             time = time_of(t, state.frame, time_in_frame)
-            pull, area = net_force(t, points[world], velocities[world], own, working, point, velocity, time)
+            pull, area, _facing = net_force(t, points[world], velocities[world], own, working, point, velocity, time)
             force = pull
             area_vector = area
         else:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.memory import put_in_tile
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.own import own_beside_function, own_functions
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -108,9 +108,11 @@ def count_frame(state: WorldState, world: wp.int32, thread: wp.int32):
 
 
 @cache
-def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tuple[Any, Any]:
-    """The type of a particle in a thread's registers, and the function that seats one."""
+def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tuple[Any, Any, Any]:
+    """The type of a particle in a thread's registers, the function that seats one, and the one that seats one beside
+    another, with what they share in the same registers."""
     Own, read_own = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
+    read_own_beside = own_beside_function(traits.columns, traits.balloons)
 
     @wp.struct
     class Member:
@@ -130,20 +132,36 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         push: wp.vec3  # of the inflation [N]
 
     @wp.func
-    def seat_member(t: Tables, slots: Any, state: WorldState, seat: Seat, place: wp.int32):
-        """The particle at a place, but for where it is; where there is none, the last again, which does not move."""
-        member = Member()
+    def seated(t: Tables, slots: Any, seat: Seat, place: wp.int32, member: Member):
+        """With its springs; where there is no particle, it does not move."""
         member.active = place < seat.count
-        member.own = read_own(t, seat.world, wp.min(place, seat.count - 1))
         if not member.active:
             member.own.share = 0.0
             member.own.mass = 0.0
         member.springs = read_springs(t, slots, member.own)
-        member.ramp = state.inflation_ramp[seat.world, member.own.balloon]
         member.inertia = member.own.mass
         return member
 
-    return Member, seat_member
+    @wp.func
+    def seat_member(t: Tables, slots: Any, state: WorldState, seat: Seat, place: wp.int32):
+        """The particle at a place, but for where it is; where there is none, the last again, which does not move."""
+        member = Member()
+        member.own = read_own(t, seat.world, wp.min(place, seat.count - 1))
+        member.ramp = state.inflation_ramp[seat.world, member.own.balloon]
+        return seated(t, slots, seat, place, member)
+
+    @wp.func
+    def seat_beside(t: Tables, slots: Any, state: WorldState, seat: Seat, place: wp.int32, beside: Member):
+        """The same; of one balloon, which all are of, less is read."""
+        if wp.static(traits.balloons == 1):
+            member = Member()
+            member.own = read_own_beside(t, beside.own, wp.min(place, seat.count - 1))
+            member.ramp = beside.ramp
+            return seated(t, slots, seat, place, member)
+        else:
+            return seat_member(t, slots, state, seat, place)
+
+    return Member, seat_member, seat_beside
 
 
 @cache

@@ -7,13 +7,14 @@ import warp as wp
 
 from balloon_warp.kernels.laws.contact import leave_ground
 from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, aim_of
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
 from balloon_warp.kernels.loops.obstacles import leave_one_sphere
 from balloon_warp.kernels.loops.touching import is_near_sphere
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
+from balloon_warp.kernels.schedules.block_refresh import Refresh
 from balloon_warp.kernels.schedules.warps import any_in_warp
 from balloon_warp.kernels.substep import drift_of, inflation_of, kick, memory_function, swell_function
 from balloon_warp.kernels.tables import Tables
@@ -26,7 +27,8 @@ class Pieces(NamedTuple):
     fill: Any
     """(t, seat, member): what it moves, gas too"""
     pull: Any
-    """(t, seat, points, velocities, member, time): all forces but the inflation, and the area vector"""
+    """(t, seat, points, velocities, member, area): all forces but the inflation, and the particle with its area vector
+    and aim, where they come on the way; of the balloon whose area is that, or of one of several"""
     free: Any
     """(t, seat, member, force): the velocity that they give"""
     swell: Any
@@ -44,9 +46,12 @@ class Pieces(NamedTuple):
 
 
 @cache
-def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_type: Any, layout: Layout) -> Pieces:
+def pieces_of(
+    traits: Traits, loops: Loops, board: Board, gas: GasSums, refresh: Refresh, member_type: Any, layout: Layout
+) -> Pieces:
     """For what a scene has."""
     Member = member_type  # noqa: N806 - a type
+    area_of_balloon = refresh.area
     net_force = net_force_function(traits, loops)
     inflation = inflation_of(traits)
     drift = drift_of(traits)
@@ -74,11 +79,16 @@ def pieces_of(traits: Traits, loops: Loops, board: Board, gas: GasSums, member_t
         return member
 
     @wp.func
-    def pull(t: Tables, seat: Seat, points: Any, velocities: Any, member: Member):
-        force, area_vector = net_force(
+    def pull(t: Tables, seat: Seat, points: Any, velocities: Any, member: Member, area: float):
+        force, area_vector, facing = net_force(
             t, points, velocities, member.own, member.springs, member.point, member.velocity, seat.time
         )
-        return force, area_vector
+        member.area_vector = area_vector
+        if wp.static(traits.aims_on_the_way and traits.balloons == 1):
+            member.aim = aim_of(facing, area)
+        elif wp.static(traits.aims_on_the_way):
+            member.aim = aim_of(facing, area_of_balloon(member.own.balloon))
+        return force, member
 
     @wp.func
     def free(t: Tables, seat: Seat, member: Member, force: wp.vec3):

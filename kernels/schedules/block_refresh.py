@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.loops.aims import aim_loop, ring_aim_loop
 from balloon_warp.kernels.loops.areas import area_vector_of_quad, face_measures
-from balloon_warp.kernels.memory import in_tile, int_at, put_in_array, put_in_tile, vector_at
+from balloon_warp.kernels.memory import in_tile, put_in_array, put_in_tile, quad_at, vector_at
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
@@ -25,31 +25,34 @@ class Refresh(NamedTuple):
     """How a block aims."""
 
     measure: Any
-    """(t, seat, points, centers, area_vectors): every face by one thread, and the areas of balloons; with barriers"""
+    """(t, seat, points, centers, area_vectors): every face by one thread; with a barrier"""
+    area: Any
+    """(balloon): its area [m^2], when faces have been measured"""
     aim: Any
-    """(t, seat, points, centers, area_vectors, particle, balloon, point): (A_p / A_total) n"""
+    """(t, points, centers, area_vectors, particle, point, area): (A_p / A_total) n"""
 
 
 @cache
 def refresh_of(traits: Traits, layout: Layout) -> Refresh:
-    """For a layout: faces are measured into tiles where particles are resident, and into arrays otherwise."""
+    """For a layout: faces are measured into tiles where particles are resident, and into arrays otherwise; where aims
+    come of rings, their areas alone are needed."""
     warps, balloons = layout.warps, traits.balloons
     areas = shared_words("areas", traits.balloons * warps)
     at, put = (in_tile, put_in_tile) if layout.resident else (vector_at, put_in_array)
     center_of_face, area_vector_of_face = face_measures(in_tile)
     aim_of_particle = aim_loop(at)
     aim_in_ring = ring_aim_loop(in_tile)
-    rings = traits.rings and not layout.resident
+    rings = traits.rings and (traits.fresh_normals or not layout.resident)
 
     @wp.func
     def area_vector_of_quad_face(faces: FaceTable, points: Any, face: wp.int32):
         """[m^2]"""
-        corner = 4 * face
-        point = in_tile(points, int_at(faces.particles, corner))
+        corners = quad_at(faces.particles, face)
+        point = in_tile(points, corners[0])
         return area_vector_of_quad(
-            in_tile(points, int_at(faces.particles, corner + 3)) - point,
-            in_tile(points, int_at(faces.particles, corner + 2)) - point,
-            in_tile(points, int_at(faces.particles, corner + 1)) - point,
+            in_tile(points, corners[3]) - point,
+            in_tile(points, corners[2]) - point,
+            in_tile(points, corners[1]) - point,
         )
 
     @wp.func
@@ -72,22 +75,17 @@ def refresh_of(traits: Traits, layout: Layout) -> Refresh:
         block_barrier()
 
     @wp.func
-    def aim(
-        t: Tables,
-        seat: Seat,
-        points: Any,
-        centers: Any,
-        area_vectors: Any,
-        particle: wp.int32,
-        balloon: wp.int32,
-        point: wp.vec3,
-    ):
-        area = float(0.0)
+    def area(balloon: wp.int32):
+        total = float(0.0)
         for warp in range(warps):
-            area += word_at(areas(), balloon * warps + warp)
+            total += word_at(areas(), balloon * warps + warp)
+        return total
+
+    @wp.func
+    def aim(t: Tables, points: Any, centers: Any, area_vectors: Any, particle: wp.int32, point: wp.vec3, area: float):
         if wp.static(rings):
             return aim_in_ring(t.rings, points, particle, point, area)
         else:
             return aim_of_particle(t.faces, centers, area_vectors, particle, point, area)
 
-    return Refresh(measure, aim)
+    return Refresh(measure, area, aim)

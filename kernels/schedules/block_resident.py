@@ -43,12 +43,19 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     """A kernel for just what a scene has."""
     threads, two, face_capacity = layout.threads, layout.two, layout.faces
     capacity = threads * (2 if two else 1)
-    Springs, read_springs, pull_of_springs, area_in_ring = slot_functions(traits, layout.kind_slots)  # noqa: N806
-    Member, seat_member = member_functions(traits, Springs, read_springs)  # noqa: N806 - a type
-    loops = scalar_loops(traits, in_tile, pull_of_springs, area_in_ring if layout.rings else None)
-    board, gas = board_of(traits, layout), gas_sums(traits, layout)
-    pieces = pieces_of(traits, loops, board, gas, Member, layout)
-    refresh = refresh_of(traits, layout)
+    Springs, read_springs, pull_of_springs, area_in_ring, facing_in_ring = slot_functions(  # noqa: N806 - a type
+        traits, layout.kind_slots
+    )
+    Member, seat_member, seat_beside = member_functions(traits, Springs, read_springs)  # noqa: N806 - a type
+    loops = scalar_loops(
+        traits,
+        in_tile,
+        pull_of_springs,
+        area_in_ring if layout.rings else None,
+        facing_in_ring if traits.aims_on_the_way else None,
+    )
+    board, gas, refresh = board_of(traits, layout), gas_sums(traits, layout), refresh_of(traits, layout)
+    pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
     correct = correcting(traits)
     touch = touching(traits, board, one_of_two, layout)
     put_members, get_members = pair_functions(layout)
@@ -56,21 +63,30 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
 
     @wp.func
     def take_place(
-        t: Tables,
-        slots: SlotTable,
-        state: WorldState,
-        seat: Seat,
-        place: wp.int32,
-        points: Any,
-        velocities: wp.array[wp.vec3],
+        state: WorldState, seat: Seat, member: Member, place: wp.int32, points: Any, velocities: wp.array[wp.vec3]
     ):
-        """The particle at a place, with a frame's beginning; its point into the tile."""
-        member = seat_member(t, slots, state, seat, place)
+        """A particle with a frame's beginning; its point into the tile."""
         member.load = state.inflation_loads[seat.world, member.own.balloon]
         member.point = state.points[seat.world, member.own.number]
         member.velocity = velocities[member.own.number]
         put_in_tile(points, place, member.point)
         return member
+
+    @wp.func
+    def aim_together(t: Tables, seat: Seat, mine: Member, also: Member, points: Any, centers: Any, areas: Any):
+        """Faces are measured, and unless aims come on the way, particles aim. The area of the balloon, if there is
+        one."""
+        refresh.measure(t, seat, points, centers, areas)
+        area = float(0.0)
+        if wp.static(traits.balloons == 1 or not traits.aims_on_the_way):
+            area = refresh.area(mine.own.balloon)
+        if wp.static(not traits.aims_on_the_way):
+            mine.aim = refresh.aim(t, points, centers, areas, mine.own.number, mine.point, area)
+            if wp.static(two):
+                also.aim = refresh.aim(
+                    t, points, centers, areas, also.own.number, also.point, refresh.area(also.own.balloon)
+                )
+        return area, mine, also
 
     @wp.func
     def swell_together(t: Tables, state: WorldState, seat: Seat, mine: Member, also: Member, points: Any):
@@ -143,24 +159,24 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         areas: Any,
     ):
         """One substep, from one tile of points to the other."""
+        area = float(0.0)
         if wp.static(traits.aims and traits.fresh_normals):
-            refresh.measure(t, seat, source, centers, areas)
-            mine.aim = refresh.aim(t, seat, source, centers, areas, mine.own.number, mine.own.balloon, mine.point)
-            if wp.static(two):
-                also.aim = refresh.aim(t, seat, source, centers, areas, also.own.number, also.own.balloon, also.point)
+            area, aimed, other_aimed = aim_together(t, seat, mine, also, source, centers, areas)
+            mine = aimed
+            also = other_aimed
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
             board.roll(t, seat.world, seat.thread, seat.substep)
             block_barrier()
         mine = pieces.fill(t, seat, mine)
         if wp.static(two):
             also = pieces.fill(t, seat, also)
-        force, area = pieces.pull(t, seat, source, velocities, mine)
-        mine.area_vector = area
+        force, pulled = pieces.pull(t, seat, source, velocities, mine, area)
+        mine = pulled
         other_force = wp.vec3()
         if wp.static(two):
-            pull, other_area = pieces.pull(t, seat, source, velocities, also)
+            pull, other_pulled = pieces.pull(t, seat, source, velocities, also, area)
             other_force = pull
-            also.area_vector = other_area
+            also = other_pulled
         if wp.static(traits.gas):
             mine.free_velocity = pieces.free(t, seat, mine, force)
             if wp.static(two):
@@ -240,20 +256,16 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
             gas.begin(t, state, seat)
-        mine = take_place(t, slots, state, seat, thread, even, velocities)
+        mine = take_place(state, seat, seat_member(t, slots, state, seat, thread), thread, even, velocities)
         also = Member()
         if wp.static(two):
-            also = take_place(t, slots, state, seat, thread + threads, even, velocities)
-            if wp.static(traits.balloons == 1):  # in the same registers
-                also.own.n = mine.own.n
-                also.own.kind = mine.own.kind
-                also.ramp = mine.ramp
+            beside = seat_beside(t, slots, state, seat, thread + threads, mine)
+            also = take_place(state, seat, beside, thread + threads, even, velocities)
         block_barrier()
         if wp.static(traits.aims and not traits.fresh_normals):
-            refresh.measure(t, seat, even, centers, areas)
-            mine.aim = refresh.aim(t, seat, even, centers, areas, mine.own.number, mine.own.balloon, mine.point)
-            if wp.static(two):
-                also.aim = refresh.aim(t, seat, even, centers, areas, also.own.number, also.own.balloon, also.point)
+            _area, aimed, other_aimed = aim_together(t, seat, mine, also, even, centers, areas)
+            mine = aimed
+            also = other_aimed
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
             first, second = substep(t, state, now, mine, also, even, odd, velocities, other_velocities, centers, areas)

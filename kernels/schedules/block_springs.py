@@ -10,7 +10,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
-from balloon_warp.kernels.loops.areas import area_vector_of_quad_corner
+from balloon_warp.kernels.laws.inflation import FAR
+from balloon_warp.kernels.loops.aims import facing_of_quads, see_quad
+from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
 from balloon_warp.kernels.memory import in_tile, vector_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -31,9 +33,9 @@ class SlotTable:
 
 
 @cache
-def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[Any, Any, Any, Any]:
+def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[Any, Any, Any, Any, Any]:
     """For so many slots of each kind: the type of what is kept in registers, the function that reads it, and the loops
-    over all springs, and over the quads between them."""
+    over all springs, and over the quads between them for the area vector, and for A_p n."""
     shear_begin = kind_slots[0]
     flexion_begin = shear_begin + kind_slots[1]
     slots = flexion_begin + kind_slots[2]
@@ -130,9 +132,30 @@ def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[An
         for slot in range(1, shear_begin):
             opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
             after = in_tile(points, springs.neighbors[slot]) - point
-            area_vector += area_vector_of_quad_corner(before, opposite, wp.where(slot == springs.valence, first, after))
+            area_vector += cross_at_quad_corner(before, opposite, wp.where(slot == springs.valence, first, after))
             before = after
         opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
-        return area_vector + area_vector_of_quad_corner(before, opposite, first)
+        return CROSSES * (area_vector + cross_at_quad_corner(before, opposite, first))
 
-    return Springs, read_springs, pull_of_springs, area_vector_in_ring
+    @wp.func
+    def facing_in_ring(t: Tables, points: Any, own: Any, springs: Springs, point: wp.vec3):
+        """A_p n of a particle, by the quads around it [m^2]."""
+        normal = wp.vec3()
+        nearest = wp.vec2(FAR, 0.0)
+        first = in_tile(points, springs.neighbors[0]) - point
+        before = first
+        for slot in range(1, shear_begin):
+            opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
+            after = in_tile(points, springs.neighbors[slot]) - point
+            end = wp.where(slot == springs.valence, first, after)
+            turned, nearer = see_quad(normal, nearest, before, opposite, end)
+            normal = wp.where(slot <= springs.valence, turned, normal)
+            nearest = wp.where(slot <= springs.valence, nearer, nearest)
+            before = after
+        opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
+        turned, nearer = see_quad(normal, nearest, before, opposite, first)
+        normal = wp.where(springs.valence == shear_begin, turned, normal)
+        nearest = wp.where(springs.valence == shear_begin, nearer, nearest)
+        return facing_of_quads(normal, nearest)
+
+    return Springs, read_springs, pull_of_springs, area_vector_in_ring, facing_in_ring

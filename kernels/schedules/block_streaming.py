@@ -9,7 +9,7 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.measure.health import look_at_particle
-from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
+from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_gas import gas_sums
@@ -25,6 +25,7 @@ from balloon_warp.kernels.schedules.block_memory import (
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_touch import touching
+from balloon_warp.kernels.schedules.block_turns import turns_of
 from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -40,71 +41,36 @@ def no_springs(t: Tables, slots: wp.int32, own: Any):
 @cache
 def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     """A kernel for worlds of up to so many particles; on the CPU, a block is one thread."""
-    Member, seat_member = member_functions(traits, wp.int32, no_springs)  # noqa: N806 - a type
+    Member, seat_member, seat_beside = member_functions(traits, wp.int32, no_springs)  # noqa: N806 - a type
     board, gas = board_of(traits, layout), gas_sums(traits, layout)
-    pieces = pieces_of(traits, scalar_loops(traits, in_tile), board, gas, Member, layout)
     refresh = refresh_of(traits, layout)
+    loops = scalar_loops(traits, in_tile, aims=traits.aims_on_the_way)
+    pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
+    turns = turns_of(traits, pieces, gas, Member, seat_member, seat_beside, layout)
     correct = correcting(traits)
     begins = beginning_of_frame(traits)
     threads, capacity = layout.threads, layout.capacity
 
-    @wp.func
-    def mass_in_turn(t: Tables, seat: Seat, turn: wp.int32, state: WorldState):
-        """Of the particle that a thread has in a turn, and what moves with it [kg]."""
-        member = pieces.fill(t, seat, seat_member(t, 0, state, seat, turn * threads + seat.thread))
-        return member.inertia
-
-    touch = touching(traits, board, mass_in_turn, layout)
-
-    @wp.func
-    def member_in_turn(
-        t: Tables,
-        state: WorldState,
-        memory: BlockMemory,
-        seat: Seat,
-        turn: wp.int32,
-        points: Any,
-        velocities: wp.array[wp.vec3],
-    ):
-        """The particle that a thread has in a turn."""
-        member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
-        member.point = in_tile(points, member.own.number)
-        member.velocity = vector_at(velocities, member.own.number)
-        if wp.static(traits.aims):
-            member.aim = memory.aims[seat.world, member.own.number]
-        if wp.static(traits.gas):
-            member.load = gas.load_at(member.own.balloon)
-            member = pieces.fill(t, seat, member)
-        return member
-
-    @wp.func
-    def leave(t: Tables, seat: Seat, member: Member):
-        """Out of obstacles."""
-        if wp.static(traits.penalties):
-            left, _other = pieces.leave(t, seat, member, member)
-            member = left
-        if wp.static(traits.ground):
-            member = pieces.stand(t, member)
-        return member
-
-    @wp.func
-    def put_member(seat: Seat, member: Member, target: Any, velocities: wp.array[wp.vec3]):
-        """Where others and the next substep find it."""
-        if member.active:
-            put_vector(velocities, member.own.number, member.velocity)
-            put_in_tile(target, member.own.number, member.point)
+    touch = touching(traits, board, turns.mass, layout)
 
     @wp.func
     def refresh_aims(t: Tables, memory: BlockMemory, seat: Seat, points: Any):
-        """Of all particles, into memory."""
+        """Faces are measured, and unless aims come on the way, those of all particles go into memory. The area of the
+        balloon, if there is one."""
         centers = memory.face_centers[seat.world]
-        areas = memory.face_area_vectors[seat.world]
-        refresh.measure(t, seat, points, centers, areas)
-        for particle in range(seat.thread, seat.count, wp.block_dim()):
-            balloon = t.particles.balloon[particle]
-            memory.aims[seat.world, particle] = refresh.aim(
-                t, seat, points, centers, areas, particle, balloon, points[particle]
-            )
+        area_vectors = memory.face_area_vectors[seat.world]
+        refresh.measure(t, seat, points, centers, area_vectors)
+        area = float(0.0)
+        if wp.static(traits.balloons == 1):
+            area = refresh.area(0)
+        if wp.static(not traits.aims_on_the_way):
+            for particle in range(seat.thread, seat.count, wp.block_dim()):
+                if wp.static(traits.balloons > 1):
+                    area = refresh.area(t.particles.balloon[particle])
+                memory.aims[seat.world, particle] = refresh.aim(
+                    t, points, centers, area_vectors, particle, points[particle], area
+                )
+        return area
 
     @wp.func
     def pull_and_swell(
@@ -112,6 +78,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         state: WorldState,
         memory: BlockMemory,
         seat: Seat,
+        first: Member,
+        area: float,
         rounds: wp.int32,
         points: Any,
         velocities: wp.array[wp.vec3],
@@ -120,13 +88,13 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         gas.clear(seat)
         total = Swelling()
         for turn in range(rounds):
-            member = member_in_turn(t, state, memory, seat, turn, points, velocities)
-            force, area = pieces.pull(t, seat, points, velocities, member)
-            member.area_vector = area
+            seated = turns.member(t, state, memory, seat, first, turn, points, velocities)
+            force, member = pieces.pull(t, seat, points, velocities, seated, area)
             member.free_velocity = pieces.free(t, seat, member, force)
             if member.active:
                 memory.free_velocities[seat.world, member.own.number] = member.free_velocity
-                memory.area_vectors[seat.world, member.own.number] = area
+                memory.area_vectors[seat.world, member.own.number] = member.area_vector
+            turns.keep_aim(memory, seat, member)
             part = pieces.swell(t, seat, member, points[volume_origin(t, member.own.balloon)])
             if wp.static(traits.balloons == 1):
                 total += part
@@ -144,6 +112,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         state: WorldState,
         memory: BlockMemory,
         seat: Seat,
+        first: Member,
+        area: float,
         rounds: wp.int32,
         source: Any,
         target: Any,
@@ -152,21 +122,21 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """Every particle through the rest of the substep, which without gas is all of it."""
         for turn in range(rounds):
-            member = member_in_turn(t, state, memory, seat, turn, source, velocities)
+            member = turns.member(t, state, memory, seat, first, turn, source, velocities)
             if wp.static(traits.gas):
                 member.area_vector = memory.area_vectors[seat.world, member.own.number]
                 free = memory.free_velocities[seat.world, member.own.number]
                 member = pieces.push(t, seat, member, free, wp.vec3())
             else:
-                force, area = pieces.pull(t, seat, source, velocities, member)
-                member.area_vector = area
-                member = pieces.push(t, seat, member, member.velocity, force)
+                force, pulled = pieces.pull(t, seat, source, velocities, member, area)
+                turns.keep_aim(memory, seat, pulled)
+                member = pieces.push(t, seat, pulled, member.velocity, force)
             if wp.static(traits.keeps_inflations and traits.pressures):
                 if member.active:
                     memory.inflations[seat.world, member.own.number] = member.push
             if wp.static(traits.leaves_at_once):
-                member = leave(t, seat, member)
-            put_member(seat, member, target, new_velocities)
+                member = turns.leave(t, seat, member)
+            turns.put(seat, member, target, new_velocities)
 
     @wp.func
     def touch_all(t: Tables, state: WorldState, seat: Seat, rounds: wp.int32, points: Any, velocities: Any):
@@ -186,16 +156,17 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         state: WorldState,
         memory: BlockMemory,
         seat: Seat,
+        first: Member,
         rounds: wp.int32,
         points: Any,
         velocities: wp.array[wp.vec3],
     ):
         """Particles out of obstacles, when all have moved."""
         for turn in range(rounds):
-            member = member_in_turn(t, state, memory, seat, turn, points, velocities)
+            member = turns.member(t, state, memory, seat, first, turn, points, velocities)
             if wp.static(traits.keeps_inflations and traits.pressures):
                 member.push = memory.inflations[seat.world, member.own.number]
-            put_member(seat, leave(t, seat, member), points, velocities)
+            turns.put(seat, turns.leave(t, seat, member), points, velocities)
 
     @wp.func
     def substep(
@@ -203,6 +174,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         state: WorldState,
         memory: BlockMemory,
         seat: Seat,
+        first: Member,
         source: Any,
         target: Any,
         velocities: wp.array[wp.vec3],
@@ -210,22 +182,23 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """One substep, from one tile of points to the other."""
         rounds = (seat.count + threads - 1) // threads
+        area = float(0.0)
         if wp.static(traits.aims):
             if wp.static(traits.fresh_normals) or seat.substep == 0:
-                refresh_aims(t, memory, seat, source)
+                area = refresh_aims(t, memory, seat, source)
         if wp.static(traits.spheres > 0):
             board.roll(t, seat.world, seat.thread, seat.substep)
             block_barrier()
         if wp.static(traits.gas):
-            pull_and_swell(t, state, memory, seat, rounds, source, velocities)
-        push_and_move(t, state, memory, seat, rounds, source, target, velocities, new_velocities)
+            pull_and_swell(t, state, memory, seat, first, area, rounds, source, velocities)
+        push_and_move(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
         if wp.static(traits.corrected):
             block_barrier()
             correct(t, seat, target, new_velocities)
         if wp.static(traits.impulses):
             touch_all(t, state, seat, rounds, target, new_velocities)
         if wp.static(traits.leaves_together):
-            leave_all(t, state, memory, seat, rounds, target, new_velocities)
+            leave_all(t, state, memory, seat, first, rounds, target, new_velocities)
         block_barrier()
 
     @wp.func
@@ -276,15 +249,16 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             number = memory.numbers[particle]
             put_in_tile(even, particle, state.points[world, number])
             velocities[particle] = state.velocities[world, number]
+        first = seat_member(t, 0, state, seat, 0)
         block_barrier()
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
-            substep(t, state, memory, now, even, odd, velocities, other_velocities)
+            substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
             then = at_substep(t, seat, frame_begin, 2 * pair + 1)
-            substep(t, state, memory, then, odd, even, other_velocities, velocities)
+            substep(t, state, memory, then, first, odd, even, other_velocities, velocities)
         if wp.static(layout.odd_substeps):
             last = at_substep(t, seat, frame_begin, t.substeps - 1)
-            substep(t, state, memory, last, even, odd, velocities, other_velocities)
+            substep(t, state, memory, last, first, even, odd, velocities, other_velocities)
             end_world(t, state, memory, seat, odd, other_velocities)
         else:
             end_world(t, state, memory, seat, even, velocities)

@@ -76,7 +76,9 @@ def gas_steps(traits: Traits, layout: Layout) -> Any:
             own = own_of(t, lanes, group, balloon, item)
             point = of_item(points, item)
             velocity = lanes.velocities[group, item]
-            force, area_vector = net_force(t, points, lanes.shown_velocities[group], own, item, point, velocity, time)
+            force, area_vector, _facing = net_force(
+                t, points, lanes.shown_velocities[group], own, item, point, velocity, time
+            )
             masses = times(own.share, lanes.masses[group, balloon])
             free = kick(velocity, force, masses, t.step_seconds)
             lanes.free_velocities[group, item] = free
@@ -146,7 +148,9 @@ def particle_steps(traits: Traits, layout: Layout) -> Any:
                 area_vector = lanes.area_vectors[group, item]
                 masses = times(own.share, lanes.masses[group, balloon])
             else:
-                pull, area = net_force(t, points, lanes.shown_velocities[group], own, item, point, old_velocity, time)
+                pull, area, _facing = net_force(
+                    t, points, lanes.shown_velocities[group], own, item, point, old_velocity, time
+                )
                 force = pull
                 area_vector = area
             aim = area_vector

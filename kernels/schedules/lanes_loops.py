@@ -20,7 +20,7 @@ from balloon_warp.kernels.algebra import (
     set_lane,
     squared_length,
 )
-from balloon_warp.kernels.loops.areas import area_loop, area_vector_of_quad_corner
+from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
@@ -95,12 +95,12 @@ def lane_area_loop(traits: Traits) -> Any:
             total = Lanes3()
             for entry in range(t.fans.offsets[own.item], t.fans.offsets[own.item + 1]):
                 begin = t.fans.begins[entry]
-                total += area_vector_of_quad_corner(
+                total += cross_at_quad_corner(
                     near(points, t.fans.particles[begin + 2]) - point,
                     near(points, t.fans.particles[begin + 1]) - point,
                     near(points, t.fans.particles[begin]) - point,
                 )
-            return total
+            return scaled(total, CROSSES)
 
     return area_vector
 

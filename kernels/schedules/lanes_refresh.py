@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane
-from balloon_warp.kernels.laws.inflation import FAR, aim_of, nearer_area
+from balloon_warp.kernels.laws.inflation import FAR, aim_of, facing_of, nearer_area
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, near, of_item, put_item, total_in_lanes
@@ -65,7 +65,7 @@ def refresh_function(traits: Traits, layout: Layout) -> Any:
         aims = Lanes3()
         for lane in range(LANE_COUNT):
             nearest = wp.vec2(squared_distances[lane], nearest_areas[lane])
-            aim = aim_of(of_lane(normals, lane), nearest, areas[lane])
+            aim = aim_of(facing_of(of_lane(normals, lane), nearest), areas[lane])
             aims[0, lane] = aim[0]
             aims[1, lane] = aim[1]
             aims[2, lane] = aim[2]

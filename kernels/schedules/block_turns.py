@@ -1,0 +1,90 @@
+"""The particles that a thread of a block goes through in turns, where it has many."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
+from balloon_warp.kernels.schedules.block_gas import GasSums
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat
+from balloon_warp.kernels.schedules.block_pieces import Pieces
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+class Turns(NamedTuple):
+    """What a thread does with one of its particles."""
+
+    mass: Any
+    """(t, seat, turn, state): of the particle that it has in a turn, and what moves with it [kg]"""
+    member: Any
+    """(t, state, memory, seat, first, turn, points, velocities): that particle, beside the first of the world"""
+    leave: Any
+    """(t, seat, member): out of obstacles"""
+    put: Any
+    """(seat, member, target, velocities): where others and the next substep find it"""
+    keep_aim: Any
+    """(memory, seat, member): for later, if it came on the way"""
+
+
+@cache
+def turns_of(
+    traits: Traits, pieces: Pieces, gas: GasSums, member_type: Any, seat_member: Any, seat_beside: Any, layout: Layout
+) -> Turns:
+    """For what a scene has."""
+    Member, threads = member_type, layout.threads  # noqa: N806 - a type
+
+    @wp.func
+    def mass_in_turn(t: Tables, seat: Seat, turn: wp.int32, state: WorldState):
+        """Of the particle that a thread has in a turn, and what moves with it [kg]."""
+        member = pieces.fill(t, seat, seat_member(t, 0, state, seat, turn * threads + seat.thread))
+        return member.inertia
+
+    @wp.func
+    def member_in_turn(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        first: Member,
+        turn: wp.int32,
+        points: Any,
+        velocities: wp.array[wp.vec3],
+    ):
+        """The particle that a thread has in a turn, beside the first of the world."""
+        member = seat_beside(t, 0, state, seat, turn * threads + seat.thread, first)
+        member.point = in_tile(points, member.own.number)
+        member.velocity = vector_at(velocities, member.own.number)
+        if wp.static(traits.keeps_aims):
+            member.aim = memory.aims[seat.world, member.own.number]
+        if wp.static(traits.gas):
+            member.load = gas.load_at(member.own.balloon)
+            member = pieces.fill(t, seat, member)
+        return member
+
+    @wp.func
+    def leave(t: Tables, seat: Seat, member: Member):
+        """Out of obstacles."""
+        if wp.static(traits.penalties):
+            left, _other = pieces.leave(t, seat, member, member)
+            member = left
+        if wp.static(traits.ground):
+            member = pieces.stand(t, member)
+        return member
+
+    @wp.func
+    def put_member(seat: Seat, member: Member, target: Any, velocities: wp.array[wp.vec3]):
+        """Where others and the next substep find it."""
+        if member.active:
+            put_vector(velocities, member.own.number, member.velocity)
+            put_in_tile(target, member.own.number, member.point)
+
+    @wp.func
+    def keep_aim(memory: BlockMemory, seat: Seat, member: Member):
+        """Where it is found on the way, for later."""
+        if wp.static(traits.keeps_aims and traits.aims_on_the_way):
+            if member.active:
+                memory.aims[seat.world, member.own.number] = member.aim
+
+    return Turns(mass_in_turn, member_in_turn, leave, put_member, keep_aim)
