@@ -41,14 +41,27 @@ def pair_at(array: wp.array[wp.vec2], index: wp.int32) -> wp.vec2:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    const float4 four = __ldg(reinterpret_cast<const float4*>(array.data) + (unsigned int)index);
-    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
+    const int2 pair = __ldg(reinterpret_cast<const int2*>(array.data) + (unsigned int)index);
+    return wp::vec_t<2, wp::int32>(pair.x, pair.y);
 #else
     return array.data[index];
 #endif
 """)
-def four_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
-    """The same of four numbers."""
+def int_pair_at(array: wp.array[wp.vec2i], index: wp.int32) -> wp.vec2i:
+    """The same of two integers."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const unsigned int both = __ldg(reinterpret_cast<const unsigned int*>(array.data) + (unsigned int)index);
+#else
+    const unsigned int both = array.data[index];
+#endif
+    return wp::vec_t<2, wp::int32>(both & 0xFFFF, both >> 16);
+""")
+def packed_pair_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec2i:
+    """The same of two integers of 16 bits."""
     ...
 
 

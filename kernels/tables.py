@@ -53,9 +53,13 @@ class RingTable:
     places: wp.array[wp.vec4i]
     """of each particle: its first entry, its quads, its pairs of flexion springs, and the particle at the end of the
     structural spring that the first quad begins with"""
-    entries: wp.array[wp.vec4]
-    """the particles at the other ends of two springs, as the bits of integers, and the springs' rest lengths [m]; what
-    fills up leads to the particle itself"""
+    ends: wp.array[wp.vec2i]
+    """the particles at the other ends of two springs; what fills up leads to the particle itself"""
+    packed_ends: wp.array[wp.int32]
+    """the same in 16 bits each, for worlds that fit in a block, whose rate the bytes of tables bound; one of both is
+    filled"""
+    lengths: wp.array[wp.vec2]
+    """the two springs' rest lengths [m]"""
     scales: wp.array[wp.vec2]
     """the two springs' constants over those of their kinds; empty if all are 1"""
 

@@ -31,6 +31,8 @@ class Traits(NamedTuple):
     """of a gas: a substep then sums the other forces before it finds the pressures"""
     breathes_on: bool = False
     """a gas's breathing is not damped as by backward Euler"""
+    pumps: bool = False
+    """gas is pumped in or let out, at some time in some world"""
     tubes: bool = False
     """gas flows from balloon to balloon"""
     fresh_normals: bool = False

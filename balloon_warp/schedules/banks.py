@@ -75,6 +75,61 @@ def spread_over_banks(neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
     return order
 
 
+TURN_ROUNDS = 2
+
+
+def turned_over_banks(rings: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rings of neighbors that begin elsewhere, shape (ring_count, slot_count, particle_count); -1 where there are no
+    more.
+
+    Thread by thread, in all warps at once, each particle's rings are turned together so that what it reads adds least
+    to the banks that are read most along with it.
+    """
+    kinds, slots, count = rings.shape
+    if slots < 2:
+        return rings
+    warps = -(-count // BANKS)
+    sizes = (rings[0] >= 0).sum(axis=0)
+    kind, slot, warp = np.ogrid[:kinds, :slots, :warps]
+    readers = np.zeros((kinds, slots, warps, count), dtype=np.int8)
+    loads = np.zeros((kinds, slots, warps, BANKS), dtype=np.int64)
+    turns = np.zeros(count, dtype=np.int64)
+
+    def reads(particle: NDArray, turn: NDArray) -> tuple[NDArray, NDArray]:
+        """The neighbor in each slot, and whether there is one."""
+        size = np.maximum(sizes[particle], 1)
+        return rings[kind, (slot + turn) % size, particle], np.broadcast_to(
+            slot < sizes[particle], (kinds, slots, warps)
+        )
+
+    def read(particle: NDArray, there: NDArray, by: int) -> None:
+        first = there & (readers[kind, slot, warp, particle] == (by < 0))
+        loads[kind, slot, warp, particle % BANKS] += np.where(first, by, 0)
+        readers[kind, slot, warp, particle] += np.where(there, by, 0).astype(np.int8)
+
+    for turn_round in range(TURN_ROUNDS):
+        for thread in range(BANKS):
+            particle = np.arange(warps) * BANKS + thread
+            inside = particle < count
+            particle = np.minimum(particle, count - 1)
+            if turn_round:
+                neighbors, there = reads(particle, turns[particle])
+                read(neighbors, there & inside, -1)
+            costs = np.zeros((slots, warps), dtype=np.int64)
+            for turn in range(slots):
+                neighbors, there = reads(particle, np.full(warps, turn))
+                load = loads[kind, slot, warp, neighbors % BANKS]
+                more = 3 * load * (load + 1) + 1  # of the sum of the cubes
+                costs[turn] = np.where(there & (readers[kind, slot, warp, neighbors] == 0), more, 0).sum(axis=(0, 1))
+            best = np.where(inside, costs.argmin(axis=0), turns[particle])
+            turns[particle] = best
+            neighbors, there = reads(particle, best)
+            read(neighbors, there & inside, 1)
+    size = np.maximum(sizes, 1)
+    places = np.arange(slots)[:, None]
+    return np.where(places < sizes, np.take_along_axis(rings, ((places + turns) % size)[None].repeat(kinds, 0), 1), -1)
+
+
 LANE_ROUNDS = 1
 PARTS = 4
 """of the warps, which are dealt out anew one after the other"""

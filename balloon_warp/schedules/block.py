@@ -24,6 +24,7 @@ from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
 BYTES_PER_PARTICLE = 24
 """two buffers of points"""
+BYTES_WITH_VELOCITY = 36
 RESERVED_BYTES = 2048
 """of shared memory, for spheres and the sums of areas and swellings of a balloon or two"""
 CPU_TILE_BYTES = 1 << 18
@@ -46,7 +47,6 @@ class BlockSchedule:
 
     name = "block"
     capturable = True
-    depends_on = CHOOSE_TRAITS
 
     def __init__(self, model: Model):
         if not fits_in_block(model):
@@ -69,6 +69,12 @@ class BlockSchedule:
         room, traits = Counting(), model_traits(model)
         _working_arrays(model, traits, _layout(model, traits, spring_ends(model))[0], room)
         return room.bytes // model.world_count
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Parameters that the kernel is chosen by: once gas is pumped, it may stop and begin again."""
+        may_begin = self._traits.gas and not self._traits.pumps
+        return CHOOSE_TRAITS | ({"keyframe_values"} if may_begin else frozenset())
 
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""
@@ -104,9 +110,11 @@ def _recipe(model: Model, traits: Traits) -> Recipe:
     if residing:
         slots = [slot_table(model, ends, residing.rings)]
         own_order = np.arange(model.particle_count)
-        return Recipe(resident_kernel(traits, layout), layout, make_tables(model, traits), slots, own_order)
+        tables = make_tables(model, traits, in_block=traits.in_water)
+        return Recipe(resident_kernel(traits, layout), layout, tables, slots, own_order)
     order = order_by_springs(model, ends)
-    return Recipe(streaming_kernel(traits, layout), layout, make_tables(renumbered(model, order), traits), [], order)
+    tables = make_tables(renumbered(model, order), traits, in_block=True)
+    return Recipe(streaming_kernel(traits, layout), layout, tables, [], order)
 
 
 def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Residence | None]:
@@ -127,9 +135,22 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
         )
         return layout, residing
     capacity = _round_up(model.particle_count, CAPACITY_STEP)
-    return Layout(
-        _streaming_threads(model), capacity, resident=False, odd_substeps=odd, registers=STREAMING_REGISTERS
-    ), None
+    layout = Layout(
+        _streaming_threads(model),
+        capacity,
+        resident=False,
+        odd_substeps=odd,
+        fast_velocities=not traits.keeps_velocities and _room_for_velocities(model, traits),
+        registers=STREAMING_REGISTERS,
+    )
+    return layout, None
+
+
+def _room_for_velocities(model: Model, traits: Traits) -> bool:
+    """Whether velocities fit in shared memory, too, and leave half of it to the cache of what is read from tables, by
+    two blocks. A position correction reads and writes them so often that it wants them there all the same."""
+    most = _most_particles(model, BYTES_WITH_VELOCITY)
+    return model.particle_count <= (most if traits.corrected else most // 4)
 
 
 def _streaming_threads(model: Model) -> int:
@@ -150,9 +171,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "face_centers": vectors(streaming and traits.aims and not traits.rings, model.face_count),
         "face_area_vectors": vectors(streaming and traits.aims and not traits.rings, model.face_count),
         "aims": vectors(streaming and traits.keeps_aims),
-        "area_vectors": vectors(streaming and traits.gas),
-        "free_velocities": vectors(streaming and traits.gas),
-        "velocities": vectors(streaming),
+        "velocities": vectors(streaming and not layout.fast_velocities),
         "other_velocities": vectors(traits.looks_at_velocities or (streaming and traits.keeps_velocities)),
         "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
         "frame": room.array((1,), wp.int32),
@@ -164,13 +183,13 @@ def fits_in_block(model: Model) -> bool:
     return model.particle_count <= _most_particles(model)
 
 
-def _most_particles(model: Model) -> int:
+def _most_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -> int:
     if model.device.is_cpu:
-        return CPU_TILE_BYTES // BYTES_PER_PARTICLE
+        return CPU_TILE_BYTES // bytes_per_particle
     sums = 1 << 10  # bytes for each further balloon or sphere, of the most warps
     presses = 1 << 13 if model.scene.contact == "impulse" else 0
     reserved = RESERVED_BYTES + presses + sums * (model.balloon_count + model.sphere_count)
-    capacity = (model.device.max_shared_memory_per_block - reserved) // BYTES_PER_PARTICLE
+    capacity = (model.device.max_shared_memory_per_block - reserved) // bytes_per_particle
     return capacity // CAPACITY_STEP * CAPACITY_STEP
 
 

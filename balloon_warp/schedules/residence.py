@@ -18,7 +18,7 @@ QUARTERS = 4
 """of a multiprocessor, among which its warps and registers are shared out"""
 MOST_REGISTERS = 248
 """of a thread"""
-OWN_REGISTERS, GAS_REGISTERS = 12, 40
+OWN_REGISTERS, GAS_REGISTERS = 12, 28
 """of a thread beside its particles, without and with gas"""
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.tables import SLICE, RingTable
 from balloon_warp.model import Model
+from balloon_warp.schedules.banks import turned_over_banks
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots
 
@@ -70,18 +71,27 @@ def _entries(around: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.i
     return particle[turns >= 0], turns[turns >= 0]
 
 
-def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: bool) -> Any:
-    """The rings as kernels read them."""
+def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: bool, in_block: bool) -> Any:
+    """The rings as kernels read them.
+
+    Args:
+        in_block: for a block, which reads points from shared memory: each ring begins where the threads of a warp get
+            least in each other's way there.
+    """
     table = RingTable()
     if ring is None:
         return table
     along, across = ring
+    flexion = neighbors_in_slots(ends, FLEXION)
+    if in_block:
+        along, across = turned_over_banks(np.stack(ring))
+        flexion = turned_over_banks(flexion[None])[0]
     count = model.particle_count
     around, opposite = _entries(across)
     quads = np.bincount(around, minlength=count)
     turn = np.arange(len(around)) - np.repeat(np.cumsum(quads) - quads, quads)
     next_along = along[(turn + 1) % quads[around], around]
-    bent, other = _pairs_of(neighbors_in_slots(ends, FLEXION))
+    bent, other = _pairs_of(flexion)
     pairs = np.bincount(bent, minlength=count)
 
     particle = np.concatenate([around, bent])
@@ -95,11 +105,10 @@ def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: 
     spring = np.searchsorted(key, count * (3 * particle[:, None] + kinds) + neighbors)
     there = neighbors != particle[:, None]
     spring[~there] = 0
-    entries = np.zeros((len(slices.owners), 4), dtype=np.float32)
-    entries[:, :2] = np.repeat(slices.owners[:, None], 2, axis=1).astype(np.int32).view(np.float32)
-    entries[slices.places, :2] = neighbors.astype(np.int32).view(np.float32)
-    entries[slices.places, 2:] = np.where(there, ends.rest_length[spring], 0.0)
-    scales = np.zeros((len(slices.owners), 2), dtype=np.float32)
+    others = np.repeat(slices.owners[:, None], 2, axis=1)
+    others[slices.places] = neighbors
+    lengths, scales = np.zeros((2, len(slices.owners), 2), dtype=np.float32)
+    lengths[slices.places] = np.where(there, ends.rest_length[spring], 0.0)
     scales[slices.places] = np.where(there, ends.scale[spring], 0.0)
     first = slices.offsets[np.arange(count) // SLICE] + np.arange(count) % SLICE
 
@@ -107,7 +116,11 @@ def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: 
         return wp.array(values, dtype=dtype, device=model.device)
 
     table.places = array(np.stack([first, quads, pairs, along[0]], axis=1), wp.vec4i)
-    table.entries = array(entries, wp.vec4)
+    if in_block:
+        table.packed_ends = array((others[:, 0] | others[:, 1] << 16).astype(np.uint32).view(np.int32), wp.int32)
+    else:
+        table.ends = array(others, wp.vec2i)
+    table.lengths = array(lengths, wp.vec2)
     if springs_vary:
         table.scales = array(scales, wp.vec2)
     return table

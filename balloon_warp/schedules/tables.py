@@ -31,13 +31,18 @@ from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
 from balloon_warp.springs.coloring import color_springs
 
 
-def make_tables(model: Model, traits: Traits) -> Any:
-    """All that does not change in a frame."""
+def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
+    """All that does not change in a frame.
+
+    Args:
+        in_block: for the `block` schedule, see `ring_table`.
+    """
     t = Tables()
     t.particles = _particles(model)
     ends = spring_ends(model)
     t.springs = _springs(model, traits, ends)
-    t.rings = ring_table(model, ends, quad_rings(model, ends) if traits.rings else None, traits.springs_vary)
+    ring = quad_rings(model, ends) if traits.rings else None
+    t.rings = ring_table(model, ends, ring, traits.springs_vary, in_block)
     t.pairs = _pairs(model)
     t.hinges = _hinges(model, traits)
     t.strings = _strings(model)

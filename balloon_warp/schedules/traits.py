@@ -32,6 +32,7 @@ def model_traits(model: Model) -> Traits:
         pressures=kinds != {int(NORMAL_FORCE)},
         gas=int(GAS) in kinds,
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
+        pumps=int(GAS) in kinds and _pumps(model),
         tubes=model.tube_count > 0,
         fresh_normals=scene.normals == "fresh" and int(NORMAL_FORCE) in kinds,
         corrected=scene.correction != "none",
@@ -39,6 +40,12 @@ def model_traits(model: Model) -> Traits:
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
         ground=scene.ground is not None,
     )
+
+
+def _pumps(model: Model) -> bool:
+    """Whether gas is pumped, in any world at any time."""
+    of_gas = model.inflation_kind.numpy() == int(GAS)
+    return any((values[:, of_gas] != 0.0).any() for values in values_over_time(model, "keyframe_values"))
 
 
 def _breathes_on(model: Model) -> bool:

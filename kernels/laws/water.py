@@ -34,6 +34,16 @@ def lone_corner(depths: wp.vec3, wet: bool):
 
 
 @wp.func
+def from_corner(numbers: wp.vec3, corner: wp.int32):
+    """The numbers of the corners, from one of them on. An index that is not known would put them out of registers."""
+    if corner == 1:
+        return wp.vec3(numbers[1], numbers[2], numbers[0])
+    if corner == 2:
+        return wp.vec3(numbers[2], numbers[0], numbers[1])
+    return numbers
+
+
+@wp.func
 def wet_shares(depths: wp.vec3):
     """Of the wetted part of a triangle with these depths at its corners [m]: the integrals of depth times each
     barycentric coordinate [m], and of each coordinate, over the triangle's area."""
@@ -44,17 +54,11 @@ def wet_shares(depths: wp.vec3):
         moments = (wp.vec3(depths[0] + depths[1] + depths[2]) + depths) / 12.0
         areas = wp.vec3(1.0 / 3.0)
     if wet == 1 or wet == 2:
-        a = lone_corner(depths, wet == 1)
-        b = (a + 1) % 3
-        c = (a + 2) % 3
-        corner_moments, corner_areas = corner_shares(wp.vec3(depths[a], depths[b], depths[c]))
+        lone = lone_corner(depths, wet == 1)
+        corner_moments, corner_areas = corner_shares(from_corner(depths, lone))
         sign = wp.where(wet == 1, 1.0, -1.0)
-        moments[a] += sign * corner_moments[0]
-        moments[b] += sign * corner_moments[1]
-        moments[c] += sign * corner_moments[2]
-        areas[a] += sign * corner_areas[0]
-        areas[b] += sign * corner_areas[1]
-        areas[c] += sign * corner_areas[2]
+        moments += sign * from_corner(corner_moments, (3 - lone) % 3)
+        areas += sign * from_corner(corner_areas, (3 - lone) % 3)
     return moments, areas
 
 

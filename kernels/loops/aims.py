@@ -7,7 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product
 from balloon_warp.kernels.laws.inflation import FAR, aim_of, facing_of, nearer_area
-from balloon_warp.kernels.memory import four_at, four_ints_at
+from balloon_warp.kernels.loops.ring_ends import ring_ends
+from balloon_warp.kernels.memory import four_ints_at
 from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
 
 
@@ -57,6 +58,7 @@ def ring_aim_loop(at: Any) -> Any:
     Args:
         at: the function that reads a point.
     """
+    ends_at = ring_ends(at)
 
     @wp.func
     def aim_of_particle(rings: RingTable, points: Any, particle: wp.int32, point: wp.vec3, total_area: float):
@@ -65,12 +67,12 @@ def ring_aim_loop(at: Any) -> Any:
         nearest = wp.vec2(FAR, 0.0)
         place = four_ints_at(rings.places, particle)
         before = at(points, place[3]) - point
-        ahead = four_at(rings.entries, place[0])
+        next_ends = ends_at(rings, place[0])
         for entry in range(place[0], place[0] + SLICE * place[1], SLICE):
-            quad = ahead
-            ahead = four_at(rings.entries, entry + SLICE)
-            across = at(points, wp.cast(quad[0], wp.int32)) - point
-            along = at(points, wp.cast(quad[1], wp.int32)) - point
+            ends = next_ends
+            next_ends = ends_at(rings, entry + SLICE)
+            across = at(points, ends[0]) - point
+            along = at(points, ends[1]) - point
             turned, nearer = see_quad(normal, nearest, before, across, along)
             normal = turned
             nearest = nearer

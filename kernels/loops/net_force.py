@@ -12,7 +12,7 @@ from balloon_warp.kernels.loops.hinges import hinge_loop
 from balloon_warp.kernels.loops.rings import ring_loop
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.loops.strings import string_loop
-from balloon_warp.kernels.loops.wetness import wetness_loop
+from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
 from balloon_warp.kernels.memory import in_tile, vector_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -102,7 +102,7 @@ def scalar_loops(
     sum_hinges = hinge_loop(traits, at)
     sum_faces = face_loop(traits, at, vector_at)
     area_vector_of_particle = area_loop(traits.quads, at)
-    load_of_particle = wetness_loop(at)
+    load_of_particle = ring_wetness_loop(at) if traits.rings else wetness_loop(at)
     level_column = traits.columns.places.get("water_level", 0)
 
     @wp.func
@@ -125,7 +125,10 @@ def scalar_loops(
     @wp.func
     def water_load_of_own(t: Tables, points: Any, own: Any):
         """Depth times area vector [m^3], and wetted area [m^2]."""
-        return load_of_particle(t.faces, points, own.number, own.n[level_column], t.up)
+        if wp.static(traits.rings):
+            return load_of_particle(t.rings, points, own.number, own.n[level_column], t.up)
+        else:
+            return load_of_particle(t.faces, points, own.number, own.n[level_column], t.up)
 
     if traits.rings and not springs and (traits.measures_areas or at is in_tile):
         around = ring_loop(traits, at, aims)

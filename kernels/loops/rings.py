@@ -8,8 +8,9 @@ import warp as wp
 from balloon_warp.kernels.laws.inflation import FAR
 from balloon_warp.kernels.loops.aims import facing_of_quads, see_quad
 from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
+from balloon_warp.kernels.loops.ring_ends import ring_ends
 from balloon_warp.kernels.loops.springs import spring_pull
-from balloon_warp.kernels.memory import four_at, four_ints_at, pair_at
+from balloon_warp.kernels.memory import four_ints_at, pair_at
 from balloon_warp.kernels.tables import SLICE, Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -22,6 +23,7 @@ def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
         aims: whether it finds A_p n, too.
     """
     pull_of_spring = spring_pull(traits)
+    ends_at = ring_ends(at)
 
     @wp.func
     def scales_of(t: Tables, entry: wp.int32):
@@ -50,17 +52,22 @@ def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
         place = four_ints_at(t.rings.places, own.number)
         before = at(points, place[3]) - point
         middle = place[0] + SLICE * place[1]
-        ahead = four_at(t.rings.entries, place[0])
+        next_ends = ends_at(t.rings, place[0])
+        next_lengths = pair_at(t.rings.lengths, place[0])
         for entry in range(place[0], middle, SLICE):
-            quad = ahead
-            ahead = four_at(t.rings.entries, entry + SLICE)  # so that it is there in the next turn
+            ends = next_ends
+            lengths = next_lengths
+            next_ends = ends_at(t.rings, entry + SLICE)  # so that they are there in the next turn
+            next_lengths = pair_at(t.rings.lengths, entry + SLICE)
             scales = scales_of(t, entry)
-            opposite = wp.cast(quad[0], wp.int32)
-            neighbor = wp.cast(quad[1], wp.int32)
-            across = at(points, opposite) - point
-            along = at(points, neighbor) - point
-            force += pull_of_spring(t, velocities, own, opposite, across, own.n[1] * scales[0], quad[2], velocity, time)
-            force += pull_of_spring(t, velocities, own, neighbor, along, own.n[0] * scales[1], quad[3], velocity, time)
+            across = at(points, ends[0]) - point
+            along = at(points, ends[1]) - point
+            force += pull_of_spring(
+                t, velocities, own, ends[0], across, own.n[1] * scales[0], lengths[0], velocity, time
+            )
+            force += pull_of_spring(
+                t, velocities, own, ends[1], along, own.n[0] * scales[1], lengths[1], velocity, time
+            )
             if wp.static(traits.measures_areas):
                 crosses += cross_at_quad_corner(before, across, along)
             if wp.static(aims):
@@ -69,14 +76,15 @@ def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
                 nearest = nearer
             before = along
         for entry in range(middle, middle + SLICE * place[2], SLICE):
-            two = ahead
-            ahead = four_at(t.rings.entries, entry + SLICE)
+            ends = next_ends
+            lengths = next_lengths
+            next_ends = ends_at(t.rings, entry + SLICE)
+            next_lengths = pair_at(t.rings.lengths, entry + SLICE)
             scales = scales_of(t, entry)
             for number in range(2):
-                end = wp.cast(two[number], wp.int32)
                 force += pull_of_spring(
-                    t, velocities, own, end, at(points, end) - point, own.n[2] * scales[number], two[2 + number],
-                    velocity, time,
+                    t, velocities, own, ends[number], at(points, ends[number]) - point, own.n[2] * scales[number],
+                    lengths[number], velocity, time,
                 )  # fmt: skip
         return force, CROSSES * crosses, facing_of_quads(normal, nearest)
 

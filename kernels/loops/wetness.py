@@ -5,9 +5,55 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.water import corner_load, triangle_load
+from balloon_warp.kernels.laws.water import TriangleLoad, corner_load, triangle_load
 from balloon_warp.kernels.loops.areas import face_measures
-from balloon_warp.kernels.tables import FaceTable
+from balloon_warp.kernels.loops.ring_ends import ring_ends
+from balloon_warp.kernels.memory import four_ints_at
+from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
+
+
+@cache
+def ring_wetness_loop(at: Any) -> Any:
+    """The function that sums a particle's load over the quads that go all around it."""
+    ends_at = ring_ends(at)
+
+    @wp.func
+    def load_through_center(load: TriangleLoad):
+        """What a corner of a quad takes of the center's part."""
+        return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
+
+    @wp.func
+    def load_of_quad(before: wp.vec3, across: wp.vec3, along: wp.vec3, level: float, up: wp.vec3):
+        """At one of its corners, from the vectors to the others [m], and the height of the water over it [m]."""
+        here = wp.vec3()
+        center = 0.25 * (before + across + along)
+        coming = triangle_load(before, here, center, level, up)
+        going = triangle_load(here, along, center, level, up)
+        far = triangle_load(along, across, center, level, up)
+        last = triangle_load(across, before, center, level, up)
+        load = corner_load(coming, coming.moments[1], coming.areas[1]) + load_through_center(coming)
+        load += corner_load(going, going.moments[0], going.areas[0]) + load_through_center(going)
+        return load + load_through_center(far) + load_through_center(last)
+
+    @wp.func
+    def water_load(rings: RingTable, points: Any, particle: wp.int32, water_level: float, up: wp.vec3):
+        """Depth times area vector over the wetted faces around a particle [m^3], and their wetted area [m^2]."""
+        total = wp.vec4()
+        place = four_ints_at(rings.places, particle)
+        point = at(points, particle)
+        level = water_level - wp.dot(point, up)
+        before = at(points, place[3]) - point
+        for entry in range(place[0], place[0] + SLICE * place[1], SLICE):
+            ends = ends_at(rings, entry)
+            across = at(points, ends[0]) - point
+            along = at(points, ends[1]) - point
+            lowest = wp.min(wp.min(wp.dot(before, up), wp.dot(across, up)), wp.min(wp.dot(along, up), 0.0))
+            if lowest < level:
+                total += load_of_quad(before, across, along, level, up)
+            before = along
+        return total
+
+    return water_load
 
 
 @cache

@@ -7,30 +7,31 @@ import warp as wp
 
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
 from balloon_warp.kernels.memory import put_in_tile
-from balloon_warp.kernels.schedules.block_memory import Seat
+from balloon_warp.kernels.schedules.block_memory import Layout, Seat, velocity_functions
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def correcting(traits: Traits) -> Any:
+def correcting(traits: Traits, layout: Layout) -> Any:
     """The function that corrects."""
+    velocity_at, put_velocity = velocity_functions(layout)
     column = traits.columns.places.get("correction_limit", 0) - traits.columns.balloon_width
 
     @wp.func
-    def correct_spring(t: Tables, limit: float, spring: wp.int32, points: Any, velocities: wp.array[wp.vec3]):
+    def correct_spring(t: Tables, limit: float, spring: wp.int32, points: Any, velocities: Any):
         p = t.correction.particles[spring][0]
         q = t.correction.particles[spring][1]
         too_long = excess(points[q] - points[p], t.correction.rest_lengths[spring], limit)
         move_p, move_q = moves_of_ends(t.particles.mass_share[p], t.particles.mass_share[q], too_long)
         put_in_tile(points, p, points[p] + move_p)
         put_in_tile(points, q, points[q] + move_q)
-        velocities[p] = velocities[p] + move_p / t.step_seconds
-        velocities[q] = velocities[q] + move_q / t.step_seconds
+        put_velocity(velocities, p, velocity_at(velocities, p) + move_p / t.step_seconds)
+        put_velocity(velocities, q, velocity_at(velocities, q) + move_q / t.step_seconds)
 
     @wp.func
-    def correct(t: Tables, seat: Seat, points: Any, velocities: wp.array[wp.vec3]):
+    def correct(t: Tables, seat: Seat, points: Any, velocities: Any):
         """All sweeps; a barrier must have come before."""
         limit = t.world_numbers[row_of_world(seat.world, t.world_numbers.shape[0]), column]
         colors = t.correction.color_offsets.shape[0] - 1

@@ -104,18 +104,17 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
     def begin(t: Tables, state: WorldState, seat: Seat):
         if seat.thread == 0:
             put_loads(state, seat.world)
-            pump_gas(t, state, seat.world, 0.0)
+            if wp.static(traits.pumps):
+                pump_gas(t, state, seat.world, 0.0)
             put_gases(state, seat.world, 0)
             put_gases(state, seat.world, 1)
 
     @wp.func
     def pump(t: Tables, state: WorldState, seat: Seat):
-        if seat.thread == 0 and seat.substep + 1 < t.substeps:
-            changes = bool(wp.static(traits.tubes))
-            for balloon in range(balloons):
-                changes = changes or wp.length_sq(state.inflation_ramp[seat.world, balloon]) > 0.0
-            if changes:  # or else what stands there stays, and nobody waits for the state
-                pump_gas(t, state, seat.world, seat.time_in_frame + t.step_seconds)
+        if wp.static(traits.pumps or traits.tubes):  # or else what stands there stays, and nobody waits for the state
+            if seat.thread == 0 and seat.substep + 1 < t.substeps:
+                if wp.static(traits.pumps):
+                    pump_gas(t, state, seat.world, seat.time_in_frame + t.step_seconds)
                 put_gases(state, seat.world, seat.substep + 1)
 
     @wp.func

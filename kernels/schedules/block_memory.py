@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.memory import put_in_tile
+from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.own import own_beside_function, own_functions
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -28,6 +28,8 @@ class Layout(NamedTuple):
     rings: bool = False
     """area vectors come of the ring of springs around each particle"""
     odd_substeps: bool = False
+    fast_velocities: bool = False
+    """they stand in a tile, too, where particles are not resident"""
     registers: int = 64
     """of a thread"""
 
@@ -44,8 +46,6 @@ class BlockMemory:
     face_centers: wp.array2d[wp.vec3]
     face_area_vectors: wp.array2d[wp.vec3]
     aims: wp.array2d[wp.vec3]
-    area_vectors: wp.array2d[wp.vec3]
-    free_velocities: wp.array2d[wp.vec3]
     numbers: wp.array[wp.int32]
     """of the particles in the model: tables may have them in another order"""
     velocities: wp.array2d[wp.vec3]
@@ -162,6 +162,11 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
             return seat_member(t, slots, state, seat, place)
 
     return Member, seat_member, seat_beside
+
+
+def velocity_functions(layout: Layout) -> tuple[Any, Any]:
+    """The functions that read and write a velocity where a layout has them."""
+    return (in_tile, put_in_tile) if layout.fast_velocities else (vector_at, put_vector)
 
 
 @cache

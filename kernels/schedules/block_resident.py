@@ -56,7 +56,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     )
     board, gas, refresh = board_of(traits, layout), gas_sums(traits, layout), refresh_of(traits, layout)
     pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
-    correct = correcting(traits)
+    correct = correcting(traits, layout)
     touch = touching(traits, board, one_of_two, layout)
     put_members, get_members = pair_functions(layout)
     begins = beginning_of_frame(traits)

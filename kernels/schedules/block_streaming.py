@@ -21,6 +21,7 @@ from balloon_warp.kernels.schedules.block_memory import (
     beginning_of_frame,
     count_frame,
     member_functions,
+    velocity_functions,
 )
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
@@ -47,8 +48,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     loops = scalar_loops(traits, in_tile, aims=traits.aims_on_the_way)
     pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
     turns = turns_of(traits, pieces, gas, Member, seat_member, seat_beside, layout)
-    correct = correcting(traits)
+    correct = correcting(traits, layout)
     begins = beginning_of_frame(traits)
+    velocity_at, put_velocity = velocity_functions(layout)
     threads, capacity = layout.threads, layout.capacity
 
     touch = touching(traits, board, turns.mass, layout)
@@ -81,21 +83,24 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         first: Member,
         area: float,
         rounds: wp.int32,
-        points: Any,
-        velocities: wp.array[wp.vec3],
+        source: Any,
+        target: Any,
+        velocities: Any,
+        new_velocities: Any,
     ):
-        """Every particle as far as its free velocity; then the balloons' pressures."""
+        """Every particle as far as its free velocity, which takes the place of the new one; then the balloons'
+        pressures. Its area vector waits where its new point will be."""
         gas.clear(seat)
         total = Swelling()
         for turn in range(rounds):
-            seated = turns.member(t, state, memory, seat, first, turn, points, velocities)
-            force, member = pieces.pull(t, seat, points, velocities, seated, area)
+            seated = turns.member(t, state, memory, seat, first, turn, source, velocities)
+            force, member = pieces.pull(t, seat, source, velocities, seated, area)
             member.free_velocity = pieces.free(t, seat, member, force)
             if member.active:
-                memory.free_velocities[seat.world, member.own.number] = member.free_velocity
-                memory.area_vectors[seat.world, member.own.number] = member.area_vector
+                put_velocity(new_velocities, member.own.number, member.free_velocity)
+                put_in_tile(target, member.own.number, member.area_vector)
             turns.keep_aim(memory, seat, member)
-            part = pieces.swell(t, seat, member, points[volume_origin(t, member.own.balloon)])
+            part = pieces.swell(t, seat, member, source[volume_origin(t, member.own.balloon)])
             if wp.static(traits.balloons == 1):
                 total += part
             else:
@@ -117,15 +122,15 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         rounds: wp.int32,
         source: Any,
         target: Any,
-        velocities: wp.array[wp.vec3],
-        new_velocities: wp.array[wp.vec3],
+        velocities: Any,
+        new_velocities: Any,
     ):
         """Every particle through the rest of the substep, which without gas is all of it."""
         for turn in range(rounds):
             member = turns.member(t, state, memory, seat, first, turn, source, velocities)
             if wp.static(traits.gas):
-                member.area_vector = memory.area_vectors[seat.world, member.own.number]
-                free = memory.free_velocities[seat.world, member.own.number]
+                member.area_vector = in_tile(target, member.own.number)
+                free = velocity_at(new_velocities, member.own.number)
                 member = pieces.push(t, seat, member, free, wp.vec3())
             else:
                 force, pulled = pieces.pull(t, seat, source, velocities, member, area)
@@ -145,7 +150,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         for turn in range(rounds):
             member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
             member.point = points[member.own.number]
-            member.velocity = velocities[member.own.number]
+            member.velocity = velocity_at(velocities, member.own.number)
             near = near or pieces.is_near(t, seat, member, member)
         if any_in_block(near):
             touch(t, seat, near, state, points, velocities)
@@ -159,7 +164,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         first: Member,
         rounds: wp.int32,
         points: Any,
-        velocities: wp.array[wp.vec3],
+        velocities: Any,
     ):
         """Particles out of obstacles, when all have moved."""
         for turn in range(rounds):
@@ -177,8 +182,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         first: Member,
         source: Any,
         target: Any,
-        velocities: wp.array[wp.vec3],
-        new_velocities: wp.array[wp.vec3],
+        velocities: Any,
+        new_velocities: Any,
     ):
         """One substep, from one tile of points to the other."""
         rounds = (seat.count + threads - 1) // threads
@@ -190,7 +195,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             board.roll(t, seat.world, seat.thread, seat.substep)
             block_barrier()
         if wp.static(traits.gas):
-            pull_and_swell(t, state, memory, seat, first, area, rounds, source, velocities)
+            pull_and_swell(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
         push_and_move(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
         if wp.static(traits.corrected):
             block_barrier()
@@ -202,14 +207,12 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         block_barrier()
 
     @wp.func
-    def end_world(
-        t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: Any, velocities: wp.array[wp.vec3]
-    ):
+    def end_world(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: Any, velocities: Any):
         """What a frame ends with."""
         for particle in range(seat.thread, seat.count, wp.block_dim()):
             number = memory.numbers[particle]
             state.points[seat.world, number] = points[particle]
-            state.velocities[seat.world, number] = velocities[particle]
+            state.velocities[seat.world, number] = velocity_at(velocities, particle)
             look_at_particle(
                 t.health, state.first_bad, seat.world, particle, number, t.particles.balloon[particle],
                 t.particles.mass_share[particle], points,
@@ -237,10 +240,14 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         seat.thread = thread
         seat.count = state.points.shape[1]
         frame_begin = begins(t, memory)
-        velocities = memory.velocities[world]
-        other_velocities = memory.velocities[world]
-        if wp.static(traits.keeps_velocities):
-            other_velocities = memory.other_velocities[world]
+        if wp.static(layout.fast_velocities):
+            velocities = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+            other_velocities = velocities
+        else:
+            velocities = memory.velocities[world]
+            other_velocities = memory.velocities[world]
+            if wp.static(traits.keeps_velocities):
+                other_velocities = memory.other_velocities[world]
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
@@ -248,7 +255,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         for particle in range(thread, seat.count, wp.block_dim()):
             number = memory.numbers[particle]
             put_in_tile(even, particle, state.points[world, number])
-            velocities[particle] = state.velocities[world, number]
+            put_velocity(velocities, particle, state.velocities[world, number])
         first = seat_member(t, 0, state, seat, 0)
         block_barrier()
         for pair in range(t.substeps // 2):

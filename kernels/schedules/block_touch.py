@@ -20,7 +20,7 @@ from balloon_warp.kernels.loops.touching import (
 )
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.schedules.block_board import Board
-from balloon_warp.kernels.schedules.block_memory import Layout, Seat
+from balloon_warp.kernels.schedules.block_memory import Layout, Seat, velocity_functions
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
     any_in_warp,
@@ -83,21 +83,20 @@ def touching(traits: Traits, board: Board, mass_at: Any, layout: Layout) -> Any:
     spheres, threads = traits.spheres, layout.threads
     ball_at = ball_function(traits, board.sphere_at)
     press_of_block = adding_function(layout)
+    velocity_at, put_velocity = velocity_functions(layout)
 
     @wp.func
-    def press_of_thread(
-        t: Tables, seat: Seat, ball: Any, change: wp.vec3, told: Any, points: Any, velocities: wp.array[wp.vec3]
-    ):
+    def press_of_thread(t: Tables, seat: Seat, ball: Any, change: wp.vec3, told: Any, points: Any, velocities: Any):
         """By its own particles."""
         part = Press()
         for particle in range(seat.thread, seat.count, threads):
             mass = mass_at(t, seat, particle // threads, told)
             if mass > 0.0:
-                part += press_on_ball(t, ball, change, mass, points[particle], velocities[particle])
+                part += press_on_ball(t, ball, change, mass, points[particle], velocity_at(velocities, particle))
         return part
 
     @wp.func
-    def touch(t: Tables, seat: Seat, near: bool, told: Any, points: Any, velocities: wp.array[wp.vec3]):
+    def touch(t: Tables, seat: Seat, near: bool, told: Any, points: Any, velocities: Any):
         """Where particles are is known to the threads that have them; a barrier has come since the spheres moved.
 
         Args:
@@ -129,10 +128,10 @@ def touching(traits: Traits, board: Board, mass_at: Any, layout: Layout) -> Any:
                     for particle in range(seat.thread, seat.count, threads):
                         if t.particles.mass_share[particle] > 0.0:
                             point, velocity = answer_to_ball(
-                                t, ball, last, change, shift, points[particle], velocities[particle]
+                                t, ball, last, change, shift, points[particle], velocity_at(velocities, particle)
                             )
                             put_in_tile(points, particle, point)
-                            velocities[particle] = velocity
+                            put_velocity(velocities, particle, velocity)
                 center, motion, force = answer_of_ball(t, ball, change, shift)
                 board.put_sphere(seat.substep, seat.thread, sphere, center, motion, ball.radius, force)
 

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
+from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.schedules.block_gas import GasSums
-from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat, velocity_functions
 from balloon_warp.kernels.schedules.block_pieces import Pieces
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -34,6 +34,7 @@ def turns_of(
 ) -> Turns:
     """For what a scene has."""
     Member, threads = member_type, layout.threads  # noqa: N806 - a type
+    velocity_at, put_velocity = velocity_functions(layout)
 
     @wp.func
     def mass_in_turn(t: Tables, seat: Seat, turn: wp.int32, state: WorldState):
@@ -50,12 +51,12 @@ def turns_of(
         first: Member,
         turn: wp.int32,
         points: Any,
-        velocities: wp.array[wp.vec3],
+        velocities: Any,
     ):
         """The particle that a thread has in a turn, beside the first of the world."""
         member = seat_beside(t, 0, state, seat, turn * threads + seat.thread, first)
         member.point = in_tile(points, member.own.number)
-        member.velocity = vector_at(velocities, member.own.number)
+        member.velocity = velocity_at(velocities, member.own.number)
         if wp.static(traits.keeps_aims):
             member.aim = memory.aims[seat.world, member.own.number]
         if wp.static(traits.gas):
@@ -74,10 +75,10 @@ def turns_of(
         return member
 
     @wp.func
-    def put_member(seat: Seat, member: Member, target: Any, velocities: wp.array[wp.vec3]):
+    def put_member(seat: Seat, member: Member, target: Any, velocities: Any):
         """Where others and the next substep find it."""
         if member.active:
-            put_vector(velocities, member.own.number, member.velocity)
+            put_velocity(velocities, member.own.number, member.velocity)
             put_in_tile(target, member.own.number, member.point)
 
     @wp.func
