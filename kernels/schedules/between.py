@@ -28,11 +28,12 @@ def correct_color(
     q = t.correction.particles[spring][1]
     limit = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), limit_column]
     too_long = excess(points[world, q] - points[world, p], t.correction.rest_lengths[spring], limit)
-    move_p, move_q = moves_of_ends(t.particles.mass_share[p], t.particles.mass_share[q], too_long)
-    points[world, p] = points[world, p] + move_p
-    points[world, q] = points[world, q] + move_q
-    velocities[world, p] = velocities[world, p] + move_p / t.step_seconds
-    velocities[world, q] = velocities[world, q] + move_q / t.step_seconds
+    if wp.length_sq(too_long) > 0.0:
+        move_p, move_q = moves_of_ends(t.particles.mass_share[p], t.particles.mass_share[q], too_long)
+        points[world, p] = points[world, p] + move_p
+        points[world, q] = points[world, q] + move_q
+        velocities[world, p] = velocities[world, p] + move_p / t.step_seconds
+        velocities[world, q] = velocities[world, q] + move_q / t.step_seconds
 
 
 @wp.kernel

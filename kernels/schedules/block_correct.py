@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
-from balloon_warp.kernels.memory import put_in_tile
+from balloon_warp.kernels.memory import float_at, in_tile, int_pair_at, put_in_tile
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat, velocity_functions
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables, row_of_world
@@ -21,14 +21,20 @@ def correcting(traits: Traits, layout: Layout) -> Any:
 
     @wp.func
     def correct_spring(t: Tables, limit: float, spring: wp.int32, points: Any, velocities: Any):
-        p = t.correction.particles[spring][0]
-        q = t.correction.particles[spring][1]
-        too_long = excess(points[q] - points[p], t.correction.rest_lengths[spring], limit)
-        move_p, move_q = moves_of_ends(t.particles.mass_share[p], t.particles.mass_share[q], too_long)
-        put_in_tile(points, p, points[p] + move_p)
-        put_in_tile(points, q, points[q] + move_q)
-        put_velocity(velocities, p, velocity_at(velocities, p) + move_p / t.step_seconds)
-        put_velocity(velocities, q, velocity_at(velocities, q) + move_q / t.step_seconds)
+        ends = int_pair_at(t.correction.particles, spring)
+        p = ends[0]
+        q = ends[1]
+        at_p = in_tile(points, p)
+        at_q = in_tile(points, q)
+        too_long = excess(at_q - at_p, float_at(t.correction.rest_lengths, spring), limit)
+        if wp.length_sq(too_long) > 0.0:  # few are: what the others would write takes longer than all the rest
+            move_p, move_q = moves_of_ends(
+                float_at(t.particles.mass_share, p), float_at(t.particles.mass_share, q), too_long
+            )
+            put_in_tile(points, p, at_p + move_p)
+            put_in_tile(points, q, at_q + move_q)
+            put_velocity(velocities, p, velocity_at(velocities, p) + move_p / t.step_seconds)
+            put_velocity(velocities, q, velocity_at(velocities, q) + move_q / t.step_seconds)
 
     @wp.func
     def correct(t: Tables, seat: Seat, points: Any, velocities: Any):
