@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import volume_and_area
-from balloon_warp.model import Model, State
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,70 +72,3 @@ class Frame:
         lists = (self.points, self.velocities, self.net_forces, self.inflation_forces)
         arrays = (self.pressures, self.gas_amounts, self.sphere_positions, self.sphere_velocities)
         return all(np.isfinite(array).all() for array in (*(array for each in lists for array in each), *arrays))
-
-
-class FrameReader:
-    """Copies worlds of a model to the host, one at a time."""
-
-    def __init__(self, model: Model):
-        self.model = model
-
-    @cached_property
-    def _forces(self) -> Any:
-        from balloon_warp.schedules.readout import ForceReader  # loads, and compiles kernels, when first needed
-
-        return ForceReader(self.model)
-
-    def read(self, state: State, number: int, world: int, net_forces: bool) -> Frame:
-        """One world of a state at the frame of that number, with forces if they are wanted."""
-        anchors = self.model.parameters["string_anchor"]
-        of_all, of_inflation = self._read_forces(state, world, net_forces)
-        return Frame(
-            number=number,
-            time=number * self.model.frame_seconds,
-            points=self._moving_along(state.points, world),
-            velocities=self._moving_along(state.velocities, world),
-            net_forces=of_all,
-            inflation_forces=of_inflation,
-            pressures=state.pressures.numpy()[world].copy(),
-            gas_amounts=state.gas_amounts.numpy()[world].copy(),
-            sphere_positions=_copy(state.sphere_positions, world),
-            sphere_velocities=_copy(state.sphere_velocities, world),
-            string_anchors=_copy(anchors, world % anchors.shape[0]),
-            ground_height=_height(self.model.parameters["ground_height"], world),
-            water_level=_height(self.model.parameters["water_level"], world),
-            meshes=[shape.mesh for shape in self.model.shapes],
-        )
-
-    def _read_forces(
-        self, state: State, world: int, net_forces: bool
-    ) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
-        """The net forces, and the inflation's: of each what is wanted."""
-        by_normals = any(balloon.inflation.kind == "normal_force" for balloon in self.model.scene.balloon)
-        if not net_forces and not by_normals:
-            return [], []
-        self._forces.refresh(state)
-        of_all = self._of_balloons(self._forces.net_forces(state), world) if net_forces else []
-        return of_all, self._of_balloons(self._forces.inflation_forces(state), world)
-
-    def _of_balloons(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
-        """One world's rows of a particle array, split by balloon."""
-        return np.split(_copy(array, world), self.model.particle_offsets[1:-1])
-
-    def _moving_along(self, array: wp.array, world: int) -> list[NDArray[np.float32]]:
-        """The same, welded vertices with the rows of those that stand in for them."""
-        stand_ins = (shape.mesh.stand_ins for shape in self.model.shapes)
-        rows = self._of_balloons(array, world)
-        return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]
-
-
-def _copy(array: wp.array, world: int) -> NDArray[np.float32]:
-    """One world's row on the host; on the CPU `numpy()` alone is a view of what goes on changing."""
-    row = array[world].numpy() if array.shape[1] else np.zeros((0, 3))  # Warp does not slice an empty array
-    return np.array(row, dtype=np.float32)
-
-
-def _height(parameter: wp.array, world: int) -> float:
-    """One world's height of a surface [m], of a parameter of shape (W,); minus infinity where there is none."""
-    height = float(parameter.numpy()[world % parameter.shape[0]])
-    return height if height > -FAR else -np.inf

@@ -14,7 +14,8 @@ from balloon_warp.blow_ups import BlowUp, Origin, diagnose
 from balloon_warp.device import pick_device
 from balloon_warp.display import Displayed
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.frame import Frame, FrameReader
+from balloon_warp.frame import Frame
+from balloon_warp.frame_reader import FrameReader
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import (

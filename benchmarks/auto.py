@@ -8,6 +8,7 @@ ends with status 1 where another is faster by more than it may be.
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import warp as wp
 
@@ -24,6 +25,19 @@ MOST = 1.05
 """time of `auto` over that of the fastest"""
 ON_CPU, ON_GPU = ("gather", "lanes", "octets"), ("gather", "block")
 """what is measured; `scatter` is for reading"""
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "squirrel_inflate, pressure": (
+        "squirrel_inflate",
+        {"balloon.inflation": {"kind": "pressure", "pressure": 100.0}},
+    ),
+    "squirrel_inflate, gas": (
+        "squirrel_inflate",
+        {"balloon.helium": 0.0, "balloon.inflation": {"kind": "gas", "start_pressure": 100.0}},
+    ),
+    "squirrel_inflate, viscous": ("squirrel_inflate", {"balloon.stiffness.viscosity": 1e-3}),
+    "sphere_launch, impulse": ("sphere_launch", {"contact": "impulse"}),
+}
+"""bundled scenes with other physics"""
 FRAME_SECONDS = 0.2
 """about as long as what is timed together"""
 
@@ -48,7 +62,7 @@ class Choice:
 
 def measure(name: str, worlds: int, device: wp.Device) -> Choice:
     """The schedules in turns."""
-    model = build_model(load_scene(name), device, worlds)
+    model = build_model(load_scene(*VARIANTS.get(name, (name,))), device, worlds)
     schedules = [make_schedule(model, schedule) for schedule in (ON_CPU if device.is_cpu else ON_GPU)]
     work = model.world_count * model.particle_count * model.substeps
     frames = max(1, min(20, int(FRAME_SECONDS * (3e7 if device.is_cpu else 5e9) / work)))
@@ -57,9 +71,15 @@ def measure(name: str, worlds: int, device: wp.Device) -> Choice:
     return Choice(name, worlds, model.particle_count, fastest_schedule(model, worlds), rates)
 
 
+def measured_scenes() -> list[str]:
+    """The bundled scenes and the variants, by their names."""
+    return sorted([*bundled_scenes(), *VARIANTS])
+
+
 def scene_results(device: wp.Device, counts: Sequence[int] = WORLDS) -> Iterator[Result]:
-    """Every bundled scene, so many times side by side, in each schedule; beside it what `auto` takes."""
-    for name in bundled_scenes():
+    """Every bundled scene, and its variants, so many times side by side, in each schedule; beside it what `auto`
+    takes."""
+    for name in measured_scenes():
         for worlds in counts:
             choice = measure(name, worlds, device)
             taken = choice.rates[choice.taken]
@@ -76,7 +96,7 @@ def main() -> None:
     names = ON_CPU if device.is_cpu else ON_GPU
     print(f"| scene | worlds | {' | '.join(names)} | auto | the best over it |\n|{'---|' * (len(names) + 4)}")
     choices = []
-    for name in bundled_scenes():
+    for name in measured_scenes():
         for worlds in counts:
             choices.append(choice := measure(name, worlds, device))
             rates = " | ".join(f"{choice.rates[each]:.3g}" for each in names)

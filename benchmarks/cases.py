@@ -152,6 +152,7 @@ GPU_CASES: list[AnyCase] = [
     *[Case(balloons(worlds), "scatter", worlds) for worlds in (1, 64, 4096, 65536)],
     Case("one balloon of 99,848 particles", "gather", 1, cells=129, quick=True),
     Case("one balloon of 99,848 particles, sphere and ground", "gather", 1, cells=129, spheres=1, ground=True),
+    Case("one balloon of 99,848 particles, sealed gas", "gather", 1, cells=129, gas=True),
     *beside(GPU_BASE, cells=(4, 18, 36)),
     *beside(GPU_BASE, worlds=(16, 256, 1024, 16384)),
     *beside(GPU_BASE, substeps=(8, 16, 64, 128)),

@@ -21,7 +21,7 @@ LAYERS = (
     ("model", "provenance"),
     ("schedules", "advice", "inspection", "solids"),
     ("solvers", "frame"),
-    ("blow_ups", "outputs", "endings"),
+    ("blow_ups", "outputs", "endings", "frame_reader"),
     ("display",),
     ("simulator",),
     ("resume",),

@@ -52,7 +52,7 @@ def test_a_table_is_printed_and_the_json_written(
 def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(auto, "bundled_scenes", lambda: ["two_balloons"])
+    monkeypatch.setattr(auto, "measured_scenes", lambda: ["two_balloons"])
     monkeypatch.setattr(auto, "WORLDS", (1, 2))
     monkeypatch.setattr(auto, "FRAME_SECONDS", 0.0)  # one at a time
     measured = list(auto.scene_results(pick_device("cpu"), auto.WORLDS))
@@ -76,3 +76,8 @@ def test_two_sets_of_cases_at_once_are_refused(monkeypatch: pytest.MonkeyPatch, 
         main()
     assert ended.value.code == 2
     assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected one of them\n"
+
+
+def test_variants_of_scenes_can_be_built():
+    for source, overrides in auto.VARIANTS.values():
+        assert load_scene(source, overrides) != load_scene(source)

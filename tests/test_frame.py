@@ -8,7 +8,7 @@ import pytest
 from meshes import cube, quad_sphere
 from PIL import Image
 
-from balloon_warp import Balloon, Change, InputError, Scene, Simulator, Sphere, display
+from balloon_warp import Balloon, Change, InputError, Scene, Simulator, Sphere, String, display
 
 TWO = Scene(
     normals="cached",
@@ -82,3 +82,24 @@ def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
     assert simulator._repr_png_() is None
     with pytest.raises(InputError, match="frame 0: is not finite"):
         simulator.picture()
+
+
+def test_a_world_is_read_among_others_as_alone(device: str):
+    """With all of its own, forces too; and again, which a GPU has recorded then."""
+    held = Balloon(mesh=quad_sphere(3), inflation={"k_normal": 0.1})
+    scene = Scene(balloon=[held], string=[String(balloon=0, anchor=(0.0, 3.0, 0.0), length=1.0)], net_forces=True)
+    vary = {"balloon.inflation.k_normal": [0.1, 0.2, 0.4], "string.length": [1.0, 1.1, 1.2]}
+    simulator = Simulator(scene, device, world_count=3, vary=vary, schedule="gather")
+    alone = Simulator(scene, device, world_count=1, vary={k: v[2:] for k, v in vary.items()}, schedule="gather")
+    for _ in range(3):
+        simulator.step()
+        alone.step()
+        others, read, expected = simulator.read_frame(0), simulator.read_frame(2), alone.read_frame()
+        for name in ("points", "velocities", "net_forces", "inflation_forces"):
+            np.testing.assert_array_equal(getattr(read, name)[0], getattr(expected, name)[0])
+            assert (getattr(read, name)[0] != getattr(others, name)[0]).any()
+        np.testing.assert_array_equal(read.string_anchors, expected.string_anchors)
+    simulator.set_parameters({"keyframe_values": np.full((3, 1, 1), 0.8)})
+    simulator.step()
+    pushed = np.linalg.norm(simulator.read_frame(2).inflation_forces[0], axis=1)
+    assert pushed.sum() > 1.5 * np.linalg.norm(expected.inflation_forces[0], axis=1).sum()

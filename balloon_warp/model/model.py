@@ -118,11 +118,17 @@ class Model:
         """The same with parameters that may be written, though others use this model."""
         return self._with_parameters(wp.clone)
 
-    def of_world(self, world: int) -> Self:
-        """A batch of a single world, with the parameters that one has."""
+    def of_world(self, world: int, copied: bool = True) -> Self:
+        """A batch of a single world, with the parameters that one has.
+
+        Args:
+            copied: or else they are views, and change as this model's do.
+        """
 
         def row(array: Any) -> wp.array:
-            return wp.clone(array[world : world + 1]) if array.size and array.shape[0] > 1 else array
+            if array.size == 0 or array.shape[0] == 1:
+                return array
+            return wp.clone(array[world : world + 1]) if copied else array[world : world + 1]
 
         return replace(self._with_parameters(row), world_count=1)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import warp as wp
@@ -51,6 +52,17 @@ class State:
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
+
+    def of_world(self, world: int) -> Self:
+        """The state of one world, as views."""
+        return replace(
+            self,
+            **{
+                name: array[world : world + 1]
+                for name, array in vars(self).items()
+                if name != "frame" and array.size and array.shape[0] > 1
+            },
+        )
 
 
 def new_state(model: Model, room: Room) -> State:

@@ -31,10 +31,11 @@ CPU_TILE_BYTES = 1 << 18
 """the CPU stands in for a GPU here: a block of one thread, a tile of a GPU's size"""
 CAPACITY_STEP = 512
 """capacities of the streaming kernel are multiples of this, so that few are compiled"""
-FEW_THREADS, MOST_THREADS = 384, 768
-"""of a block whose threads go through many particles: where a multiprocessor has memory for two such blocks, and where
-it has not"""
-STREAMING_REGISTERS = 80
+THREADS_BESIDE = ((416, 72), (384, 80), (256, 80))
+"""of a block whose threads go through many particles, and registers of each, where a multiprocessor has memory for two
+such blocks: those whose last turn is fullest"""
+THREADS_ALONE = 768, 80
+"""where it has not"""
 WARP_THREADS = 32
 
 
@@ -135,13 +136,14 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
         )
         return layout, residing
     capacity = _round_up(model.particle_count, CAPACITY_STEP)
+    threads, registers = _streaming_threads(model)
     layout = Layout(
-        _streaming_threads(model),
+        threads,
         capacity,
         resident=False,
         odd_substeps=odd,
         fast_velocities=not traits.keeps_velocities and _room_for_velocities(model, traits),
-        registers=STREAMING_REGISTERS,
+        registers=registers,
     )
     return layout, None
 
@@ -153,11 +155,14 @@ def _room_for_velocities(model: Model, traits: Traits) -> bool:
     return model.particle_count <= (most if traits.corrected else most // 4)
 
 
-def _streaming_threads(model: Model) -> int:
+def _streaming_threads(model: Model) -> tuple[int, int]:
+    """Of a block, and the registers of each."""
+    threads, registers = THREADS_ALONE
+    if 2 * model.particle_count <= _most_particles(model):
+        threads, registers = min(THREADS_BESIDE, key=lambda each: _round_up(model.particle_count, each[0]))
     if model.device.is_cpu:
-        return 1
-    alone = 2 * model.particle_count > _most_particles(model)
-    return min(_round_up(model.particle_count, WARP_THREADS), MOST_THREADS if alone else FEW_THREADS)
+        return 1, registers
+    return min(_round_up(model.particle_count, WARP_THREADS), threads), registers
 
 
 def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Forces as they are shown and written, whatever the schedule."""
 
+from copy import copy
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import warp as wp
 
@@ -13,21 +14,34 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.pieces import AimRefresher
 from balloon_warp.schedules.ramp import refresh_ramp
-from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.tables import make_tables, tables_of_world, world_state
 from balloon_warp.schedules.traits import model_traits
 
 
 class ForceReader:
-    """Finds the forces of a state, which a schedule need not keep."""
+    """Finds the forces of a state, which a schedule need not keep.
 
-    def __init__(self, model: Model):
-        self.model, self._traits = model, model_traits(model)
-        self._tables = make_tables(model, self._traits)
+    Args:
+        batch: of which the model is one world.
+    """
+
+    def __init__(self, model: Model, batch: Model | None = None):
+        self.model = model
+        self._traits = model_traits(batch or model)
+        self._tables = make_tables(batch or model, self._traits)
         self._tables.step_seconds = 0.0  # forces as they are now, not on average over a step
+        if batch:
+            self._tables = tables_of_world(model, self._tables)
         self._working = Working()
         room, shape = Allocating(model.device), (model.world_count, model.particle_count)
         for name in ("forces", "aims", "area_vectors"):
             setattr(self._working, name, room.array(shape, wp.vec3))
+
+    def beside(self, model: Model) -> Self:
+        """A reader of another world of the same batch, which shares its memory with this one."""
+        other = copy(self)
+        other.model, other._tables = model, tables_of_world(model, self._tables)
+        return other
 
     def refresh(self, state: State) -> None:
         """What a frame begins with: its ramp, such as of k_normal, each particle's aim, and its area vector."""

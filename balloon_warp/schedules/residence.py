@@ -40,9 +40,10 @@ def residence(model: Model, traits: Traits, ends: SpringEnds) -> Residence | Non
     """The layout that lets most worlds run at once on a multiprocessor; None if the springs do not fit in registers.
 
     Two particles a thread share what a thread does for itself (spheres, barriers), and their loads overlap; where a
-    multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster.
+    multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster. Where
+    gas flows through tubes, all wait for the thread that finds how much: several small blocks bear that better.
     """
-    if not thread_a_particle(model) or model.device.is_cpu:
+    if not thread_a_particle(model) or model.device.is_cpu or traits.tubes:
         return None
     rings = quad_rings(model, ends) if traits.measures_areas or traits.aims_on_the_way else None
     single, double = (_residence(model, traits, ends, rings, particles) for particles in (1, 2))

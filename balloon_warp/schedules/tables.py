@@ -58,6 +58,19 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     return t
 
 
+def tables_of_world(model: Model, tables: Any) -> Any:
+    """A batch's tables for one of its worlds, whose model has views of its parameters."""
+    t, strings = Tables(), StringTable()
+    for name in Tables.vars:
+        setattr(t, name, getattr(tables, name))
+    for name in StringTable.vars:
+        setattr(strings, name, getattr(tables.strings, name))
+    _put_string_parameters(strings, model)
+    t.strings, t.spheres, t.tubes = strings, _spheres(model), _tubes(model)
+    t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
+    return t
+
+
 def world_state(state: State) -> Any:
     """The arrays of a state."""
     worlds = WorldState()
@@ -132,10 +145,14 @@ def _strings(model: Model) -> Any:
     table.offsets = _array(model, offsets, wp.int32)
     table.particles = _array(model, held[order], wp.int32)
     table.order = _array(model, order, wp.int32)
+    _put_string_parameters(table, model)
+    return table
+
+
+def _put_string_parameters(table: Any, model: Model) -> None:
     table.anchors = model.parameters["string_anchor"]
     table.lengths = model.parameters["string_length"]
     table.stiffness = model.parameters["string_stiffness"]
-    return table
 
 
 def _faces(model: Model) -> Any:
