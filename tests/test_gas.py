@@ -237,3 +237,15 @@ def test_breathing_converges_to_the_gas_law(device: str):
     errors = np.array([error(substeps) for substeps in (50, 100, 200)])
     assert abs(exact - 1.0) > 0.005
     np.testing.assert_allclose(errors[:-1] / errors[1:], 2.0, atol=0.3)
+
+
+def test_a_balloon_of_many_particles_swells_as_the_sum_of_its_parts(device: str):
+    """`gather` sums more than 2,048 particles in parts, `block` does not: another order, and so another rounding."""
+    sealed = Balloon(mesh=quad_sphere(20, 0.5), inflation={"kind": "gas", "start_pressure": 200.0})
+    found = []
+    for schedule in ("gather", "block"):
+        simulator = Simulator(Scene(balloon=[sealed], frames_per_second=240.0), device, schedule=schedule)
+        simulator.step()
+        found.append((simulator.state.pressures.numpy()[0, 0], simulator.state.points.numpy()[0]))
+    assert found[0][0] == pytest.approx(found[1][0], abs=PRESSURE_ROUNDING)
+    np.testing.assert_allclose(found[0][1], found[1][1], rtol=0, atol=1e-5)

@@ -40,6 +40,10 @@ SCHEDULES = {
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
 
+FEW_PARTICLES = 3072
+"""that a block moves in the time of the launches for a substep"""
+
+
 def make_schedule(model: Model, name: str = "auto") -> Schedule:
     """The schedule of that name, or the fastest for the model.
 
@@ -73,16 +77,20 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     """By device, size and number of worlds.
 
     On a GPU, a block a world, if it fits in one: where each particle has a thread; where there are enough worlds to
-    give each multiprocessor one, or with spheres a quarter of them; and with gas or corrections, when a substep would
-    be many launches otherwise. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
+    give each multiprocessor one, or with spheres a quarter of them; with gas or corrections, when a substep would be
+    many launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with
+    sooner if it has few particles. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
     from balloon_warp.schedules.block import fits_in_block
     from balloon_warp.schedules.residence import thread_a_particle
+    from balloon_warp.schedules.traits import model_traits
 
     many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
+    some_launches = model.sphere_count > 0 or model_traits(model).aims_on_the_way
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
-    pays = thread_a_particle(model) or enough_worlds or many_launches
+    few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
+    pays = few_particles or enough_worlds or many_launches
     return "block" if fits_in_block(model) and pays else "gather"

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.schedules.between import (
     correct_color,
     let_spheres_fall,
@@ -14,7 +15,13 @@ from balloon_warp.kernels.schedules.between import (
 )
 from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
-from balloon_warp.kernels.schedules.launched_gas import load_kernel, pump_kernel, tube_kernel
+from balloon_warp.kernels.schedules.launched_gas import (
+    PARTICLES_OF_PART,
+    load_kernel,
+    pump_kernel,
+    swelling_kernel,
+    tube_kernel,
+)
 from balloon_warp.kernels.schedules.launched_touch import touch_kernel
 from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
@@ -120,13 +127,14 @@ class Pieces:
         """The pressures of balloons, from how they would swell without them, and what flows through tubes."""
         m = self.model
         if self.traits.gas:
-            wp.launch_tiled(
-                load_kernel(self.traits),
-                dim=(m.world_count, m.balloon_count),
-                inputs=[self.tables, time_in_frame, *old, free_velocities, world_state(state), self.working],
-                block_dim=SWELL_THREADS if m.device.is_cuda else 1,
-                device=m.device,
-            )
+            threads = SWELL_THREADS if m.device.is_cuda else 1
+            whole, parts = (m.world_count, m.balloon_count), self.working.swellings.shape
+            inputs = [*old, free_velocities, world_state(state), self.working]
+            place: dict[str, Any] = {"block_dim": threads, "device": m.device}
+            if parts[2]:
+                wp.launch_tiled(swelling_kernel(self.traits), dim=parts, inputs=[self.tables, *inputs], **place)
+            kernel = load_kernel(self.traits, in_parts=parts[2] > 0)
+            wp.launch_tiled(kernel, dim=whole, inputs=[self.tables, time_in_frame, *inputs], **place)
         if self.traits.tubes:
             wp.launch(tube_kernel(self.traits), m.world_count, [self.tables, world_state(state)], device=m.device)
 
@@ -177,11 +185,13 @@ class Pieces:
 def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     """What the pieces tell each other; empty where a scene does not need it."""
     worlds = model.world_count
+    parts = -(-int(np.diff(model.particle_offsets).max()) // PARTICLES_OF_PART)
 
     def vectors(needed: bool) -> Any:
         return room.array((worlds, model.particle_count if needed else 0), wp.vec3)
 
     return {
+        "swellings": room.array((worlds, model.balloon_count, parts if traits.gas and parts > 1 else 0), Swelling),
         "aims": vectors(traits.aims),
         "area_vectors": vectors(traits.measures_areas),
         "inflations": vectors(traits.keeps_inflations),

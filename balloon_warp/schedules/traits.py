@@ -43,9 +43,10 @@ def model_traits(model: Model) -> Traits:
 
 
 def _pumps(model: Model) -> bool:
-    """Whether gas is pumped, in any world at any time."""
+    """Whether gas is pumped, in any world at any time, or may be by what changes."""
+    at_start, *changed = values_over_time(model, "keyframe_values")
     of_gas = model.inflation_kind.numpy() == int(GAS)
-    return any((values[:, of_gas] != 0.0).any() for values in values_over_time(model, "keyframe_values"))
+    return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
 
 
 def _breathes_on(model: Model) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
@@ -37,6 +38,8 @@ class Working:
     """on each particle, where corrections come between it and spheres [N]"""
     gas_masses: wp.array2d[float]
     """in each balloon [kg]"""
+    swellings: wp.array3d[Swelling]
+    """of each balloon in parts, where one has several"""
     sphere_quanta: wp.array3d[wp.int64]
     """forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
     near: wp.array2d[wp.int32]

@@ -22,6 +22,9 @@ from balloon_warp.kernels.substep import (
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
+PARTICLES_OF_PART = wp.constant(2048)
+"""of a balloon, which a block sums where it has more"""
+
 
 @cache
 def pump_kernel(traits: Traits) -> Any:
@@ -68,16 +71,87 @@ def tube_kernel(traits: Traits) -> Any:
 
 
 @cache
-def load_kernel(traits: Traits) -> Any:
-    """The kernel that finds the pressures of balloons, from how they would swell without them."""
+def summing_function(traits: Traits) -> Any:
+    """The function that sums how a thread's particles swell their balloon."""
     _, read_own = own_functions(traits.columns, traits.balloons)
-    read_numbers = numbers_reader(traits.columns)
     swell = swell_function(traits, sphere_in_state)
     remembered = memory_function(traits)
-    load_of_balloon = load_function(traits)
-    note_load = note_function(traits)
     inertia = inertia_function(traits)
     height_column = traits.columns.places["ground_height"]
+
+    @wp.func
+    def swelling_of_thread(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        free_velocities: wp.array2d[wp.vec3],
+        world: wp.int32,
+        balloon: wp.int32,
+        begin: wp.int32,
+        end: wp.int32,
+    ):
+        """Of those from one to another, every block_dim-th."""
+        part = Swelling()
+        if t.inflation_kind[balloon] != NORMAL_FORCE:
+            origin = points[world, volume_origin(t, balloon)]
+            for particle in range(begin, end, wp.block_dim()):
+                own = read_own(t, world, particle)
+                point = points[world, particle]
+                part += swell(
+                    t, state, world, own.n[height_column], own.share, inertia(working, own),
+                    state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
+                    remembered(velocities[world, particle], own.n), working.area_vectors[world, particle],
+                )  # fmt: skip
+        return part
+
+    return swelling_of_thread
+
+
+@cache
+def swelling_kernel(traits: Traits) -> Any:
+    """The kernel that sums how large balloons would swell, part by part."""
+    swelling_of_thread = summing_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def sum_swellings(
+        # model
+        t: Tables,
+        # state in
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        free_velocities: wp.array2d[wp.vec3],
+        # state in and out
+        state: WorldState,
+        # out
+        working: Working,
+    ):
+        """A block a (world, balloon, part), summed in the same order every time."""
+        world, balloon, part, thread = wp.tid()
+        begin = t.particles.offsets[balloon] + part * PARTICLES_OF_PART
+        end = wp.min(begin + PARTICLES_OF_PART, t.particles.offsets[balloon + 1])
+        of_thread = swelling_of_thread(
+            t, state, working, points, velocities, free_velocities, world, balloon, begin + thread, end
+        )
+        swelling = wp.tile_sum(wp.tile(of_thread, preserve_type=True))[0]
+        if thread == 0:
+            working.swellings[world, balloon, part] = swelling
+
+    return sum_swellings
+
+
+@cache
+def load_kernel(traits: Traits, in_parts: bool) -> Any:
+    """The kernel that finds the pressures of balloons, from how they would swell without them.
+
+    Args:
+        in_parts: whether that has been summed in parts.
+    """
+    swelling_of_thread = summing_function(traits)
+    read_numbers = numbers_reader(traits.columns)
+    load_of_balloon = load_function(traits)
+    note_load = note_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_loads(
@@ -94,21 +168,18 @@ def load_kernel(traits: Traits) -> Any:
     ):
         """A block a (world, balloon): its swelling, summed in the same order every time, and the load that follows."""
         world, balloon, thread = wp.tid()
-        part = Swelling()
+        of_thread = Swelling()
+        if wp.static(in_parts):
+            for part in range(thread, working.swellings.shape[2], wp.block_dim()):
+                of_thread += working.swellings[world, balloon, part]
+        else:
+            begin = t.particles.offsets[balloon] + thread
+            of_thread = swelling_of_thread(
+                t, state, working, points, velocities, free_velocities, world, balloon, begin,
+                t.particles.offsets[balloon + 1],
+            )  # fmt: skip
+        swelling = wp.tile_sum(wp.tile(of_thread, preserve_type=True))[0]
         kind = t.inflation_kind[balloon]
-        if kind != NORMAL_FORCE:
-            origin = points[world, volume_origin(t, balloon)]
-            for particle in range(
-                t.particles.offsets[balloon] + thread, t.particles.offsets[balloon + 1], wp.block_dim()
-            ):
-                own = read_own(t, world, particle)
-                point = points[world, particle]
-                part += swell(
-                    t, state, world, own.n[height_column], own.share, inertia(working, own),
-                    state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
-                    remembered(velocities[world, particle], own.n), working.area_vectors[world, particle],
-                )  # fmt: skip
-        swelling = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
         if thread == 0 and kind != NORMAL_FORCE:
             load = load_of_balloon(
                 kind, ramp_at(state, world, balloon, time_in_frame), swelling,
