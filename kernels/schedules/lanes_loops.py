@@ -25,7 +25,7 @@ from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
 from balloon_warp.kernels.loops.strings import string_loop
-from balloon_warp.kernels.loops.wetness import wetness_loop
+from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.layouts import Layout, near, places_of, view_of
 from balloon_warp.kernels.traits import Traits
@@ -113,7 +113,9 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
     sum_strings = string_loop(traits) if traits.has("string") else None
     sum_hinges = hinge_loop(traits, places.seen) if traits.has("hinge") else None
     sum_faces = face_loop(traits, places.seen, places.seen) if traits.has("face") else None
-    load_of_particle = wetness_loop(places.seen) if traits.in_water else None
+    by_rings = traits.rings and (layout.worlds or traits.balloons == 1)  # places are then the particles' numbers
+    load_in_faces = wetness_loop(places.seen) if traits.in_water else None
+    load_in_ring = ring_wetness_loop(places.seen) if traits.in_water else None
     level_column = traits.columns.places.get("water_level", 0)
     laws_in_lane = traits.laws_in_lane_on("particle")
 
@@ -163,7 +165,14 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
         loads = Lanes4()
         levels = own.n[level_column]
         for lane in range(t.lane_count):
-            load = load_of_particle(t.seen.faces, view_of(points, lane), place_of(own.item, lane), levels[lane], t.up)
+            view = view_of(points, lane)
+            load = wp.vec4()
+            if wp.static(by_rings):
+                particle = particle_of(t, own.item, lane)
+                if particle >= 0:
+                    load = load_in_ring(t.all.rings, view, particle, levels[lane], t.up)
+            else:
+                load = load_in_faces(t.seen.faces, view, place_of(own.item, lane), levels[lane], t.up)
             for number in range(4):
                 loads[number, lane] = load[number]
         return loads
