@@ -50,6 +50,7 @@ class LanesSchedule:
         self._lane_tables = make_lane_tables(model, self._traits, self.layout, self._tables)
         self._lanes = lane_structs(self.layout)[1]()
         arrays = _working_arrays(model, self._traits, self.layout, Allocating(model.device))
+        self._lane_tables.hinge_forces = arrays.pop("hinge_forces")
         for name, array in arrays.items():
             setattr(self._lanes, name, array)
         if self.layout == OCTETS and self._traits.aims:
@@ -114,6 +115,8 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
     a_vector = 1 if layout.worlds else LANE_COUNT
     faces = model.face_count if layout.worlds else LANE_COUNT * len(face_octets(model)) + 1
 
+    hinges = sum(shape.hinges.count for shape in model.shapes)
+
     def lanes(count: int, dtype: Any = Lanes3, needed: bool = True) -> Any:
         return room.array((groups, count if needed else 0), dtype)
 
@@ -131,6 +134,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "inflations": lanes(items, needed=traits.keeps_inflations),
         "face_centers": shown(faces, traits.aims),
         "face_area_vectors": shown(faces, traits.aims),
+        "hinge_forces": shown(4 * hinges, traits.has("hinge")),
         "balloon_areas": lanes(model.balloon_count, Lanes),
         "numbers": room.array((groups, model.balloon_count, traits.columns.width), Lanes),
         "ramp_begins": lanes(model.balloon_count, Lanes),

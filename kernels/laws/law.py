@@ -52,7 +52,7 @@ GIVEN: Mapping[Kind, tuple[Given, ...]] = {
         Given("b", "vec3", "[m]"),
         Given("first", "vec3", "mean of the first face's corners beside the edge [m]"),
         Given("second", "vec3", "and of the second's [m]"),
-        Given("rest_angle", "float", "between the two faces [rad]"),
+        Given("bend", "float", "the angle between the two faces beyond that at rest [rad]"),
     ),
     "face": (
         Given("center", "vec3", "mean of its corners [m]"),

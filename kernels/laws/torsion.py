@@ -27,7 +27,7 @@ def angle_beyond(a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_a
 
 
 @wp.func
-def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float, torsion: float):
+def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, bend: float, torsion: float):
     """Force [N] on one of the four places of a hinge: minus the constant [N m/rad] times the angle beyond the rest
     angle, times the angle's gradient.
 
@@ -39,7 +39,7 @@ def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.v
     length = wp.sqrt(squared_edge)
     first_normal = wp.cross(edge, first - a)
     second_normal = wp.cross(second - a, edge)
-    moment = torsion * angle_beyond(a, b, first, second, rest_angle)
+    moment = torsion * bend
     on_first = (moment * length / squared_length(first_normal)) * first_normal
     on_second = (moment * length / squared_length(second_normal)) * second_normal
     if role == FIRST_WING:
@@ -55,10 +55,9 @@ def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.v
 
 
 @wp.func
-def torsion_energy(a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float, torsion: float):
+def torsion_energy(bend: float, torsion: float):
     """1/2 constant angle^2 [J]"""
-    beyond = angle_beyond(a, b, first, second, rest_angle)
-    return 0.5 * torsion * beyond * beyond
+    return 0.5 * torsion * bend * bend
 
 
 TORSION = Law(

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.torsion import FIRST_WING
+from balloon_warp.kernels.laws.torsion import FIRST_WING, angle_beyond
 from balloon_warp.kernels.tables import HingeTable
 from balloon_warp.kernels.traits import Traits
 
@@ -16,10 +16,13 @@ def wing_size(hinges: HingeTable, hinge: wp.int32, wing: wp.int32):
     return hinges.wing_offsets[2 * hinge + wing + 1] - hinges.wing_offsets[2 * hinge + wing]
 
 
+Places = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
+"""a vector for each of a hinge's four places, in the order of their roles, one a row"""
+
+
 @cache
-def hinge_force(traits: Traits, at: Any) -> Any:
-    """The function that gives the force at one place of a hinge."""
-    laws = traits.laws_on("hinge")
+def place_functions(at: Any) -> tuple[Any, Any]:
+    """The functions that find a hinge's places, and its angle beyond that at rest."""
 
     @wp.func
     def wing_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, wing: wp.int32):
@@ -30,23 +33,62 @@ def hinge_force(traits: Traits, at: Any) -> Any:
         return total / float(wing_size(hinges, hinge, wing))
 
     @wp.func
-    def force_at_role(hinges: HingeTable, points: Any, hinge: wp.int32, role: wp.int32, n: Any):
-        """Force on a particle that has this role in a hinge [N]; the corners of a wing share theirs."""
+    def places_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32):
+        """Its ends and its wings [m]."""
         ends = hinges.ends[hinge]
-        force = laws(
-            role,
+        return (
             at(points, ends[0]),
             at(points, ends[1]),
             wing_of_hinge(hinges, points, hinge, 0),
             wing_of_hinge(hinges, points, hinge, 1),
-            hinges.rest_angles[hinge],
-            n,
         )
+
+    @wp.func
+    def bend_of_hinge(hinges: HingeTable, hinge: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3):
+        """[rad]"""
+        return angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
+
+    return places_of_hinge, bend_of_hinge
+
+
+@cache
+def hinge_force(traits: Traits, at: Any) -> Any:
+    """The function that gives the force at one place of a hinge."""
+    laws = traits.laws_on("hinge")
+    places_of_hinge, bend_of_hinge = place_functions(at)
+
+    @wp.func
+    def force_at_role(hinges: HingeTable, points: Any, hinge: wp.int32, role: wp.int32, n: Any):
+        """Force on a particle that has this role in a hinge [N]; the corners of a wing share theirs."""
+        a, b, first, second = places_of_hinge(hinges, points, hinge)
+        force = laws(role, a, b, first, second, bend_of_hinge(hinges, hinge, a, b, first, second), n)
         if role >= FIRST_WING:
             force /= float(wing_size(hinges, hinge, role - FIRST_WING))
         return force
 
     return force_at_role
+
+
+@cache
+def hinge_forces(traits: Traits, at: Any) -> Any:
+    """The function that gives the forces at all places of a hinge, whose angle is found once."""
+    laws = traits.laws_on("hinge")
+    places_of_hinge, bend_of_hinge = place_functions(at)
+
+    @wp.func
+    def forces_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, n: Any):
+        """On a particle of each role [N], one a row."""
+        a, b, first, second = places_of_hinge(hinges, points, hinge)
+        bend = bend_of_hinge(hinges, hinge, a, b, first, second)
+        forces = Places()
+        for role in range(4):
+            force = laws(role, a, b, first, second, bend, n)
+            if role >= FIRST_WING:
+                force /= float(wing_size(hinges, hinge, role - FIRST_WING))
+            forces[role] = force
+        return forces
+
+    return forces_of_hinge
 
 
 @cache

@@ -16,6 +16,7 @@ from balloon_warp.kernels.schedules.lanes_contact import (
     roll_function,
 )
 from balloon_warp.kernels.schedules.lanes_gas import load_in_lanes, pump_in_lanes, swell_in_lanes
+from balloon_warp.kernels.schedules.lanes_hinges import bend_function
 from balloon_warp.kernels.schedules.lanes_loops import lane_loops
 from balloon_warp.kernels.schedules.lanes_refresh import refresh_function
 from balloon_warp.kernels.schedules.lanes_state import read_function, write_function
@@ -181,6 +182,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     # What a scene does not have is not made: a function takes Warp some milliseconds.
     refresh_aims = refresh_function(traits, layout) if traits.aims else None
     roll = roll_function(traits, layout) if traits.spheres else None
+    bend = bend_function(traits, layout) if traits.has("hinge") else None
     pump = pump_in_lanes(traits, layout) if traits.gas else None
     pull_and_swell = gas_steps(traits, layout) if traits.gas else None
     correct = correct_function(traits, layout) if traits.corrected else None
@@ -217,6 +219,8 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
                 roll(t, state, lanes, group)
             if wp.static(traits.looks_at_velocities):
                 show_velocities(t, lanes, group)
+            if wp.static(traits.has("hinge")):
+                bend(t, group, points)
             if wp.static(traits.gas):
                 pump(t, state, lanes, group, time_in_frame)
                 pull_and_swell(t, state, lanes, group, points, time, time_in_frame)

@@ -22,7 +22,6 @@ from balloon_warp.kernels.algebra import (
 )
 from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner
 from balloon_warp.kernels.loops.faces import face_loop
-from balloon_warp.kernels.loops.hinges import hinge_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
@@ -111,7 +110,6 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
     places = places_of(layout)
     read_numbers = numbers_reader(traits.columns)
     sum_strings = string_loop(traits) if traits.has("string") else None
-    sum_hinges = hinge_loop(traits, places.seen) if traits.has("hinge") else None
     sum_faces = face_loop(traits, places.seen, places.seen) if traits.has("face") else None
     by_rings = traits.rings and (layout.worlds or traits.balloons == 1)  # places are then the particles' numbers
     load_in_faces = wetness_loop(places.seen) if traits.in_water else None
@@ -136,22 +134,35 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
             return LANE_COUNT * item + lane
 
     @wp.func
+    def sum_hinges(t: Any, group: wp.int32, place: wp.int32):
+        """Of the particle at a place, whose hinges have been bent [N]."""
+        pull = wp.vec3()
+        for entry in range(t.seen.hinges.particle_offsets[place], t.seen.hinges.particle_offsets[place + 1]):
+            of_role = t.hinge_forces[group, t.seen.hinges.particle_roles[entry]]
+            pull += wp.vec3(of_role[0], of_role[1], of_role[2])
+        return pull
+
+    @wp.func
     def other_pulls(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
         """Net force of strings, hinges and faces [N]."""
         force = Lanes3()
+        if wp.static(traits.has("hinge") and layout.worlds):
+            of_hinges = t.seen.hinges
+            for entry in range(of_hinges.particle_offsets[own.item], of_hinges.particle_offsets[own.item + 1]):
+                force += t.hinge_forces[own.group, of_hinges.particle_roles[entry]]
         for lane in range(t.lane_count):
             particle = particle_of(t, own.item, lane)
             if particle >= 0:
                 world = places.world(own.group, lane, t.world_count)
                 n = read_numbers(t.all, world, own.balloon)
-                pull = wp.vec3()
+                pull = of_lane(force, lane)
                 if wp.static(traits.has("string")):
                     pull += sum_strings(
                         t.all.strings, world, particle, of_lane(point, lane), of_lane(velocity, lane), n,
                         t.step_seconds, time,
                     )  # fmt: skip
-                if wp.static(traits.has("hinge")):
-                    pull += sum_hinges(t.seen.hinges, view_of(points, lane), place_of(own.item, lane), n)
+                if wp.static(traits.has("hinge") and not layout.worlds):
+                    pull += sum_hinges(t, own.group, place_of(own.item, lane))
                 if wp.static(traits.has("face")):
                     pull += sum_faces(
                         t.seen, view_of(points, lane), view_of(velocities, lane), place_of(own.item, lane), n, time

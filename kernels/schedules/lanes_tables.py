@@ -72,6 +72,8 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         spring_lengths: wp.array[Number]
         fans: LaneFans
         faces: LaneFaces
+        hinge_forces: wp.array2d[Vector]
+        """working memory, which the loops over particles read: of each hinge's four roles [N], a row for each group"""
 
     @wp.struct
     class LaneState:
