@@ -13,14 +13,7 @@ from balloon_warp.model import Model, State
 
 MOST_RECORDED = 16
 """worlds whose reading is recorded on a GPU; more are read launch by launch"""
-STATE = (
-    "points",
-    "velocities",
-    "pressures",
-    "gas_amounts",
-    "sphere_positions",
-    "sphere_velocities",
-)
+STATE = ("points", "velocities", "pressures", "gas_amounts", "sphere_positions", "sphere_velocities")
 PARAMETERS = ("string_anchor", "ground_height", "water_level")
 
 

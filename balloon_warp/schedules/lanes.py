@@ -115,7 +115,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
     a_vector = 1 if layout.worlds else LANE_COUNT
     faces = model.face_count if layout.worlds else LANE_COUNT * len(face_octets(model)) + 1
 
-    hinges = sum(shape.hinges.count for shape in model.shapes)
+    hinges = sum(shape.hinges.count for shape in model.shapes) if traits.has("hinge") else 0
 
     def lanes(count: int, dtype: Any = Lanes3, needed: bool = True) -> Any:
         return room.array((groups, count if needed else 0), dtype)
@@ -134,7 +134,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "inflations": lanes(items, needed=traits.keeps_inflations),
         "face_centers": shown(faces, traits.aims),
         "face_area_vectors": shown(faces, traits.aims),
-        "hinge_forces": shown(4 * hinges, traits.has("hinge")),
+        "hinge_forces": shown(4 * hinges),
         "balloon_areas": lanes(model.balloon_count, Lanes),
         "numbers": room.array((groups, model.balloon_count, traits.columns.width), Lanes),
         "ramp_begins": lanes(model.balloon_count, Lanes),

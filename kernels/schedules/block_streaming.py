@@ -52,7 +52,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     begins = beginning_of_frame(traits)
     velocity_at, put_velocity = velocity_functions(layout)
     threads, capacity = layout.threads, layout.capacity
-
     touch = touching(traits, board, turns.mass, layout)
 
     @wp.func
