@@ -62,7 +62,8 @@ class Choice:
 
 def measure(name: str, worlds: int, device: wp.Device) -> Choice:
     """The schedules in turns."""
-    model = build_model(load_scene(*VARIANTS.get(name, (name,))), device, worlds)
+    source, overrides = VARIANTS.get(name, (name, {}))
+    model = build_model(load_scene(source, overrides), device, worlds)
     schedules = [make_schedule(model, schedule) for schedule in (ON_CPU if device.is_cpu else ON_GPU)]
     work = model.world_count * model.particle_count * model.substeps
     frames = max(1, min(20, int(FRAME_SECONDS * (3e7 if device.is_cpu else 5e9) / work)))
