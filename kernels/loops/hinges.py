@@ -21,8 +21,8 @@ Places = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 
 
 @cache
-def place_functions(at: Any) -> tuple[Any, Any]:
-    """The functions that find a hinge's places, and its angle beyond that at rest."""
+def place_function(at: Any) -> Any:
+    """The function that finds a hinge's places."""
 
     @wp.func
     def wing_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, wing: wp.int32):
@@ -43,25 +43,21 @@ def place_functions(at: Any) -> tuple[Any, Any]:
             wing_of_hinge(hinges, points, hinge, 1),
         )
 
-    @wp.func
-    def bend_of_hinge(hinges: HingeTable, hinge: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3):
-        """[rad]"""
-        return angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
-
-    return places_of_hinge, bend_of_hinge
+    return places_of_hinge
 
 
 @cache
 def hinge_force(traits: Traits, at: Any) -> Any:
     """The function that gives the force at one place of a hinge."""
     laws = traits.laws_on("hinge")
-    places_of_hinge, bend_of_hinge = place_functions(at)
+    places_of_hinge = place_function(at)
 
     @wp.func
     def force_at_role(hinges: HingeTable, points: Any, hinge: wp.int32, role: wp.int32, n: Any):
         """Force on a particle that has this role in a hinge [N]; the corners of a wing share theirs."""
         a, b, first, second = places_of_hinge(hinges, points, hinge)
-        force = laws(role, a, b, first, second, bend_of_hinge(hinges, hinge, a, b, first, second), n)
+        bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
+        force = laws(role, a, b, first, second, bend, n)
         if role >= FIRST_WING:
             force /= float(wing_size(hinges, hinge, role - FIRST_WING))
         return force
@@ -73,13 +69,13 @@ def hinge_force(traits: Traits, at: Any) -> Any:
 def hinge_forces(traits: Traits, at: Any) -> Any:
     """The function that gives the forces at all places of a hinge, whose angle is found once."""
     laws = traits.laws_on("hinge")
-    places_of_hinge, bend_of_hinge = place_functions(at)
+    places_of_hinge = place_function(at)
 
     @wp.func
     def forces_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, n: Any):
         """On a particle of each role [N], one a row."""
         a, b, first, second = places_of_hinge(hinges, points, hinge)
-        bend = bend_of_hinge(hinges, hinge, a, b, first, second)
+        bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
         forces = Places()
         for role in range(4):
             force = laws(role, a, b, first, second, bend, n)
