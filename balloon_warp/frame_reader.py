@@ -1,15 +1,13 @@
 """Worlds to the host, one at a time."""
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
-from balloon_warp.frame import Frame
-from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model, State
+from balloon_warp.reading import HostBuffer, Reading
 
 MOST_RECORDED = 16
 """worlds whose reading is recorded on a GPU; more are read launch by launch"""
@@ -31,8 +29,13 @@ class FrameReader:
 
         return ForceReader(self.model.of_world(0, copied=False), self.model)
 
-    def read(self, state: State, number: int, world: int, net_forces: bool) -> Frame:
-        """One world of a state at the frame of that number, with forces if they are wanted."""
+    def begin(self, state: State, number: int, world: int, net_forces: bool, buffer: int = 0) -> Reading:
+        """One world of a state at the frame of that number, with forces if they are wanted; on a GPU it is under way
+        then.
+
+        Args:
+            buffer: of the host, 0 or 1: two readings may be under way.
+        """
         reader = self._readers.get((world, net_forces))
         if reader is None or reader.state is not state:
             model = self.model.of_world(world, copied=False)
@@ -41,14 +44,11 @@ class FrameReader:
             reader = WorldReader(model, state, world, forces, net_forces)
             if len(self._readers) < MOST_RECORDED:
                 self._readers[world, net_forces] = reader
-        return reader.read(number)
+        return reader.begin(number, buffer)
 
 
 class WorldReader:
     """Copies one world to the host.
-
-    On a GPU that is recorded when it is first done again: one launch, and one wait, since each of so many small copies
-    would cost more than what it copies.
 
     Args:
         model: of the world alone.
@@ -60,83 +60,28 @@ class WorldReader:
     def __init__(self, model: Model, state: State, world: int, forces: Any, net_forces: bool):
         self.model, self.state = model, state
         self._own, self._forces = state.of_world(world), forces
-        self._graph, self._times_read = None, 0
         sources = {name: getattr(self._own, name) for name in STATE}
         sources |= {name: model.parameters[name] for name in PARAMETERS}
+        sources["first_bad"] = state.first_bad  # of all worlds, since whoever reads one asks for them all
         self._sources = {name: source for name, source in sources.items() if source.size}
-        self._host = {name: self._like(source) for name, source in self._sources.items()}
-        if forces:
-            self._host["inflation_forces"] = self._like(self._own.points)
+        self._shown = {"inflation_forces": self._own.points} if forces else {}
         if net_forces:
-            self._host["net_forces"] = self._like(self._own.points)
+            self._shown["net_forces"] = self._own.points
+        self._buffers: dict[int, HostBuffer] = {}
 
-    def read(self, number: int) -> Frame:
-        """The frame of that number."""
-        self._fetch()
-        return Frame(
-            number=number,
-            time=number * self.model.frame_seconds,
-            points=self._moving_along("points"),
-            velocities=self._moving_along("velocities"),
-            net_forces=self._of_balloons("net_forces"),
-            inflation_forces=self._of_balloons("inflation_forces"),
-            pressures=self._row("pressures", np.float32),
-            gas_amounts=self._row("gas_amounts", np.float64),
-            sphere_positions=self._rows("sphere_positions"),
-            sphere_velocities=self._rows("sphere_velocities"),
-            string_anchors=self._rows("string_anchor"),
-            ground_height=self._height("ground_height"),
-            water_level=self._height("water_level"),
-            meshes=[shape.mesh for shape in self.model.shapes],
-        )
+    def begin(self, number: int, buffer: int) -> Reading:
+        """The frame of that number, into that buffer."""
+        if buffer not in self._buffers:
+            self._buffers[buffer] = HostBuffer(self.model.device, {**self._sources, **self._shown})
+        self._buffers[buffer].fill(self._copy)
+        return Reading(self.model, self._buffers[buffer], number)
 
-    def _fetch(self) -> None:
+    def _copy(self, host: Mapping[str, wp.array]) -> None:
         """All arrays to the host."""
-        device = self.model.device
-        self._times_read += 1
-        if device.is_cuda and self._times_read == 2:
-            with wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
-                self._copy()
-            self._graph = capture.graph
-        if self._graph is not None:
-            wp.capture_launch(self._graph)
-        else:
-            self._copy()
-        if device.is_cuda:
-            wp.synchronize_stream(device)
-
-    def _copy(self) -> None:
         if self._forces:
             self._forces.refresh(self._own)
-            if "net_forces" in self._host:
-                wp.copy(self._host["net_forces"], self._forces.net_forces(self._own))
-            wp.copy(self._host["inflation_forces"], self._forces.inflation_forces(self._own))
+            if "net_forces" in host:
+                wp.copy(host["net_forces"], self._forces.net_forces(self._own))
+            wp.copy(host["inflation_forces"], self._forces.inflation_forces(self._own))
         for name, source in self._sources.items():
-            wp.copy(self._host[name], source)
-
-    def _like(self, source: wp.array) -> wp.array:
-        """Memory of the host for an array."""
-        return wp.empty(source.shape, dtype=source.dtype, device="cpu", pinned=self.model.device.is_cuda)
-
-    def _row(self, name: str, dtype: Any) -> NDArray[Any]:
-        """The world's row of what is on the host, for whoever is to keep it."""
-        return np.array(self._host[name].numpy()[0] if name in self._host else np.zeros(0), dtype=dtype)
-
-    def _rows(self, name: str) -> NDArray[np.float32]:
-        """The same of vectors."""
-        return self._row(name, np.float32).reshape(-1, 3)
-
-    def _of_balloons(self, name: str) -> list[NDArray[np.float32]]:
-        """The rows of particles, split by balloon; none if they are not read."""
-        return np.split(self._rows(name), self.model.particle_offsets[1:-1]) if name in self._host else []
-
-    def _moving_along(self, name: str) -> list[NDArray[np.float32]]:
-        """The same, welded vertices with the rows of those that stand in for them."""
-        stand_ins = (shape.mesh.stand_ins for shape in self.model.shapes)
-        rows = self._of_balloons(name)
-        return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]
-
-    def _height(self, name: str) -> float:
-        """Of a surface [m]; minus infinity where there is none."""
-        height = float(self._row(name, np.float32)[()])
-        return height if height > -FAR else -np.inf
+            wp.copy(host[name], source)

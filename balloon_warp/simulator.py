@@ -1,7 +1,7 @@
 """The simulator: a scene in, frames out."""
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
@@ -10,21 +10,18 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.blow_ups import BlowUp, Origin, diagnose
+from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
-from balloon_warp.display import Displayed
-from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import (
     DueChange,
     Model,
     Vary,
     build_model,
     carry_over,
-    copy_of,
     fitting,
     initial_state,
     overwrite,
@@ -33,17 +30,15 @@ from balloon_warp.model import (
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.vary import METHODS
+from balloon_warp.reading import Reading
+from balloon_warp.running import Running
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
 
-KEPT_FRAMES = 512
-"""between two states of a single world that are kept, so that a blow-up can be followed from one: a copy costs less
-than five frames, and so less than a hundredth of all"""
 
-
-class Simulator(Displayed):
+class Simulator(Running):
     """Advances a batch of worlds frame by frame.
 
     Args:
@@ -87,7 +82,7 @@ class Simulator(Displayed):
         kind = solver_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
         self._turns, self._asked_schedule = deque(model.turns), schedule
-        self._start, self._kept = Origin(model, kind.name), None
+        self._origins = Origins(Origin(model, kind.name))
         self._first = model, schedule
         self.model = model.with_own_parameters() if model.turns else model
         self.state = initial_state(model)
@@ -111,35 +106,16 @@ class Simulator(Displayed):
             overwrite(simulator.state, origin.state)
         return simulator
 
-    def run(self, world: int = 0) -> Iterator[Frame]:
-        """The frames of one world, as many as the scene asks for: the start, then one after the other; after the start,
-        those that are missing.
-
-        Raises:
-            BlowUpError: the simulation left the finite numbers.
-        """
-        if self.frame_number == 0:
-            yield self.read_frame(world)
-        while self.frame_number < self.model.scene.frames:
-            self.step()
-            frame = self.read_frame(world)
-            if not frame.is_finite:
-                raise BlowUpError(self.diagnose(world, frame.number))
-            yield frame
-
-    def step(self) -> None:
-        """Advance every world by one frame.
-
-        Raises:
-            BlowUpError: the simulation left the finite numbers.
-        """
+    def _begin_step(self) -> None:
         self.take_due_turns()
-        if self.model.world_count == 1:
-            self._keep_origin()
+        if self._origins.is_due(self.model, self.frame_number):
+            model = replace(self.model, turns=list(self._turns))
+            self._origins.keep(Origin(model, self._asked_schedule, self.frame_number, self.state))
         self.advance()
-        bad = self.state.first_bad.numpy()
-        if (bad != HEALTHY).any():
-            raise BlowUpError(self.diagnose(int(np.argmax(bad != HEALTHY)), self.frame_number))
+
+    @property
+    def _waits(self) -> bool:
+        return self._turn_is_due or self._origins.is_due(self.model, self.frame_number)
 
     def advance(self) -> None:
         """Advance every world by one frame, those that blew up, too."""
@@ -159,10 +135,13 @@ class Simulator(Displayed):
         Raises:
             InputError: there is no such world.
         """
+        return self._begin_reading(world, net_forces).frame()
+
+    def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:
         if not isinstance(world, int | np.integer) or not 0 <= world < self.model.world_count:
             raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
-        return self._frame_reader.read(self.state, self.frame_number, world, wanted)
+        return self._frame_reader.begin(self.state, self.frame_number, world, wanted, buffer)
 
     def mass_properties(self) -> MassProperties:
         """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
@@ -178,7 +157,7 @@ class Simulator(Displayed):
             InputError: there is no such parameter, or its values have another shape or are not finite.
         """
         written = {name: fitting(self.model, name, values) for name, values in parameters.items()}
-        self._kept = None  # what comes now does not follow from it
+        self._origins.forget()  # what comes now does not follow from them
         keep_pressures(self.model, self.state, written)
         first, schedule = self._first
         if first.parameters is self.model.parameters:
@@ -196,7 +175,7 @@ class Simulator(Displayed):
             spheres: for each sphere of the model its number until now, or None if it is new and starts where the model
                 puts it; all as they are, when missing.
         """
-        self._kept = None
+        self._origins.forget()
         if spheres is not None:
             until_now, self.state = self.state, initial_state(model)
             carry_over(self.state, until_now, spheres)
@@ -218,25 +197,19 @@ class Simulator(Displayed):
         for cached in ("_frame_graph", "_frame_reader"):
             vars(self).pop(cached, None)
 
-    def diagnose(self, world: int, frame: int) -> BlowUp:
-        """Why a world is bad that was found so after a frame: by itself, its last frames are simulated again to see."""
-        again = self.from_origin((self._kept or self._start).of_world(world))
+    def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
+        """Why a world is bad that was found so after a frame: by itself, its last frames are simulated again to see.
+
+        Args:
+            bad: its first bad particle or sphere then; as the state has it, when missing.
+        """
+        again = self.from_origin(self._origins.last.of_world(world))
         while again.frame_number < frame - 1:
             again.advance()
         again.take_due_turns()
-        bad = int(self.state.first_bad.numpy()[world])
+        if bad is None:
+            bad = int(self.state.first_bad.numpy()[world])
         return diagnose(again.model, again.state, again.schedule, world, frame, bad)
-
-    def _keep_origin(self) -> None:
-        """Every so often, the state from which a blow-up can be found again."""
-        if self._kept is None or self.frame_number >= self._kept.frame + KEPT_FRAMES:
-            model = replace(self.model, turns=list(self._turns))
-            kept = self._kept.state if self._kept else None
-            if kept is None:
-                kept = copy_of(self.state)
-            else:  # its arrays are there already
-                overwrite(kept, self.state)
-            self._kept = Origin(model, self._asked_schedule, self.frame_number, kept)
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Go on, bit for bit, from where another simulator of the same scene, worlds and schedule was.
@@ -249,18 +222,23 @@ class Simulator(Displayed):
         frame = int(saved["frame"][0])
         self.frame_number = frame - 1
         self.take_due_turns()
-        self.frame_number, self._kept = frame, None
+        self.frame_number = frame
+        self._origins.forget()
         for name, array in vars(self.state).items():
             array.assign(saved[name])
 
     def drop_turns(self) -> None:
         """What the scene would change from here on does not happen."""
         self._turns.clear()
-        self._kept = None
+        self._origins.forget()
+
+    @property
+    def _turn_is_due(self) -> bool:
+        return bool(self._turns) and self._turns[0].frame <= self.frame_number
 
     def take_due_turns(self) -> None:
         """Change what changes at the start of the next frame."""
-        while self._turns and self._turns[0].frame <= self.frame_number:
+        while self._turn_is_due:
             self._take_turn(self._turns.popleft())
 
     def _take_turn(self, turn: DueChange) -> None:

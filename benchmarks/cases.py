@@ -6,7 +6,7 @@ from math import cos, pi, sin
 from typing import Literal
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, load_scene
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,22 @@ class RealTimeCase:
         )
 
 
-AnyCase = Case | ExportCase | FirstFrameCase | RealTimeCase
+@dataclass(frozen=True)
+class ReadingCase:
+    """Every frame of one world of a bundled scene is read: particle-substeps a second, beside not reading any."""
+
+    name: str
+    worlds: int
+    scene_name: str = "squirrel_inflate"
+    normals: Literal["cached", "fresh"] = "cached"
+    quick: bool = False
+
+    def scene(self) -> Scene:
+        """That goes on for as long as it is measured."""
+        return load_scene(self.scene_name, {"normals": self.normals, "frames": 1_000_000})
+
+
+AnyCase = Case | ExportCase | FirstFrameCase | ReadingCase | RealTimeCase
 
 
 def balloons(worlds: int) -> str:
@@ -157,6 +172,8 @@ GPU_CASES: list[AnyCase] = [
     *beside(GPU_BASE, worlds=(16, 256, 1024, 16384)),
     *beside(GPU_BASE, substeps=(8, 16, 64, 128)),
     *beside(GPU_BASE, spheres=(1, 2, 4, 8)),
+    ReadingCase("frames of one world, read", 1024),
+    ReadingCase("frames of one world, read, fresh normals", 1024, normals="fresh"),
     *COMMON_CASES,
 ]
 
@@ -176,6 +193,7 @@ CPU_CASES: list[AnyCase] = [
     *beside(CPU_BASE, worlds=(8, 16, 256)),
     *beside(CPU_BASE, substeps=(8, 16, 64, 128)),
     *beside(CPU_BASE, spheres=(1, 2, 4, 8)),
+    ReadingCase("frames of one world, read", 64),
     RealTimeCase("one balloon [simulated s/s]", quick=True),
     *COMMON_CASES,
 ]

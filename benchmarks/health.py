@@ -10,6 +10,7 @@ import warp as wp
 
 from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
+from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.schedules import block_resident
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
@@ -19,7 +20,6 @@ from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
-from balloon_warp.simulator import KEPT_FRAMES
 
 GPU_FRAMES = 100
 """that are timed together: some take 30 us, as long as to launch one and wait for it"""

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import warp as wp
 
-from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, AnyCase, Case, ExportCase, FirstFrameCase
+from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, AnyCase, Case, ExportCase, FirstFrameCase, ReadingCase
 from balloon_warp.benchmarks.export import measure_export
 from balloon_warp.benchmarks.first_frame import measure_first_frame
 from balloon_warp.benchmarks.rate import measure_rate
+from balloon_warp.benchmarks.reading import measure_reading
 from balloon_warp.benchmarks.real_time import measure_real_time
 from balloon_warp.benchmarks.result import Result
 
@@ -28,5 +29,7 @@ def run_case(case: AnyCase, device: wp.Device) -> Result:
             return measure_export(case, device)
         case FirstFrameCase():
             return measure_first_frame(case, device)
+        case ReadingCase():
+            return measure_reading(case, device)
         case _:
             return measure_real_time(case, device)

@@ -10,15 +10,25 @@ import warp as wp
 from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
-from balloon_warp.benchmarks import bound, export, first_frame, measure, rate
-from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, Case, ExportCase, FirstFrameCase, RealTimeCase, beside
+from balloon_warp.benchmarks import bound, export, first_frame, measure, rate, reading
+from balloon_warp.benchmarks.cases import (
+    CPU_CASES,
+    GPU_CASES,
+    Case,
+    ExportCase,
+    FirstFrameCase,
+    ReadingCase,
+    RealTimeCase,
+    beside,
+)
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.benchmarks.run import run_case
+from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
 from balloon_warp.schedules import SCHEDULES, make_schedule
-from balloon_warp.simulator import KEPT_FRAMES, Simulator
+from balloon_warp.simulator import Simulator
 
 
 def test_the_mesh_is_the_quad_sphere_of_the_other_tests():
@@ -128,6 +138,15 @@ def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, m
     timed = found[-first_frame.REPEATS :]
     assert timed == [[] if cold else ["kernel"]] * first_frame.REPEATS
     assert (result.schedule, result.particles) == ("gather", 26)
+
+
+def test_frames_are_read_beside_as_many_that_are_not(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(reading, "FRAMES", 2)
+    monkeypatch.setattr(reading, "REPEATS", 1)
+    result = run_case(ReadingCase("", 2, "two_balloons"), wp.get_device("cpu"))
+    assert (result.worlds, result.particles, result.peer) == (2, 820, "not read")
+    assert result.peer_rate
+    assert result.ratio == result.rate / result.peer_rate
 
 
 def test_a_process_simulates_a_first_frame():

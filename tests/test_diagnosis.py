@@ -167,7 +167,7 @@ def test_inflation_is_that_of_the_substep(device):
 def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, monkeypatch):
     """States are kept at the start of frames 1, 9 and 17; it blows up in frame 21, in whose second substep the
     inflation has begun to rise."""
-    monkeypatch.setattr("balloon_warp.simulator.KEPT_FRAMES", 8)
+    monkeypatch.setattr("balloon_warp.blow_ups.origins.KEPT_FRAMES", 8)
     rises = Inflation(k_normal=[(0.0, 0.0), (20.5 / 60.0, 0.0), (21.5 / 60.0, 9e11)])
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device)
     frames: list[int] = []

@@ -8,7 +8,7 @@ import pytest
 from meshes import cube, quad_sphere
 from PIL import Image
 
-from balloon_warp import Balloon, Change, InputError, Scene, Simulator, Sphere, String, display
+from balloon_warp import Balloon, BlowUpError, Change, InputError, Scene, Simulator, Sphere, String, display
 
 TWO = Scene(
     normals="cached",
@@ -106,3 +106,29 @@ def test_a_world_is_read_among_others_as_alone(device: str):
         np.linalg.norm(frame.inflation_forces[0], axis=1).sum() for frame in (simulator.read_frame(2), before)
     )
     assert pushed > 1.5 * until_now
+
+
+def test_frames_that_are_read_while_the_next_is_simulated_are_the_same(device: str):
+    """Of a scene whose parameters, methods and spheres change as it goes on, to the bit."""
+    scene = TWO.model_copy(update={"frames": 6})
+    ahead, simulator = [], Simulator(scene, device)
+    for frame in simulator.run(ahead=True):
+        ahead.append((simulator.frame_number - frame.number, frame))
+    assert [lead for lead, _ in ahead] == [0, 0, 0, 1, 1, 1, 0]  # waits where something changes, and at the end
+    for (_, one), other in zip(ahead, Simulator(scene, device).run(), strict=True):
+        assert (one.number, one.time) == (other.number, other.time)
+        np.testing.assert_array_equal(one.points[1], other.points[1])
+        np.testing.assert_array_equal(one.velocities[0], other.velocities[0])
+        np.testing.assert_array_equal(one.sphere_positions, other.sphere_positions)
+        np.testing.assert_array_equal(one.pressures, other.pressures)
+
+
+@pytest.mark.parametrize("ahead", [False, True])
+def test_a_blow_up_ends_the_frames_after_the_last_good_one(device: str, ahead: bool):
+    """Also where the next frame has begun when it is found."""
+    scene = Scene(balloon=[Balloon(mesh=cube(), inflation={"k_normal": 1e9})], substeps=1, normals="fresh", frames=20)
+    frames, numbers = Simulator(scene, device, world_count=2).run(ahead=ahead), []
+    with pytest.raises(BlowUpError) as told:
+        numbers.extend(frame.number for frame in frames)
+    assert numbers == list(range(len(numbers)))
+    assert f"in frame {len(numbers)}, world 0" in str(told.value)

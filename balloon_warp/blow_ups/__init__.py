@@ -2,7 +2,7 @@
 
 1. It is found on the device: after each frame `schedules/health.py` looks at every particle and sphere, and notes the
    first one in each world that is where it cannot be.
-2. From that frame nothing is left to learn. So `Simulator` keeps an `Origin`: a state of a while ago, and all that it
+2. From that frame nothing is left to learn. So `Simulator` keeps `Origins`: a state of a while ago, and all that it
    takes to begin again from there.
 3. `replay` simulates that one world again, its last frames substep by substep, until it goes bad.
 4. `diagnose` looks at that substep: what moved farthest, what pulled it (`pulls`), which step would have been stable.
@@ -14,14 +14,17 @@
 
 from balloon_warp.blow_ups.diagnosis import diagnose
 from balloon_warp.blow_ups.origin import Origin
+from balloon_warp.blow_ups.origins import KEPT_FRAMES, Origins
 from balloon_warp.blow_ups.policy import MOST_HALVINGS, check_policy, with_half_the_step
 from balloon_warp.blow_ups.pulls import Pull, Pulls
 from balloon_warp.blow_ups.report import BlowUp
 
 __all__ = [
+    "KEPT_FRAMES",
     "MOST_HALVINGS",
     "BlowUp",
     "Origin",
+    "Origins",
     "Pull",
     "Pulls",
     "check_policy",

@@ -1,0 +1,109 @@
+"""A world on its way from a device to the host."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.frame import Frame
+from balloon_warp.kernels.laws.law import FAR
+from balloon_warp.model import Model
+
+
+class HostBuffer:
+    """Arrays on the host that are filled from a device.
+
+    On a GPU that is recorded when it is first done again: one launch, and one wait, since each of so many small copies
+    would cost more than what it copies.
+
+    Args:
+        sources: arrays of the shapes and types that these are to have.
+    """
+
+    def __init__(self, device: wp.Device, sources: Mapping[str, wp.array]):
+        self._device = device
+        self._graph, self._times_filled = None, 0
+        self._filled = wp.Event(device) if device.is_cuda else None
+        self.arrays = {
+            name: wp.empty(source.shape, dtype=source.dtype, device="cpu", pinned=device.is_cuda)
+            for name, source in sources.items()
+        }
+
+    def fill(self, copy: Callable[[Mapping[str, wp.array]], None]) -> None:
+        """By a function that copies into the arrays; on a GPU it goes on in the background."""
+        self._times_filled += 1
+        if self._filled and self._times_filled == 2:
+            with wp.ScopedDevice(self._device), wp.ScopedCapture(self._device) as capture:
+                copy(self.arrays)
+            self._graph = capture.graph
+        if self._graph is not None:
+            wp.capture_launch(self._graph)
+        else:
+            copy(self.arrays)
+        if self._filled:
+            self._device.stream.record_event(self._filled)
+
+    def wait(self) -> None:
+        """Until it is filled."""
+        if self._filled:
+            wp.synchronize_event(self._filled)
+
+
+class Reading:
+    """A world on its way to the host."""
+
+    def __init__(self, model: Model, buffer: HostBuffer, number: int):
+        self.model, self.number = model, number
+        self._buffer = buffer
+
+    def frame(self) -> Frame:
+        """What was read, once it is there."""
+        self._buffer.wait()
+        return Frame(
+            number=self.number,
+            time=self.number * self.model.frame_seconds,
+            points=self._moving_along("points"),
+            velocities=self._moving_along("velocities"),
+            net_forces=self._of_balloons("net_forces"),
+            inflation_forces=self._of_balloons("inflation_forces"),
+            pressures=self._row("pressures", np.float32),
+            gas_amounts=self._row("gas_amounts", np.float64),
+            sphere_positions=self._rows("sphere_positions"),
+            sphere_velocities=self._rows("sphere_velocities"),
+            string_anchors=self._rows("string_anchor"),
+            ground_height=self._height("ground_height"),
+            water_level=self._height("water_level"),
+            meshes=[shape.mesh for shape in self.model.shapes],
+        )
+
+    def first_bad(self) -> NDArray[np.int32]:
+        """Of every world the first particle or sphere that is bad, as `State.first_bad`, shape (world_count,)."""
+        self._buffer.wait()
+        return self._buffer.arrays["first_bad"].numpy()
+
+    def _row(self, name: str, dtype: Any) -> NDArray[Any]:
+        """The world's row of what is on the host, for whoever is to keep it."""
+        return np.array(
+            self._buffer.arrays[name].numpy()[0] if name in self._buffer.arrays else np.zeros(0), dtype=dtype
+        )
+
+    def _rows(self, name: str) -> NDArray[np.float32]:
+        """The same of vectors."""
+        return self._row(name, np.float32).reshape(-1, 3)
+
+    def _of_balloons(self, name: str) -> list[NDArray[np.float32]]:
+        """The rows of particles, split by balloon; none if they are not read."""
+        return np.split(self._rows(name), self.model.particle_offsets[1:-1]) if name in self._buffer.arrays else []
+
+    def _moving_along(self, name: str) -> list[NDArray[np.float32]]:
+        """The same, welded vertices with the rows of those that stand in for them."""
+        stand_ins = (shape.mesh.stand_ins for shape in self.model.shapes)
+        rows = self._of_balloons(name)
+        return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]
+
+    def _height(self, name: str) -> float:
+        """Of a surface [m]; minus infinity where there is none."""
+        height = float(self._row(name, np.float32)[()])
+        return height if height > -FAR else -np.inf

@@ -1,0 +1,89 @@
+"""How a simulator goes from frame to frame."""
+
+from abc import abstractmethod
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.blow_ups import BlowUp
+from balloon_warp.display import Displayed
+from balloon_warp.errors import BlowUpError
+from balloon_warp.frame import Frame
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.model import State
+from balloon_warp.reading import Reading
+
+
+class Running(Displayed):
+    """The part of a simulator that steps and hands out frames."""
+
+    state: State
+
+    @abstractmethod
+    def _begin_step(self) -> None:
+        """Advance every world by one frame; a GPU goes on in the background."""
+
+    @abstractmethod
+    def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:
+        """One world as it is now, on its way to the host. Two may be, into two buffers."""
+
+    @property
+    @abstractmethod
+    def _waits(self) -> bool:
+        """Whether the next frame may begin only once it is known that all went well in the last."""
+
+    @abstractmethod
+    def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
+        """Why a world is bad that was found so after a frame."""
+
+    def step(self) -> None:
+        """Advance every world by one frame.
+
+        Raises:
+            BlowUpError: the simulation left the finite numbers.
+        """
+        self._begin_step()
+        self._raise_if_bad(self.state.first_bad.numpy(), self.frame_number)
+
+    def run(self, world: int = 0, ahead: bool = False) -> Iterator[Frame]:
+        """The frames of one world, as many as the scene asks for: the start, then one after the other; after the start,
+        those that are missing.
+
+        Args:
+            ahead: whether the next frame is simulated while the loop works on this one, so that a GPU does not wait.
+                For loops that look at the frames alone: the simulator itself is a frame further on.
+
+        Raises:
+            BlowUpError: the simulation left the finite numbers.
+        """
+        if self.frame_number == 0:
+            yield self.read_frame(world)
+        reading = None
+        while reading or self._is_under_way:
+            if reading and not (ahead and self._is_under_way and not self._waits):
+                yield self._arrived(reading, world)
+                reading = None
+                continue
+            self._begin_step()
+            last, reading = reading, self._begin_reading(world, buffer=self.frame_number % 2)
+            if last:
+                yield self._arrived(last, world)
+
+    @property
+    def _is_under_way(self) -> bool:
+        """Whether the scene asks for more frames."""
+        return self.frame_number < self.model.scene.frames
+
+    def _arrived(self, reading: Reading, world: int) -> Frame:
+        """A frame that was read, if all worlds were well in it."""
+        self._raise_if_bad(reading.first_bad(), reading.number)
+        frame = reading.frame()
+        if not frame.is_finite:
+            raise BlowUpError(self.diagnose(world, frame.number))
+        return frame
+
+    def _raise_if_bad(self, first_bad: NDArray[np.int32], frame: int) -> None:
+        if (first_bad != HEALTHY).any():
+            world = int(np.argmax(first_bad != HEALTHY))
+            raise BlowUpError(self.diagnose(world, frame, int(first_bad[world])))
