@@ -6,8 +6,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.model import Model, State
-from balloon_warp.reading import HostBuffer, Reading
+from balloon_warp.model import Model, State, copy_of, overwrite
+from balloon_warp.reading import HostBuffer, Reading, Recorded
 
 MOST_RECORDED = 16
 """worlds whose reading is recorded on a GPU; more are read launch by launch"""
@@ -21,6 +21,7 @@ class FrameReader:
     def __init__(self, model: Model):
         self.model = model
         self._readers: dict[tuple[int, bool], WorldReader] = {}
+        self._stream = wp.Stream(model.device) if model.device.is_cuda else None
 
     @cached_property
     def _forces(self) -> Any:
@@ -41,40 +42,64 @@ class FrameReader:
             model = self.model.of_world(world, copied=False)
             by_normals = any(balloon.inflation.kind == "normal_force" for balloon in model.scene.balloon)
             forces = self._forces.beside(model) if net_forces or by_normals else None
-            reader = WorldReader(model, state, world, forces, net_forces)
+            reader = WorldReader(model, state, world, forces, net_forces, self._stream)
             if len(self._readers) < MOST_RECORDED:
                 self._readers[world, net_forces] = reader
         return reader.begin(number, buffer)
 
 
 class WorldReader:
-    """Copies one world to the host.
+    """Copies one world to the host. On a GPU it takes a copy there first; a stream of its own goes on with that, while
+    the next frame is simulated.
 
     Args:
         model: of the world alone.
         state: of all worlds.
         forces: what finds the inflation's forces, or None if nothing does.
         net_forces: whether it finds those of all, too.
+        stream: of a GPU; None on a CPU.
     """
 
-    def __init__(self, model: Model, state: State, world: int, forces: Any, net_forces: bool):
+    def __init__(self, model: Model, state: State, world: int, forces: Any, net_forces: bool, stream: wp.Stream | None):
         self.model, self.state = model, state
-        self._own, self._forces = state.of_world(world), forces
+        self._forces, self._stream = forces, stream
+        self._here, self._own, self._first_bad = state.of_world(world), state.of_world(world), state.first_bad
+        if stream:
+            self._own, self._first_bad = copy_of(self._here), wp.clone(state.first_bad)
+            self._taken = wp.Event(stream.device)
+        self._take_copy = Recorded(self._take, model.device.stream if stream else None)
         sources = {name: getattr(self._own, name) for name in STATE}
         sources |= {name: model.parameters[name] for name in PARAMETERS}
-        sources["first_bad"] = state.first_bad  # of all worlds, since whoever reads one asks for them all
+        sources["first_bad"] = self._first_bad  # of all worlds, since whoever reads one asks for them all
         self._sources = {name: source for name, source in sources.items() if source.size}
         self._shown = {"inflation_forces": self._own.points} if forces else {}
         if net_forces:
             self._shown["net_forces"] = self._own.points
         self._buffers: dict[int, HostBuffer] = {}
+        self._last: HostBuffer | None = None
 
     def begin(self, number: int, buffer: int) -> Reading:
         """The frame of that number, into that buffer."""
         if buffer not in self._buffers:
-            self._buffers[buffer] = HostBuffer(self.model.device, {**self._sources, **self._shown})
-        self._buffers[buffer].fill(self._copy)
-        return Reading(self.model, self._buffers[buffer], number)
+            self._buffers[buffer] = HostBuffer({**self._sources, **self._shown}, self._copy, self._stream)
+        if self._stream:
+            self._hand_over()
+        self._last = self._buffers[buffer]
+        self._last.fill()
+        return Reading(self.model, self._last, number)
+
+    def _hand_over(self) -> None:
+        """What the simulation has come to, once the last copy is read, to the reading stream."""
+        simulating = self.model.device.stream
+        if self._last:
+            simulating.wait_event(self._last.filled)
+        self._take_copy()
+        simulating.record_event(self._taken)
+        self._stream.wait_event(self._taken)
+
+    def _take(self) -> None:
+        overwrite(self._own, self._here)
+        wp.copy(self._first_bad, self.state.first_bad)
 
     def _copy(self, host: Mapping[str, wp.array]) -> None:
         """All arrays to the host."""

@@ -1,6 +1,7 @@
 """A world on its way from a device to the host."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,43 +13,69 @@ from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
 
 
-class HostBuffer:
-    """Arrays on the host that are filled from a device.
+class Recorded:
+    """Launches and copies that are done over and over. On a GPU they are recorded when they are first done again, since
+    each of so many small ones would cost more than what it does.
 
-    On a GPU that is recorded when it is first done again: one launch, and one wait, since each of so many small copies
-    would cost more than what it copies.
+    Args:
+        do: all of them.
+        stream: of a GPU, that they are queued in; None on a CPU.
+    """
+
+    def __init__(self, do: Callable[[], None], stream: wp.Stream | None):
+        self._do, self._stream = do, stream
+        self._times, self._graph = 0, None
+
+    def __call__(self) -> None:
+        """Do them; on a GPU they go on in the background."""
+        if not self._stream:
+            self._do()
+            return
+        self._times += 1
+        with wp.ScopedStream(self._stream, sync_enter=False):
+            if self._times == 2:
+                with wp.ScopedCapture(stream=self._stream) as capture:
+                    self._do()
+                self._graph = capture.graph
+            if self._graph is None:
+                self._do()
+            else:
+                wp.capture_launch(self._graph, stream=self._stream)
+
+
+class HostBuffer:
+    """Arrays on the host that are filled from a device, once or over and over.
 
     Args:
         sources: arrays of the shapes and types that these are to have.
+        copy: copies into these.
+        stream: of a GPU, that this is queued in; None on a CPU.
     """
 
-    def __init__(self, device: wp.Device, sources: Mapping[str, wp.array]):
-        self._device = device
-        self._graph, self._times_filled = None, 0
-        self._filled = wp.Event(device) if device.is_cuda else None
+    def __init__(
+        self,
+        sources: Mapping[str, wp.array],
+        copy: Callable[[Mapping[str, wp.array]], None],
+        stream: wp.Stream | None,
+    ):
+        self._stream = stream
         self.arrays = {
-            name: wp.empty(source.shape, dtype=source.dtype, device="cpu", pinned=device.is_cuda)
+            name: wp.empty(source.shape, dtype=source.dtype, device="cpu", pinned=stream is not None)
             for name, source in sources.items()
         }
+        self._fill = Recorded(partial(copy, self.arrays), stream)
+        self.filled = wp.Event(stream.device) if stream else None
 
-    def fill(self, copy: Callable[[Mapping[str, wp.array]], None]) -> None:
-        """By a function that copies into the arrays; on a GPU it goes on in the background."""
-        self._times_filled += 1
-        if self._filled and self._times_filled == 2:
-            with wp.ScopedDevice(self._device), wp.ScopedCapture(self._device) as capture:
-                copy(self.arrays)
-            self._graph = capture.graph
-        if self._graph is not None:
-            wp.capture_launch(self._graph)
-        else:
-            copy(self.arrays)
-        if self._filled:
-            self._device.stream.record_event(self._filled)
+    def fill(self) -> None:
+        """All arrays; on a GPU it goes on in the background."""
+        self._fill()
+        if self._stream:
+            self._stream.record_event(self.filled)
 
     def wait(self) -> None:
         """Until it is filled."""
-        if self._filled:
-            wp.synchronize_event(self._filled)
+        if self.filled:
+            wp.synchronize_event(self.filled)
 
 
 class Reading:

@@ -20,7 +20,7 @@ from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
+from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 BYTES_PER_PARTICLE = 24
 """two buffers of points"""
@@ -73,9 +73,8 @@ class BlockSchedule:
 
     @property
     def depends_on(self) -> frozenset[str]:
-        """Parameters that the kernel is chosen by: once gas is pumped, it may stop and begin again."""
-        may_begin = self._traits.gas and not self._traits.pumps
-        return CHOOSE_TRAITS | ({"keyframe_values"} if may_begin else frozenset())
+        """Parameters that the kernel is chosen by."""
+        return choosing_parameters(self._traits)
 
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""

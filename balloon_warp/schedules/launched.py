@@ -14,7 +14,7 @@ from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
+from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 Moving = tuple[wp.array, wp.array]
 """points and velocities, shape (world_count, particle_count), vec3"""
@@ -25,7 +25,6 @@ class LaunchedSchedule(ABC):
 
     name: ClassVar[str]
     capturable = True
-    depends_on = CHOOSE_TRAITS
     watchable: ClassVar[bool] = True
     """whether each substep ends in the state"""
 
@@ -37,6 +36,11 @@ class LaunchedSchedule(ABC):
         self.vectors = self.allot(model, self.traits, room)
         """its own memory"""
         self._health = HealthCheck(model, self.tables)
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Parameters that the kernels are chosen by."""
+        return choosing_parameters(self.traits)
 
     @staticmethod
     @abstractmethod

@@ -16,6 +16,7 @@ from balloon_warp.kernels.schedules.between import (
 from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
 from balloon_warp.kernels.schedules.launched_gas import (
+    LARGE,
     PARTICLES_OF_PART,
     load_kernel,
     pump_kernel,
@@ -101,6 +102,8 @@ class Pieces:
         refresh_ramp(self.model, state)
         if self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
+        if self.traits.gas and not self._gas_changes:
+            self._pump(state, 0.0)
 
     def refresh(self, points: wp.array) -> None:
         """The aims of normal forces."""
@@ -117,9 +120,17 @@ class Pieces:
 
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""
-        if self.traits.gas:
-            inputs = [self.tables, time_in_frame, world_state(state), self.working]
-            wp.launch(pump_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
+        if self._gas_changes:
+            self._pump(state, time_in_frame)
+
+    @property
+    def _gas_changes(self) -> bool:
+        """Whether balloons have more or less gas in some substep than in the one before."""
+        return self.traits.pumps or self.traits.tubes
+
+    def _pump(self, state: State, time_in_frame: float) -> None:
+        inputs = [self.tables, time_in_frame, world_state(state), self.working]
+        wp.launch(pump_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
 
     def swell(
         self, state: State, time_in_frame: float, old: tuple[wp.array, wp.array], free_velocities: wp.array
@@ -185,13 +196,14 @@ class Pieces:
 def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     """What the pieces tell each other; empty where a scene does not need it."""
     worlds = model.world_count
-    parts = -(-int(np.diff(model.particle_offsets).max()) // PARTICLES_OF_PART)
+    largest = int(np.diff(model.particle_offsets).max())
+    parts = -(-largest // PARTICLES_OF_PART) if largest > LARGE else 0
 
     def vectors(needed: bool) -> Any:
         return room.array((worlds, model.particle_count if needed else 0), wp.vec3)
 
     return {
-        "swellings": room.array((worlds, model.balloon_count, parts if traits.gas and parts > 1 else 0), Swelling),
+        "swellings": room.array((worlds, model.balloon_count, parts if traits.gas else 0), Swelling),
         "aims": vectors(traits.aims),
         "area_vectors": vectors(traits.measures_areas),
         "inflations": vectors(traits.keeps_inflations),

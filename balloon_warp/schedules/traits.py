@@ -14,6 +14,13 @@ CHOOSE_TRAITS = frozenset({"breathing_damping"})
 """parameters that kernels are chosen by, and others when they change"""
 
 
+def choosing_parameters(traits: Traits) -> frozenset[str]:
+    """Parameters that kernels are chosen by, and others when they change: once gas is pumped, it may stop and begin
+    again."""
+    may_begin = traits.gas and not traits.pumps
+    return CHOOSE_TRAITS | ({"keyframe_values"} if may_begin else frozenset())
+
+
 def model_traits(model: Model) -> Traits:
     """What kernels of the model have to do."""
     kinds = {int(kind) for kind in model.inflation_kind.numpy()}

@@ -22,13 +22,15 @@ from balloon_warp.kernels.substep import (
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
-PARTICLES_OF_PART = wp.constant(2048)
-"""of a balloon, which a block sums where it has more"""
+PARTICLES_OF_PART = wp.constant(512)
+"""of a large balloon, which a block sums"""
+LARGE = 2048
+"""particles of a balloon that is summed in parts"""
 
 
 @cache
 def pump_kernel(traits: Traits) -> Any:
-    """The kernel that begins a substep of balloons with gas."""
+    """The kernel that begins a substep of balloons with gas, or a frame where their gas stays as it is."""
     pump_gas = pump_function(traits.columns)
     gas_mass = gas_mass_function(traits.columns)
 
