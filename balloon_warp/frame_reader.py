@@ -66,7 +66,6 @@ class WorldReader:
         self._here, self._own, self._first_bad = state.of_world(world), state.of_world(world), state.first_bad
         if stream:
             self._own, self._first_bad = copy_of(self._here), wp.clone(state.first_bad)
-            self._taken = wp.Event(stream.device)
         self._take_copy = Recorded(self._take, model.device.stream if stream else None)
         sources = {name: getattr(self._own, name) for name in STATE}
         sources |= {name: model.parameters[name] for name in PARAMETERS}
@@ -83,19 +82,18 @@ class WorldReader:
         if buffer not in self._buffers:
             self._buffers[buffer] = HostBuffer({**self._sources, **self._shown}, self._copy, self._stream)
         if self._stream:
-            self._hand_over()
+            self._hand_over(self._stream)
         self._last = self._buffers[buffer]
         self._last.fill()
         return Reading(self.model, self._last, number)
 
-    def _hand_over(self) -> None:
+    def _hand_over(self, reading: wp.Stream) -> None:
         """What the simulation has come to, once the last copy is read, to the reading stream."""
         simulating = self.model.device.stream
-        if self._last:
+        if self._last and self._last.filled:
             simulating.wait_event(self._last.filled)
         self._take_copy()
-        simulating.record_event(self._taken)
-        self._stream.wait_event(self._taken)
+        reading.wait_event(simulating.record_event())
 
     def _take(self) -> None:
         overwrite(self._own, self._here)

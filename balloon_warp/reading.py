@@ -108,7 +108,7 @@ class Reading:
     def first_bad(self) -> NDArray[np.int32]:
         """Of every world the first particle or sphere that is bad, as `State.first_bad`, shape (world_count,)."""
         self._buffer.wait()
-        return self._buffer.arrays["first_bad"].numpy()
+        return np.asarray(self._buffer.arrays["first_bad"].numpy(), dtype=np.int32)
 
     def _row(self, name: str, dtype: Any) -> NDArray[Any]:
         """The world's row of what is on the host, for whoever is to keep it."""

@@ -44,7 +44,7 @@ class Running(Displayed):
             BlowUpError: the simulation left the finite numbers.
         """
         self._begin_step()
-        self._raise_if_bad(self.state.first_bad.numpy(), self.frame_number)
+        self._raise_if_bad(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
 
     def run(self, world: int = 0, ahead: bool = False) -> Iterator[Frame]:
         """The frames of one world, as many as the scene asks for: the start, then one after the other; after the start,

@@ -14,8 +14,6 @@ class Schedule(Protocol):
     name: str
     capturable: bool
     """whether a frame is nothing but launches, so that it can be recorded once and replayed"""
-    depends_on: frozenset[str]
-    """parameters after whose change it must be made anew"""
 
     def __init__(self, model: Model):
         """Allocate what it keeps."""
@@ -23,6 +21,11 @@ class Schedule(Protocol):
     @staticmethod
     def world_bytes(model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
+        ...
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Parameters after whose change it must be made anew."""
         ...
 
     def advance_frame(self, state: State) -> None:

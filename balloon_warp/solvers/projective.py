@@ -34,13 +34,17 @@ class ProjectiveSolver(LaunchedSchedule):
     """
 
     name = "projective"
-    depends_on = FACTORIZED
 
     def __init__(self, model: Model, global_step: type[SparseFactor] | type[DenseInverse] | None = None):
         if beyond := _beyond(model_traits(model)):
             raise InputError(f'solver: "projective" does not simulate {beyond}; expected another solver')
         super().__init__(model)
         self._global_step = (global_step or _global_step(model))(model, StepMatrices(model))
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Parameters that the factors are made of."""
+        return FACTORIZED
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
