@@ -14,14 +14,19 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
 
+MESHED = ("balloon", "obstacle")
+"""tables of a scene that may have a mesh"""
 LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
     """A scene as JSON has it. Of a mesh that came from Python there is the name only."""
-    described = scene.model_dump(mode="json", exclude={"balloon": {"__all__": {"mesh"}}})
-    for table, balloon in zip(described["balloon"], scene.balloon, strict=True):
-        table["mesh"] = mesh_label(balloon.mesh)
+    without_meshes = {name: {"__all__": {"mesh"}} for name in MESHED}
+    described = scene.model_dump(mode="json", exclude=without_meshes)
+    for name in MESHED:
+        for table, meshed in zip(described[name], getattr(scene, name), strict=True):
+            if meshed.mesh is not None:
+                table["mesh"] = mesh_label(meshed.mesh)
     return described
 
 
@@ -30,7 +35,7 @@ def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dic
     return {
         "scene": describe_scene(scene),
         "laws": describe_laws(laws),
-        "meshes": hash_meshes(balloon.mesh for balloon in scene.balloon),
+        "meshes": hash_meshes(each.mesh for name in MESHED for each in getattr(scene, name) if each.mesh is not None),
         "substeps": substeps,
         "versions": installed_versions(),
     }
@@ -38,11 +43,16 @@ def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dic
 
 def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
     """A description with a `scene` and its `meshes`, as it is wherever the files are: the meshes' names without their
-    folders, and their hashes by balloon, as `balloon.0.mesh`."""
-    scene = {**description["scene"]}
-    files = [balloon["mesh"] for balloon in scene["balloon"]]
-    scene["balloon"] = [{**balloon, "mesh": Path(balloon["mesh"]).name} for balloon in scene["balloon"]]
-    hashes = {f"balloon.{number}.mesh": description["meshes"][file] for number, file in enumerate(files)}
+    folders, and their hashes by where they stand, as `balloon.0.mesh`."""
+    scene, hashes = {**description["scene"]}, {}
+    for name in MESHED:
+        tables = [{**table} for table in scene.get(name, ())]
+        for number, table in enumerate(tables):
+            if "mesh" in table:
+                hashes[f"{name}.{number}.mesh"] = description["meshes"][table["mesh"]]
+                table["mesh"] = Path(table["mesh"]).name
+        if name in scene:
+            scene[name] = tables
     return {**description, "scene": scene, "meshes": hashes}
 
 

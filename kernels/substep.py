@@ -10,7 +10,7 @@
     move         a = F / m; v += h a; x += h v (the paper's listing)                `kick`, `drift`
     correct      springs that are too long are shortened                            `laws.correction`
     touch        spheres and particles exchange momentum, if they do                `loops.touching`
-    leave        particles leave spheres, by the paper's rule, and the ground       `loops.obstacles`
+    leave        particles leave spheres, by the paper's rule, obstacles and ground  `loops.obstacles`
 
 Without gas, a particle goes from `pull` to `leave` by itself; with it, all wait for the pressure in between.
 """
@@ -124,6 +124,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         spheres: Any,
         world: wp.int32,
         ground_height: float,
+        time: float,
         share: float,
         mass: float,
         load: wp.vec2,
@@ -136,6 +137,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         """Under the old load; the velocity is that without inflation.
 
         Args:
+            time: at the end of the step [s].
             arm: from a point of the balloon's own [m].
             remembered: what of the velocity before the step counts, see `memory_function`.
         """
@@ -144,7 +146,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         course = velocity + (response(mass, t.step_seconds) * push) * area_vector
         normal = wp.vec3()
         if mass > 0.0:
-            let, away = course_beside_obstacles(t, spheres, world, ground_height, point, course)
+            let, away = course_beside_obstacles(t, spheres, world, ground_height, time, point, course)
             course = let
             normal = away
         return swelling_of_particle(
@@ -202,6 +204,12 @@ def note_function(traits: Traits) -> Any:
 def time_of(t: Tables, frame: wp.array[wp.int32], time_in_frame: float):
     """Since the simulation began [s]."""
     return float(frame[0]) * t.frame_seconds + time_in_frame
+
+
+@wp.func
+def end_of_step(t: Tables, frame: wp.array[wp.int32], time_in_frame: float):
+    """When a substep ends that begins at a time in the frame [s]."""
+    return time_of(t, frame, time_in_frame) + t.step_seconds
 
 
 @wp.func

@@ -148,6 +148,25 @@ class SphereTable:
 
 
 @wp.struct
+class FixtureTable:
+    """Obstacles that go where they are told, see `laws.fixture`."""
+
+    kinds: wp.array[wp.int32]
+    sizes: wp.array[wp.vec3]
+    """half the edges of a box; radius and half the length of a capsule [m]"""
+    meshes: wp.array[wp.uint64]
+    closed: wp.array[wp.int32]
+    thicknesses: wp.array[float]
+    """how far from the surface particles are held [m]"""
+    reaches: wp.array[float]
+    """of the farthest point from the origin [m]"""
+    motion: wp.array2d[wp.transform]
+    """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
+    positions: wp.array2d[wp.vec3]
+    frictions: wp.array2d[float]
+
+
+@wp.struct
 class TubeTable:
     """Tubes between balloons."""
 
@@ -180,6 +199,7 @@ class Tables:
     faces: FaceTable
     fans: FanTable
     spheres: SphereTable
+    fixtures: FixtureTable
     tubes: TubeTable
     correction: CorrectionTable
     health: HealthTable

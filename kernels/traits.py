@@ -43,6 +43,12 @@ class Traits(NamedTuple):
     impulses: bool = False
     """particles and spheres exchange momentum, once all have moved"""
     ground: bool = False
+    fixtures: bool = False
+    """there are obstacles that go where they are told"""
+    fixture_meshes: bool = False
+    """a mesh is among them"""
+    fixtures_move: bool = False
+    """one of them does not stay where it is"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
         """The laws of a kind."""
@@ -96,13 +102,18 @@ class Traits(NamedTuple):
 
     @property
     def tells_time(self) -> bool:
-        """Whether a law asks for the time."""
-        return any_names(self.laws, "time")
+        """Whether a law asks for the time, or something is elsewhere at another."""
+        return any_names(self.laws, "time") or self.fixtures_move
 
     @property
     def obstacles(self) -> bool:
         """Whether there is something to leave."""
-        return self.ground or self.spheres > 0
+        return self.stands or self.spheres > 0
+
+    @property
+    def stands(self) -> bool:
+        """Whether particles stand on the ground or on what goes where it is told, which feel nothing of it."""
+        return self.ground or self.fixtures
 
     @property
     def penalties(self) -> bool:
@@ -112,7 +123,7 @@ class Traits(NamedTuple):
     @property
     def leaves_together(self) -> bool:
         """Whether particles leave spheres by the paper's rule, or the ground, only when all have moved."""
-        return (self.corrected or self.impulses) and (self.ground or self.penalties)
+        return (self.corrected or self.impulses) and (self.stands or self.penalties)
 
     @property
     def leaves_at_once(self) -> bool:

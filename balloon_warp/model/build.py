@@ -11,6 +11,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.model.model import Model
+from balloon_warp.model.obstacles import obstacle_motion, warp_mesh
 from balloon_warp.model.packing import pack_balloons, pack_worlds, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.vary import Vary
@@ -19,7 +20,9 @@ from balloon_warp.scene import Scene
 KINDS = ("normal_force", "pressure", "gas")
 """of inflation, as the kernels number them"""
 DTYPES: dict[str, Any] = {
-    **dict.fromkeys(("initial_sphere_positions", "initial_sphere_velocities", "string_anchor"), wp.vec3),
+    **dict.fromkeys(
+        ("initial_sphere_positions", "initial_sphere_velocities", "string_anchor", "obstacle_position"), wp.vec3
+    ),
     **dict.fromkeys(("initial_velocities", "initial_spins"), wp.vec3),
     **dict.fromkeys(("initial_shifts", "initial_centers"), wp.vec3d),
     "initial_turns": wp.mat33d,
@@ -103,6 +106,9 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
             [particle + offsets[string.balloon] for string, particle in zip(scene.string, plan.held, strict=True)],
             wp.int32,
         ),
+        obstacles=plan.obstacles,
+        obstacle_meshes=[warp_mesh(shape, device) for shape in plan.obstacles],
+        obstacle_motion=_items(obstacle_motion(scene), wp.transform, device),
         columns=columns,
         balloon_numbers=balloon_numbers,
         world_numbers=world_numbers,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.packing import views_of
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import DueChange
@@ -89,6 +90,15 @@ class Model:
     tube_balloons: wp.array
     """its two balloons, shape (tube_count,), vec2i"""
 
+    # obstacles
+    obstacles: list[ObstacleShape]
+    """their shapes, in the scene's order"""
+    obstacle_meshes: list[wp.Mesh | None]
+    """those of the obstacles that have one"""
+    obstacle_motion: wp.array
+    """shifts from their positions, and how they are turned, at the start of each frame until all rest, shape (frames,
+    obstacle_count), transform"""
+
     # parameters
     columns: Columns
     """where the laws' parameters stand in the next two"""
@@ -106,7 +116,7 @@ class Model:
       `initial_free_volumes` [m^3], float64, see `State`; `initial_pressures`, given, or of a gas, above the air's [Pa];
       `initial_loads`, the pressure at height 0 [Pa], and its rise with height [Pa/m], vec2; and `keyframe_values`:
       k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, shape (W, balloon_count, keyframe_count)
-    - of spheres, strings and tubes: see `model.rows`, shape (W, count of them)
+    - of spheres, strings, obstacles and tubes: see `model.rows`, shape (W, count of them)
     """
 
     def __repr__(self) -> str:

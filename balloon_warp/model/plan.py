@@ -16,6 +16,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
+from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters, parameters_at
 from balloon_warp.model.passing import warnings_of
 from balloon_warp.model.pressure import settle_pressure
@@ -36,6 +37,7 @@ class ModelPlan:
     scene: Scene
     world_count: int
     shapes: list[BalloonShape]
+    obstacles: list[ObstacleShape]
     held: list[int]
     """the particle that each string holds, numbered within its balloon"""
     own_laws: tuple[Law, ...]
@@ -121,6 +123,7 @@ def plan_model(
         scene=scene,
         world_count=world_count,
         shapes=shapes,
+        obstacles=[shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)],
         held=held,
         own_laws=tuple(laws),
         parameters=parameters,

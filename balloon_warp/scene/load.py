@@ -5,7 +5,7 @@ import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias, TypeVar, cast
 
 from pydantic import ValidationError
 
@@ -17,10 +17,11 @@ from balloon_warp.mesh.load import LOADERS, load_mesh
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, OverrideError, apply_overrides, override_scene
-from balloon_warp.scene.schema import Balloon, Scene
+from balloon_warp.scene.schema import Balloon, Obstacle, Scene
 
 SceneLike: TypeAlias = Scene | str | Path | MeshLike
 """a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh, in a file or not"""
+Meshed = TypeVar("Meshed", Balloon, Obstacle)
 LARGEST_FILE = 1 << 24
 """bytes of a scene file"""
 
@@ -185,11 +186,17 @@ def check_scene(table: dict[str, Any], path: Path) -> Scene:
         scene = Scene.model_validate(table)
     except ValidationError as error:
         raise InputError(f"{path}: {complaint(error, Scene)}") from None
-    balloons = [
-        balloon.model_copy(update={"mesh": path.parent / balloon.mesh}) if isinstance(balloon.mesh, Path) else balloon
-        for balloon in scene.balloon
-    ]
-    return scene.model_copy(update={"balloon": balloons})
+    return scene.model_copy(
+        update={
+            "balloon": [_beside(balloon, path) for balloon in scene.balloon],
+            "obstacle": [_beside(obstacle, path) for obstacle in scene.obstacle],
+        }
+    )
+
+
+def _beside(meshed: Meshed, path: Path) -> Meshed:
+    """A balloon or obstacle whose mesh file is named from where the scene's file is."""
+    return meshed.model_copy(update={"mesh": path.parent / meshed.mesh}) if isinstance(meshed.mesh, Path) else meshed
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

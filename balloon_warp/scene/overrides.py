@@ -84,7 +84,7 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
             place[int(name)] = value
     elif isinstance(place, dict):
         if rest:
-            listed = len(names) == path.count(".") + 1 and name in ("balloon", "sphere", "string", "tube")
+            listed = len(names) == path.count(".") + 1 and name in ("balloon", "sphere", "string", "obstacle", "tube")
             _put(place.setdefault(name, [] if listed else {}), rest, value, path)
         else:
             place[name] = value

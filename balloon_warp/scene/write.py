@@ -13,13 +13,15 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.scene.reference import default_of, first_line, meaning_of
-from balloon_warp.scene.schema import Scene
+from balloon_warp.scene.schema import Balloon, Obstacle, Scene
 from balloon_warp.scene.toml import toml_value
 
 HEADER = """\
 # A scene: balloon-warp run THIS_FILE simulates it. SI units. A field that is left out has its default.
 # python -m balloon_warp.scene.reference lists every field.
 """
+MESHED = ("balloon", "obstacle")
+"""tables that may have a mesh"""
 LONGEST_COMMENT = 100
 """characters that stand beside a value; a longer comment stands above it"""
 
@@ -35,15 +37,18 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
     check_writable(path, (".toml",))
     copies = {mesh: path.parent / mesh.name for mesh in dict.fromkeys(_meshes(scene)) if _is_bundled(mesh)}
     missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
-    balloons = [
-        balloon.model_copy(update={"mesh": copies.get(mesh, mesh)})
-        for balloon, mesh in zip(scene.balloon, _meshes(scene), strict=True)
-    ]
+    moved = {
+        name: [
+            each.model_copy(update={"mesh": copies.get(path, path)}) if (path := _path_of(each)) else each
+            for each in getattr(scene, name)
+        ]
+        for name in MESHED
+    }
     for mesh, copy in missing.items():
         with whole_file(copy) as temporary:
             shutil.copyfile(mesh, temporary)
     with whole_file(path) as temporary:
-        temporary.write_text(scene_toml(scene.model_copy(update={"balloon": balloons}), path.parent), encoding="utf-8")
+        temporary.write_text(scene_toml(scene.model_copy(update=moved), path.parent), encoding="utf-8")
     return [path, *missing.values()]
 
 
@@ -52,14 +57,23 @@ def scene_toml(scene: Scene, folder: Path) -> str:
 
     Mesh files are named from the folder, those of bundled scenes by their whole path. Every number has all its digits.
     """
-    table = scene.model_dump(mode="json", exclude_defaults=True, exclude={"balloon": {"__all__": {"mesh"}}})
-    for number, mesh in enumerate(_meshes(scene)):
-        table["balloon"][number] = {"mesh": _named_from(mesh, folder), **table["balloon"][number]}
+    without_meshes = {name: {"__all__": {"mesh"}} for name in MESHED}
+    table = scene.model_dump(mode="json", exclude_defaults=True, exclude=without_meshes)
+    for name in MESHED:
+        for number, each in enumerate(getattr(scene, name)):
+            if path := _path_of(each):
+                table[name][number] = {"mesh": _named_from(path, folder), **table[name][number]}
     return HEADER + "\n".join(_lines(scene, table)) + "\n"
 
 
 def _meshes(scene: Scene) -> list[Path]:
-    return [Path(os.path.abspath(str(balloon.mesh))) for balloon in scene.balloon]
+    paths = (_path_of(each) for name in MESHED for each in getattr(scene, name))
+    return [path for path in paths if path]
+
+
+def _path_of(meshed: Balloon | Obstacle) -> Path | None:
+    """The file of its mesh."""
+    return None if meshed.mesh is None else Path(os.path.abspath(str(meshed.mesh)))
 
 
 def _is_bundled(mesh: Path) -> bool:

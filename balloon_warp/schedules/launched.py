@@ -73,8 +73,9 @@ class LaunchedSchedule(ABC):
             if substep == 0 or self.traits.fresh_normals:
                 pieces.refresh(now[0])
             pieces.roll(state)
-            now = self.advance_substep(state, substep * self.model.step_seconds, now)
-            pieces.touch(state, *now)
+            time_in_frame = substep * self.model.step_seconds
+            now = self.advance_substep(state, time_in_frame, now)
+            pieces.touch(state, time_in_frame, *now)
             yield substep
         for source, target in zip(now, kept, strict=True):
             if source is not target:
@@ -103,7 +104,7 @@ class ExplicitSchedule(LaunchedSchedule):
             self._launch(state, time_in_frame, old, free_velocities, None)
             self.pieces.swell(state, time_in_frame, old, free_velocities)
             self._launch(state, time_in_frame, old, free_velocities, new)
-        self.pieces.correct(state, *new)
+        self.pieces.correct(state, time_in_frame, *new)
 
     def _launch(
         self, state: State, time_in_frame: float, old: Moving, free_velocities: wp.array | None, new: Moving | None

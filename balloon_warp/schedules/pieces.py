@@ -140,16 +140,16 @@ class Pieces:
         if self.traits.gas:
             threads = SWELL_THREADS if m.device.is_cuda else 1
             whole, parts = (m.world_count, m.balloon_count), self.working.swellings.shape
-            inputs = [*old, free_velocities, world_state(state), self.working]
+            inputs = [self.tables, time_in_frame, *old, free_velocities, world_state(state), self.working]
             place: dict[str, Any] = {"block_dim": threads, "device": m.device}
             if parts[2]:
-                wp.launch_tiled(swelling_kernel(self.traits), dim=parts, inputs=[self.tables, *inputs], **place)
+                wp.launch_tiled(swelling_kernel(self.traits), dim=parts, inputs=inputs, **place)
             kernel = load_kernel(self.traits, in_parts=parts[2] > 0)
-            wp.launch_tiled(kernel, dim=whole, inputs=[self.tables, time_in_frame, *inputs], **place)
+            wp.launch_tiled(kernel, dim=whole, inputs=inputs, **place)
         if self.traits.tubes:
             wp.launch(tube_kernel(self.traits), m.world_count, [self.tables, world_state(state)], device=m.device)
 
-    def correct(self, state: State, points: wp.array, velocities: wp.array) -> None:
+    def correct(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
         """Springs that are too long are shortened; then particles leave obstacles."""
         if not self.traits.corrected:
             return
@@ -159,18 +159,17 @@ class Pieces:
                 inputs = [self.tables, self._limit_column, first_spring, points, velocities]
                 wp.launch(correct_color, (m.world_count, count), inputs, device=m.device)
         if self.traits.obstacles:
-            self.over_particles(
-                leave_kernel(self.traits), self.tables, world_state(state), self.working, points, velocities
-            )
+            moving = world_state(state), self.working, points, velocities
+            self.over_particles(leave_kernel(self.traits), self.tables, time_in_frame, *moving)
 
-    def touch(self, state: State, points: wp.array, velocities: wp.array) -> None:
+    def touch(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
         """Spheres and particles exchange momentum."""
         m = self.model
         if self.traits.impulses:
             wp.launch_tiled(
                 touch_kernel(self.traits),
                 dim=[m.world_count],
-                inputs=[self.tables, world_state(state), self.working, points, velocities],
+                inputs=[self.tables, time_in_frame, world_state(state), self.working, points, velocities],
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )

@@ -24,6 +24,7 @@ from balloon_warp.kernels.tables import (
 )
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
+from balloon_warp.schedules.fixtures import fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
@@ -49,6 +50,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.faces = _faces(model)
     t.fans = _fans(model, traits)
     t.spheres = _spheres(model)
+    t.fixtures = fixture_table(model)
     t.tubes = _tubes(model)
     t.correction = _correction(model, traits)
     t.health = health_table(model)
@@ -67,6 +69,7 @@ def tables_of_world(model: Model, tables: Any) -> Any:
         setattr(strings, name, getattr(tables.strings, name))
     _put_string_parameters(strings, model)
     t.strings, t.spheres, t.tubes = strings, _spheres(model), _tubes(model)
+    t.fixtures = tables.fixtures
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
     return t
 

@@ -46,6 +46,9 @@ def model_traits(model: Model) -> Traits:
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
         ground=scene.ground is not None,
+        fixtures=bool(scene.obstacle),
+        fixture_meshes=any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
+        fixtures_move=model.obstacle_motion.shape[0] > 1,
     )
 
 

@@ -43,17 +43,24 @@ def leave_sphere(
 
 
 @wp.func
+def slowed_beside(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, friction: float):
+    """The velocity of a particle that stands on a surface: its part into that is stopped, and by Coulomb's law at most
+    `friction` times as much of that along it."""
+    beside = velocity - surface_velocity
+    rise = wp.dot(beside, normal)
+    along = beside - rise * normal
+    stopped = wp.max(-rise, 0.0)
+    kept = wp.max(1.0 - friction * stopped * inverse_root(squared_length(along)), 0.0)
+    return surface_velocity + kept * along + wp.max(rise, 0.0) * normal
+
+
+@wp.func
 def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float):
-    """A particle up to the ground's height. The speed into the ground is stopped, and by Coulomb's law at most
-    `friction` times as much of the speed along it."""
+    """A particle up to the ground's height."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
         point += depth * up
-        rise = wp.dot(velocity, up)
-        along = velocity - rise * up
-        stopped = wp.max(-rise, 0.0)
-        kept = wp.max(1.0 - friction * stopped * inverse_root(squared_length(along)), 0.0)
-        velocity = kept * along + wp.max(rise, 0.0) * up
+        velocity = slowed_beside(velocity, wp.vec3(), up, friction)
     return point, velocity
 
 

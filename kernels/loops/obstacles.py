@@ -1,4 +1,4 @@
-"""Spheres and ground beside a particle, wherever the spheres are kept."""
+"""What a particle bumps into: spheres, wherever they are kept, the ground, and what goes where it is told."""
 
 from functools import cache
 from typing import Any
@@ -12,6 +12,7 @@ from balloon_warp.kernels.laws.contact import (
     out_of_sphere,
     penalty_force,
 )
+from balloon_warp.kernels.loops.fixtures import fixture_functions
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
 from balloon_warp.kernels.traits import Traits
 
@@ -44,22 +45,43 @@ def leave_one_sphere(
     return out, stopped, push
 
 
-@wp.func
-def stand_on_ground(t: Tables, height: float, friction: float, point: wp.vec3, velocity: wp.vec3):
-    """A particle up to the ground; most are above and go on at once."""
-    if wp.dot(point, t.up) >= height:
+@cache
+def standing_function(traits: Traits) -> Any:
+    """The function that lets a particle stand on the ground, and on obstacles that go where they are told."""
+    leave_fixtures = fixture_functions(traits)[0] if traits.fixtures else None
+
+    @wp.func
+    def stand(
+        t: Tables, world: wp.int32, height: float, friction: float, time: float, point: wp.vec3, velocity: wp.vec3
+    ):
+        """Its point and velocity outside; most are above the ground and go on at once.
+
+        Args:
+            time: at the end of the step [s].
+        """
+        if wp.static(traits.fixtures):
+            left, slowed = leave_fixtures(t, world, time, point, velocity)
+            point = left
+            velocity = slowed
+        if wp.static(traits.ground):
+            if wp.dot(point, t.up) < height:
+                stood, after = leave_ground(point, velocity, t.up, height, friction)
+                point = stood
+                velocity = after
         return point, velocity
-    new_point, new_velocity = leave_ground(point, velocity, t.up, height, friction)
-    return new_point, new_velocity
+
+    return stand
 
 
 @cache
 def obstacle_loop(traits: Traits, add_force: Any) -> Any:
-    """The function that lets a particle leave the ground, and by the paper's rule spheres, which stand in the state.
+    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres, which stand in
+    the state.
 
     Args:
         add_force: the function that adds a force to those on a sphere.
     """
+    stand = standing_function(traits)
 
     @wp.func
     def leave_obstacles(
@@ -69,11 +91,12 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
         world: wp.int32,
         height: float,
         friction: float,
+        time: float,
         point: wp.vec3,
         velocity: wp.vec3,
         inflation: wp.vec3,
     ):
-        """Its point and velocity outside; each sphere gets its force."""
+        """Its point and velocity outside at the end of a step; each sphere gets its force."""
         if wp.static(traits.penalties):
             for sphere in range(state.sphere_positions.shape[1]):
                 center, motion, radius = sphere_in_state(t, state, world, sphere)
@@ -84,8 +107,8 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
                     point = out
                     velocity = after
                     add_force(forces, world, sphere, push)
-        if wp.static(traits.ground):
-            stood, slowed = stand_on_ground(t, height, friction, point, velocity)
+        if wp.static(traits.stands):
+            stood, slowed = stand(t, world, height, friction, time, point, velocity)
             point = stood
             velocity = slowed
         return point, velocity
@@ -100,6 +123,7 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
     """
+    out_of_fixtures = fixture_functions(traits)[1] if traits.fixtures else None
 
     @wp.func
     def course_beside_obstacles(
@@ -107,6 +131,7 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
         spheres: Any,
         world: wp.int32,
         height: float,
+        time: float,
         point: wp.vec3,
         velocity: wp.vec3,
     ):
@@ -121,6 +146,10 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
                 out, outward = out_of_sphere(outside, normal, center, radius, t.up)
                 outside = out
                 normal = outward
+        if wp.static(traits.fixtures):
+            out, outward = out_of_fixtures(t, world, time, point, outside, normal)
+            outside = out
+            normal = outward
         if wp.static(traits.ground):
             out, outward = above_ground(outside, normal, t.up, height)
             outside = out

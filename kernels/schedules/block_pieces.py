@@ -5,11 +5,10 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import leave_ground
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, aim_of
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
-from balloon_warp.kernels.loops.obstacles import leave_one_sphere
+from balloon_warp.kernels.loops.obstacles import leave_one_sphere, standing_function
 from balloon_warp.kernels.loops.touching import is_near_sphere
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
@@ -42,7 +41,7 @@ class Pieces(NamedTuple):
     """(t, seat, member, other): whether either may touch a sphere, where both then exchange momentum; by all threads of
     a warp, who move the spheres as in `leave`"""
     stand: Any
-    """(t, member): up to the ground"""
+    """(t, seat, member): up to the ground, and out of obstacles that go where they are told"""
 
 
 @cache
@@ -57,6 +56,7 @@ def pieces_of(
     drift = drift_of(traits)
     swell_of_particle = swell_function(traits, board.sphere_at)
     remembered = memory_function(traits)
+    stand_of_particle = standing_function(traits)
     spheres, two = traits.spheres, layout.two
     rolls = board.rolls_by_warps
     height_column = traits.columns.places["ground_height"]
@@ -99,7 +99,8 @@ def pieces_of(
         part = Swelling()
         if member.active and member.own.kind != NORMAL_FORCE:
             part = swell_of_particle(
-                t, seat.substep, seat.world, member.own.n[height_column], member.own.share, member.inertia,
+                t, seat.substep, seat.world, member.own.n[height_column], seat.time + t.step_seconds, member.own.share,
+                member.inertia,
                 member.load, member.point - origin, member.point, member.free_velocity,
                 remembered(member.velocity, member.own.n), member.area_vector,
             )  # fmt: skip
@@ -191,10 +192,12 @@ def pieces_of(
         return near
 
     @wp.func
-    def stand(t: Tables, member: Member):
-        height = member.own.n[height_column]
-        if wp.dot(member.point, t.up) < height and member.own.mass > 0.0:
-            stood, slowed = leave_ground(member.point, member.velocity, t.up, height, member.own.n[friction_column])
+    def stand(t: Tables, seat: Seat, member: Member):
+        if member.own.mass > 0.0:
+            stood, slowed = stand_of_particle(
+                t, seat.world, member.own.n[height_column], member.own.n[friction_column],
+                seat.time + t.step_seconds, member.point, member.velocity,
+            )  # fmt: skip
             member.point = stood
             member.velocity = slowed
         return member

@@ -125,10 +125,10 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
                 met, other_met = get_members(seat, mine, also, target, velocities)
                 mine = met
                 also = other_met
-        if wp.static(traits.ground):
-            mine = pieces.stand(t, mine)
+        if wp.static(traits.stands):
+            mine = pieces.stand(t, seat, mine)
             if wp.static(two):
-                also = pieces.stand(t, also)
+                also = pieces.stand(t, seat, also)
         return mine, also
 
     @wp.func

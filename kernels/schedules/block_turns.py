@@ -70,8 +70,8 @@ def turns_of(
         if wp.static(traits.penalties):
             left, _other = pieces.leave(t, seat, member, member)
             member = left
-        if wp.static(traits.ground):
-            member = pieces.stand(t, member)
+        if wp.static(traits.stands):
+            member = pieces.stand(t, seat, member)
         return member
 
     @wp.func

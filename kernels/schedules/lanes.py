@@ -85,7 +85,10 @@ def gas_steps(traits: Traits, layout: Layout) -> Any:
             lanes.free_velocities[group, item] = free
             lanes.area_vectors[group, item] = area_vector
             if kind != NORMAL_FORCE:
-                swellings += swell(t, state, lanes, own, masses, point - origin, point, velocity, free, area_vector)
+                end = time + t.step_seconds
+                swellings += swell(
+                    t, state, lanes, own, end, masses, point - origin, point, velocity, free, area_vector
+                )
         if kind != NORMAL_FORCE:
             find_load(t, state, group, balloon, swellings, time_in_frame)
 
@@ -163,7 +166,7 @@ def particle_steps(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.keeps_inflations):
                 lanes.inflations[group, item] = push
             if wp.static(traits.leaves_at_once):
-                out, after = leave(t, state, lanes, own, point, velocity, push)
+                out, after = leave(t, state, lanes, own, time + t.step_seconds, point, velocity, push)
                 point = out
                 velocity = after
             lanes.velocities[group, item] = velocity
@@ -231,7 +234,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.impulses):
                 touch(t, state, lanes, group, new_points)
             if wp.static(traits.leaves_together):
-                leave_all(t, state, lanes, group, new_points)
+                leave_all(t, state, lanes, group, time + t.step_seconds, new_points)
         write_lanes(t, state, lanes, group, new_points)
 
     return advance_lanes

@@ -18,11 +18,16 @@ from balloon_warp.kernels.algebra import (
 from balloon_warp.kernels.laws.contact import move_sphere
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
 from balloon_warp.kernels.laws.impulse import fall
+from balloon_warp.kernels.loops.fixtures import center_function
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_mass, sphere_radius
 from balloon_warp.kernels.traits import Traits
+
+WIDER = wp.constant(1.1)
+"""(a + b)^2 is at most 1.1 a^2 + 11 b^2: so that no root is needed to see who is near"""
+A_STEP = wp.constant(11.0)
 
 
 @wp.func
@@ -87,12 +92,26 @@ def roll_function(traits: Traits, layout: Layout) -> Any:
 
 @cache
 def touch_function(traits: Traits, layout: Layout) -> Any:
-    """The function that asks whether any lane's point is below the ground, or inside a sphere that it leaves alone."""
+    """The function that asks whether any lane's point is below the ground, inside a sphere that it leaves alone, or
+    near an obstacle."""
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
     height_column = traits.columns.places["ground_height"]
+    places = places_of(layout)
+    center_at = center_function(traits) if traits.fixtures else None
 
     @wp.func
-    def touches_any(t: LaneTables, lanes: LaneState, own: LaneOwn, point: Lanes3):
+    def is_near_fixture(t: LaneTables, own: LaneOwn, fixture: wp.int32, time: float, point: Lanes3, velocity: Lanes3):
+        """Whether any lane's point is, or was a step before, within an obstacle's reach."""
+        centers = Lanes3()
+        for lane in range(LANE_COUNT):
+            world = places.world(own.group, lane, t.world_count)
+            centers = set_lane(centers, lane, center_at(t.all, world, fixture, time))
+        reach = t.all.fixtures.reaches[fixture]
+        steps = (A_STEP * t.step_seconds * t.step_seconds) * squared_length(velocity)
+        return any_negative(squared_length(point - centers) - WIDER * reach * reach - steps)
+
+    @wp.func
+    def touches_any(t: LaneTables, lanes: LaneState, own: LaneOwn, time: float, point: Lanes3, velocity: Lanes3):
         touches = bool(False)
         if wp.static(traits.ground):
             touches = any_negative(reach_along(point, t.up) - own.n[height_column])
@@ -100,6 +119,9 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
             for sphere in range(lanes.sphere_centers.shape[1]):
                 gaps = squared_length(point - lanes.sphere_centers[own.group, sphere])
                 touches = touches or any_negative(gaps - lanes.sphere_squared_radii[own.group, sphere])
+        if wp.static(traits.fixtures):
+            for fixture in range(t.all.fixtures.kinds.shape[0]):
+                touches = touches or is_near_fixture(t, own, fixture, time, point, velocity)
         return touches
 
     return touches_any
@@ -116,7 +138,15 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
     friction_column = traits.columns.places["ground_friction"]
 
     @wp.func
-    def leave_one_by_one(t: LaneTables, state: WorldState, own: LaneOwn, point: Lanes3, velocity: Lanes3, push: Lanes3):
+    def leave_one_by_one(
+        t: LaneTables,
+        state: WorldState,
+        own: LaneOwn,
+        time: float,
+        point: Lanes3,
+        velocity: Lanes3,
+        push: Lanes3,
+    ):
         """Points and velocities outside."""
         heights = own.n[height_column]
         frictions = own.n[friction_column]
@@ -125,7 +155,7 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
             if share > 0.0 and places.is_other(own.group, lane, t.world_count):
                 world = places.world(own.group, lane, t.world_count)
                 out, after = leave_obstacles(
-                    t.all, state, state.sphere_forces, world, heights[lane], frictions[lane],
+                    t.all, state, state.sphere_forces, world, heights[lane], frictions[lane], time,
                     of_lane(point, lane), of_lane(velocity, lane), of_lane(push, lane),
                 )  # fmt: skip
                 point = set_lane(point, lane, out)
@@ -138,13 +168,14 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
         state: WorldState,
         lanes: LaneState,
         own: LaneOwn,
+        time: float,
         point: Lanes3,
         velocity: Lanes3,
         push: Lanes3,
     ):
-        """Points and velocities outside, and the spheres' forces."""
-        if touches_any(t, lanes, own, point):
-            out, after = leave_one_by_one(t, state, own, point, velocity, push)
+        """Points and velocities outside, and the spheres' forces; the time is that of the step's end."""
+        if touches_any(t, lanes, own, time, point, velocity):
+            out, after = leave_one_by_one(t, state, own, time, point, velocity, push)
             point = out
             velocity = after
         return point, velocity
@@ -226,7 +257,7 @@ def leave_all_function(traits: Traits, layout: Layout) -> Any:
     leave = leave_function(traits, layout)
 
     @wp.func
-    def leave_all(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, points: Any):
+    def leave_all(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time: float, points: Any):
         """Every particle out of obstacles, where corrections or other contacts have left it."""
         for balloon in range(t.all.inflation_kind.shape[0]):
             for item in range(t.item_offsets[balloon], t.item_offsets[balloon + 1]):
@@ -239,7 +270,9 @@ def leave_all_function(traits: Traits, layout: Layout) -> Any:
                 push = Lanes3()
                 if wp.static(traits.keeps_inflations):
                     push = lanes.inflations[group, item]
-                out, after = leave(t, state, lanes, own, of_item(points, item), lanes.velocities[group, item], push)
+                out, after = leave(
+                    t, state, lanes, own, time, of_item(points, item), lanes.velocities[group, item], push
+                )
                 put_item(points, item, out)
                 lanes.velocities[group, item] = after
 

@@ -57,7 +57,7 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
     damping_column = traits.columns.places["breathing_damping"]
 
     @wp.func
-    def let_by_obstacles(t: LaneTables, state: WorldState, own: LaneOwn, point: Lanes3, course: Lanes3):
+    def let_by_obstacles(t: LaneTables, state: WorldState, own: LaneOwn, time: float, point: Lanes3, course: Lanes3):
         """The velocities at which obstacles let particles move in a step, and their normals, zero where there are
         none."""
         normals = Lanes3()
@@ -66,7 +66,7 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
             if of_lane(own.share, lane) > 0.0:
                 world = places.world(own.group, lane, t.world_count)
                 let, away = course_beside_obstacles(
-                    t.all, state, world, heights[lane], of_lane(point, lane), of_lane(course, lane)
+                    t.all, state, world, heights[lane], time, of_lane(point, lane), of_lane(course, lane)
                 )
                 course = set_lane(course, lane, let)
                 normals = set_lane(normals, lane, away)
@@ -78,6 +78,7 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
         state: WorldState,
         lanes: LaneState,
         own: LaneOwn,
+        time: float,
         masses: Lanes,
         arm: Lanes3,
         point: Lanes3,
@@ -91,8 +92,8 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
         course = velocity + scaled(area_vector, times(response(masses, t.step_seconds), pushes))
         normals = Lanes3()
         if wp.static(traits.obstacles):
-            if touches_any(t, lanes, own, point + scaled(course, t.step_seconds)):
-                let, away = let_by_obstacles(t, state, own, point, course)
+            if touches_any(t, lanes, own, time, point + scaled(course, t.step_seconds), course):
+                let, away = let_by_obstacles(t, state, own, time, point, course)
                 course = let
                 normals = away
         if wp.static(traits.breathes_on):

@@ -17,14 +17,11 @@ from balloon_warp.kernels.loops.touching import (
     press_on_ball,
     shift_of_ball,
 )
+from balloon_warp.kernels.schedules.lanes_contact import A_STEP, WIDER
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
-
-WIDER = wp.constant(1.1)
-"""(a + b)^2 is at most 1.1 a^2 + 11 b^2: so that no root is needed to see who is near"""
-A_STEP = wp.constant(11.0)
 
 
 @cache

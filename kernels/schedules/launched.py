@@ -16,6 +16,7 @@ from balloon_warp.kernels.schedules.fixed_point import add_quanta
 from balloon_warp.kernels.schedules.near import noting_function
 from balloon_warp.kernels.substep import (
     drift_of,
+    end_of_step,
     inflation_of,
     kick,
     ramp_at,
@@ -61,17 +62,18 @@ def leaving_function(traits: Traits) -> Any:
         state: WorldState,
         working: Working,
         own: Any,
+        time_in_frame: float,
         point: wp.vec3,
         velocity: wp.vec3,
         inflation: wp.vec3,
     ):
-        """Point and velocity outside."""
+        """Point and velocity outside, at the end of the substep that begins at a time."""
         if wp.static(traits.impulses):
             if is_noted(t, state, working.near, own.world, own.number, point, velocity):
                 return point, velocity
         out, after = leave_obstacles(
             t, state, working.sphere_quanta, own.world, own.n[height_column], own.n[friction_column],
-            point, velocity, inflation,
+            end_of_step(t, state.frame, time_in_frame), point, velocity, inflation,
         )  # fmt: skip
         return out, after
 
@@ -119,7 +121,7 @@ def pushing_function(traits: Traits) -> Any:
             working.inflations[own.world, own.number] = push
         if wp.static(traits.obstacles and not traits.corrected):
             if mass > 0.0:
-                out, after = leave(t, state, working, own, point, velocity, push)
+                out, after = leave(t, state, working, own, time_in_frame, point, velocity, push)
                 point = out
                 velocity = after
         return point, velocity
@@ -151,6 +153,7 @@ def leave_kernel(traits: Traits) -> Any:
     def leave_after_correction(
         # model
         t: Tables,
+        time_in_frame: float,
         # state in and out
         state: WorldState,
         working: Working,
@@ -164,7 +167,9 @@ def leave_kernel(traits: Traits) -> Any:
             push = wp.vec3()
             if wp.static(traits.keeps_inflations):
                 push = working.inflations[world, particle]
-            point, velocity = leave(t, state, working, own, points[world, particle], velocities[world, particle], push)
+            point, velocity = leave(
+                t, state, working, own, time_in_frame, points[world, particle], velocities[world, particle], push
+            )
             points[world, particle] = point
             velocities[world, particle] = velocity
 

@@ -12,6 +12,7 @@ from balloon_warp.kernels.loops.obstacles import sphere_in_state
 from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.substep import (
+    end_of_step,
     load_function,
     memory_function,
     note_function,
@@ -89,6 +90,7 @@ def summing_function(traits: Traits) -> Any:
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
         free_velocities: wp.array2d[wp.vec3],
+        time_in_frame: float,
         world: wp.int32,
         balloon: wp.int32,
         begin: wp.int32,
@@ -98,11 +100,12 @@ def summing_function(traits: Traits) -> Any:
         part = Swelling()
         if t.inflation_kind[balloon] != NORMAL_FORCE:
             origin = points[world, volume_origin(t, balloon)]
+            time = end_of_step(t, state.frame, time_in_frame)
             for particle in range(begin, end, wp.block_dim()):
                 own = read_own(t, world, particle)
                 point = points[world, particle]
                 part += swell(
-                    t, state, world, own.n[height_column], own.share, inertia(working, own),
+                    t, state, world, own.n[height_column], time, own.share, inertia(working, own),
                     state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
                     remembered(velocities[world, particle], own.n), working.area_vectors[world, particle],
                 )  # fmt: skip
@@ -120,6 +123,7 @@ def swelling_kernel(traits: Traits) -> Any:
     def sum_swellings(
         # model
         t: Tables,
+        time_in_frame: float,
         # state in
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
@@ -134,7 +138,7 @@ def swelling_kernel(traits: Traits) -> Any:
         begin = t.particles.offsets[balloon] + part * PARTICLES_OF_PART
         end = wp.min(begin + PARTICLES_OF_PART, t.particles.offsets[balloon + 1])
         of_thread = swelling_of_thread(
-            t, state, working, points, velocities, free_velocities, world, balloon, begin + thread, end
+            t, state, working, points, velocities, free_velocities, time_in_frame, world, balloon, begin + thread, end
         )
         swelling = wp.tile_sum(wp.tile(of_thread, preserve_type=True))[0]
         if thread == 0:
@@ -177,7 +181,7 @@ def load_kernel(traits: Traits, in_parts: bool) -> Any:
         else:
             begin = t.particles.offsets[balloon] + thread
             of_thread = swelling_of_thread(
-                t, state, working, points, velocities, free_velocities, world, balloon, begin,
+                t, state, working, points, velocities, free_velocities, time_in_frame, world, balloon, begin,
                 t.particles.offsets[balloon + 1],
             )  # fmt: skip
         swelling = wp.tile_sum(wp.tile(of_thread, preserve_type=True))[0]

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
-from balloon_warp.kernels.loops.obstacles import sphere_in_state, stand_on_ground
+from balloon_warp.kernels.loops.obstacles import sphere_in_state, standing_function
 from balloon_warp.kernels.loops.touching import (
     answer_of_ball,
     answer_to_ball,
@@ -19,6 +19,7 @@ from balloon_warp.kernels.loops.touching import (
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.near import PARTICLES_A_MARK
+from balloon_warp.kernels.substep import end_of_step
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -26,9 +27,10 @@ from balloon_warp.kernels.traits import Traits
 @cache
 def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
     """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, and,
-    when all have, how they stand on the ground."""
+    when all have, how they stand on the ground and on obstacles."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
+    stand = standing_function(traits)
     height_column = traits.columns.places["ground_height"]
     friction_column = traits.columns.places["ground_friction"]
 
@@ -75,14 +77,20 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
     @wp.func
     def stand_at_mark(
-        t: Tables, world: wp.int32, mark: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]
+        t: Tables,
+        world: wp.int32,
+        time: float,
+        mark: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
     ):
         for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
             own = read_own(t, world, particle)
             if own.share > 0.0:
-                point, velocity = stand_on_ground(
-                    t, own.n[height_column], own.n[friction_column], points[particle], velocities[particle]
-                )
+                point, velocity = stand(
+                    t, world, own.n[height_column], own.n[friction_column], time, points[particle],
+                    velocities[particle],
+                )  # fmt: skip
                 points[particle] = point
                 velocities[particle] = velocity
 
@@ -117,6 +125,7 @@ def touch_kernel(traits: Traits) -> Any:
     def touch_spheres(
         # model
         t: Tables,
+        time_in_frame: float,
         # state in and out
         state: WorldState,
         working: Working,
@@ -152,8 +161,9 @@ def touch_kernel(traits: Traits) -> Any:
                         state.sphere_forces[world, sphere] = force
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
-                    if wp.static(traits.ground):
-                        stand_at_mark(t, world, mark, points[world], velocities[world])
+                    if wp.static(traits.stands):
+                        time = end_of_step(t, state.frame, time_in_frame)
+                        stand_at_mark(t, world, time, mark, points[world], velocities[world])
                     working.near[world, mark] = 0
             if thread == 0:
                 working.near[world, marks] = 0

@@ -186,7 +186,7 @@ def ending_kernel(traits: Traits) -> Any:
         if wp.static(traits.obstacles):
             if own.share > 0.0:
                 push = push_of(t, state, working, own, start, time_in_frame)
-                out, after = leave(t, state, working, own, point, velocity, push)
+                out, after = leave(t, state, working, own, time_in_frame, point, velocity, push)
                 point = out
                 velocity = after
         state.points[world, particle] = point

@@ -3,12 +3,14 @@
 scene          a scene as a whole: time, methods, and the lists of what is in it
 balloon        balloons, their springs and what fills them
 bodies         spheres and strings
+obstacles      rigid things in the way
 surroundings   air, water and ground
 fields         what all of these are made of
 """
 
 from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
+from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.scene import Change, Scene, Tube
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
@@ -18,6 +20,7 @@ __all__ = [
     "Change",
     "Ground",
     "Inflation",
+    "Obstacle",
     "Scene",
     "Sphere",
     "Stiffness",

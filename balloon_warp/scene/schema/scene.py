@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from balloon_warp.scene.schema.balloon import Balloon
 from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Table, Vector, field_of
+from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
 
@@ -69,6 +70,7 @@ class Scene(Table):
     balloon: Annotated[list[Balloon], Field(min_length=1)]
     sphere: list[Sphere] = []
     string: list[String] = []
+    obstacle: list[Obstacle] = []
     ground: Ground | None = None
     water: Water | None = None
     tube: list[Tube] = []

@@ -1,0 +1,114 @@
+"""Obstacles on the host: their shapes, and how they move from frame to frame."""
+
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.check import check_mesh
+from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.placement import place_mesh, rotation_matrix
+from balloon_warp.mesh.prepare import Treatment, prepared
+from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.mesh.units import in_unit
+from balloon_warp.scene import Obstacle, Scene
+
+SHEET = 1.0e-3
+"""thickness of a sheet over its size"""
+MOST_TURN = 90.0
+"""[degrees] in a frame"""
+
+
+@dataclass(frozen=True)
+class ObstacleShape:
+    """An obstacle about its own origin, not turned."""
+
+    kind: str
+    size: NDArray[np.float64]
+    """half the edges of a box; radius, half the length and 0 of a capsule; zeros of others [m], shape (3,)"""
+    mesh: PolygonMesh | None
+    """in meters, the scene's up axis up"""
+    closed: bool
+    """whether the mesh has an inside"""
+    thickness: float
+    """how far from the surface particles are held [m]"""
+    reach: float
+    """of the farthest point from the origin, with the thickness [m]; infinite for a plane"""
+
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """Of the mesh, shape (n, 3)."""
+        return triangulate(self.mesh)[0] if self.mesh else np.zeros((0, 3), dtype=np.int32)
+
+
+def shape_obstacle(number: int, obstacle: Obstacle, scene: Scene) -> ObstacleShape:
+    """Read an obstacle's mesh and measure it.
+
+    Raises:
+        InputError: the mesh cannot be read, or has no face.
+    """
+    mesh, closed, size, reach = None, True, np.zeros(3), np.inf
+    if obstacle.shape == "box":
+        size = 0.5 * np.array(obstacle.size)
+        reach = float(np.linalg.norm(size))
+    elif obstacle.shape == "capsule":
+        size = np.array([obstacle.radius, 0.5 * obstacle.length, 0.0])
+        reach = float(size.sum())
+    elif obstacle.shape == "mesh":
+        assert obstacle.mesh is not None  # as the schema sees to
+        source = obstacle.mesh if isinstance(obstacle.mesh, Path) else obstacle.mesh.name
+        mesh = load_mesh(obstacle.mesh)
+        check_mesh(mesh, source)
+        mesh = prepared(mesh, source, Treatment(holes="keep", parts="free"))
+        mesh = place_mesh(in_unit(mesh, obstacle.unit), scene.up_axis, obstacle.scale)
+        closed = is_closed(mesh_edges(mesh))
+        used = mesh.points[np.unique(mesh.face_vertex_indices)]
+        reach = float(np.linalg.norm(used, axis=1).max())
+    thickness = obstacle.thickness
+    if thickness is None:
+        thickness = 0.0 if closed else SHEET * reach
+    return ObstacleShape(obstacle.shape, size, mesh, closed, thickness, reach + thickness)
+
+
+def warp_mesh(shape: ObstacleShape, device: wp.Device) -> wp.Mesh | None:
+    """What kernels find the nearest place on its mesh with."""
+    if shape.mesh is None:
+        return None
+    points = wp.array(shape.mesh.points, dtype=wp.vec3, device=device)
+    return wp.Mesh(points, wp.array(shape.triangles.ravel(), dtype=wp.int32, device=device))
+
+
+def obstacle_motion(scene: Scene) -> NDArray[np.float64]:
+    """Shifts of obstacles from their positions [m], and quaternions (x, y, z, w) of how they are turned, at the start
+    of each frame until all rest, shape (frames, obstacle_count, 7); of one frame where none moves.
+
+    Raises:
+        InputError: one turns by more than a quarter in a frame, so that it is not known which way.
+    """
+    lasts = [obstacle.motion[-1][0] for obstacle in scene.obstacle if obstacle.motion]
+    frames = ceil(max(lasts) * scene.frames_per_second) + 2 if lasts else 1
+    times = np.arange(frames) / scene.frames_per_second
+    motion = np.zeros((frames, len(scene.obstacle), 7))
+    for number, obstacle in enumerate(scene.obstacle):
+        keyframes = obstacle.motion or [(0.0, (0.0, 0.0, 0.0))]
+        keys = [keyframe[0] for keyframe in keyframes]
+        shifts = np.array([keyframe[1] for keyframe in keyframes])
+        turns = np.array([keyframe[2] if len(keyframe) == 3 else (0.0, 0.0, 0.0) for keyframe in keyframes])
+        for axis in range(3):
+            motion[:, number, axis] = np.interp(times, keys, shifts[:, axis])
+        about = np.stack([np.interp(times, keys, turns[:, axis]) for axis in range(3)], axis=1)
+        fastest = float(np.abs(np.diff(about, axis=0)).max(initial=0.0))
+        if fastest > MOST_TURN:
+            raise InputError(
+                f"obstacle.{number}.motion: turns by {fastest:.3g} degrees in a frame; expected at most {MOST_TURN:g}"
+            )
+        own = Rotation.from_matrix(rotation_matrix(obstacle.rotation))
+        motion[:, number, 3:] = (Rotation.from_euler("xyz", about, degrees=True) * own).as_quat()
+    return motion

@@ -1,0 +1,75 @@
+"""Contact with an obstacle that goes where it is told: its shapes as signed distances, and what they let a particle do.
+
+The distance is that to the surface, negative inside, less the obstacle's thickness; its gradient is the normal. A
+particle that a step has brought inside stands on the surface where it came in, and is slowed as by the ground, see
+`laws.contact.slowed_beside`: so it begins to slide on a slope of atan(friction), and slides with
+g (sin - friction cos). No energy is gained, but what a moving obstacle gives.
+
+Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles.org, "distfunctions").
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import inverse_root, squared_length
+
+BOX, CAPSULE, PLANE, MESH = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
+"""kinds of shapes"""
+SHAPES = ("box", "capsule", "plane", "mesh")
+"""the same, by their numbers"""
+FAR_AWAY = wp.constant(1.0e30)
+"""distance of a mesh that was not found within what was asked for [m]"""
+MOST_LOOKS = wp.constant(16)
+"""at the way of a particle that may have gone through something thin"""
+
+
+@wp.func
+def toward(arm: wp.vec3, otherwise: wp.vec3):
+    """The unit vector along an arm; `otherwise` where there is none."""
+    if wp.length_sq(arm) > 0.0:
+        return inverse_root(squared_length(arm)) * arm
+    return otherwise
+
+
+@wp.func
+def box_surface(point: wp.vec3, half: wp.vec3):
+    """Distance to a box [m], and its normal; half its edges are given."""
+    beyond = wp.vec3(wp.abs(point[0]) - half[0], wp.abs(point[1]) - half[1], wp.abs(point[2]) - half[2])
+    signs = wp.vec3(
+        wp.where(point[0] < 0.0, -1.0, 1.0), wp.where(point[1] < 0.0, -1.0, 1.0), wp.where(point[2] < 0.0, -1.0, 1.0)
+    )
+    inside = wp.max(beyond)
+    if inside > 0.0:
+        outside = wp.vec3(wp.max(beyond[0], 0.0), wp.max(beyond[1], 0.0), wp.max(beyond[2], 0.0))
+        return wp.length(outside), toward(wp.cw_mul(outside, signs), signs)
+    normal = wp.vec3(0.0, 0.0, signs[2])
+    if inside == beyond[0]:
+        normal = wp.vec3(signs[0], 0.0, 0.0)
+    elif inside == beyond[1]:
+        normal = wp.vec3(0.0, signs[1], 0.0)
+    return inside, normal
+
+
+@wp.func
+def capsule_surface(point: wp.vec3, radius: float, half_length: float, up: wp.vec3):
+    """Distance to a capsule along the up axis [m], and its normal."""
+    arm = point - wp.clamp(wp.dot(point, up), -half_length, half_length) * up
+    across = wp.vec3(up[1], up[2], up[0])
+    return wp.length(arm) - radius, toward(arm, across)
+
+
+@wp.func
+def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float):
+    """Distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`. A sheet has two
+    sides: its normal is on that of the point."""
+    if closed != 0:
+        found = wp.mesh_query_point_sign_normal(mesh, point, farthest)
+        if found.result:
+            arm = point - wp.mesh_eval_position(mesh, found.face, found.u, found.v)
+            normal = found.sign * toward(arm, found.sign * wp.mesh_eval_face_normal(mesh, found.face))
+            return found.sign * wp.length(arm), normal
+        return FAR_AWAY, wp.vec3()
+    seen = wp.mesh_query_point_no_sign(mesh, point, farthest)
+    if seen.result:
+        arm = point - wp.mesh_eval_position(mesh, seen.face, seen.u, seen.v)
+        return wp.length(arm), toward(arm, wp.mesh_eval_face_normal(mesh, seen.face))
+    return FAR_AWAY, wp.vec3()

@@ -1,0 +1,217 @@
+"""Obstacles that go where they are told, beside a particle: where they are, and where they let it go."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.contact import slowed_beside
+from balloon_warp.kernels.laws.fixture import (
+    BOX,
+    CAPSULE,
+    MESH,
+    MOST_LOOKS,
+    box_surface,
+    capsule_surface,
+    mesh_surface,
+)
+from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Pose:
+    """Where an obstacle is, and how it moves."""
+
+    center: wp.vec3
+    turn: wp.quat
+    velocity: wp.vec3
+    spin: wp.vec3  # [rad/s]
+
+
+@cache
+def center_function(traits: Traits) -> Any:
+    """The function that says where an obstacle's origin is at a time."""
+
+    @wp.func
+    def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
+        """[m]; between two frames it goes along a line."""
+        shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
+        if wp.static(traits.fixtures_move):
+            last = t.fixtures.motion.shape[0] - 1
+            frames = wp.clamp(time / t.frame_seconds, 0.0, float(last))
+            frame = wp.min(int(frames), last - 1)
+            begin = wp.transform_get_translation(t.fixtures.motion[frame, fixture])
+            end = wp.transform_get_translation(t.fixtures.motion[frame + 1, fixture])
+            shift = begin + (frames - float(frame)) * (end - begin)
+        return t.fixtures.positions[row_of_world(world, t.fixtures.positions.shape[0]), fixture] + shift
+
+    return center_at
+
+
+@cache
+def pose_function(traits: Traits) -> Any:
+    """The function that says where an obstacle is at a time."""
+    center_at = center_function(traits)
+
+    @wp.func
+    def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
+        """Between two frames it goes along a line, and turns about an axis."""
+        pose = Pose()
+        pose.center = center_at(t, world, fixture, time)
+        if wp.static(traits.fixtures_move):
+            last = t.fixtures.motion.shape[0] - 1
+            frames = wp.clamp(time / t.frame_seconds, 0.0, float(last))
+            frame = wp.min(int(frames), last - 1)
+            begin = t.fixtures.motion[frame, fixture]
+            end = t.fixtures.motion[frame + 1, fixture]
+            shift = wp.transform_get_translation(end) - wp.transform_get_translation(begin)
+            axis, angle = wp.quat_to_axis_angle(
+                wp.transform_get_rotation(end) * wp.quat_inverse(wp.transform_get_rotation(begin))
+            )
+            part = frames - float(frame)
+            pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(begin)
+            if frames < float(last):
+                pose.velocity = shift / t.frame_seconds
+                pose.spin = (angle / t.frame_seconds) * axis
+        else:
+            pose.turn = wp.transform_get_rotation(t.fixtures.motion[0, fixture])
+        return pose
+
+    return pose_at
+
+
+@cache
+def surface_function(traits: Traits) -> Any:
+    """The function that measures the distance to an obstacle's surface."""
+
+    @wp.func
+    def surface_at(t: Tables, fixture: wp.int32, point: wp.vec3, farthest: float):
+        """Signed [m], less the obstacle's thickness, and the normal; the point is seen from the obstacle. Of a mesh,
+        very large beyond `farthest`."""
+        kind = t.fixtures.kinds[fixture]
+        size = t.fixtures.sizes[fixture]
+        distance = wp.dot(point, t.up)
+        normal = t.up
+        if kind == BOX:
+            of_box, out_of_box = box_surface(point, size)
+            distance = of_box
+            normal = out_of_box
+        elif kind == CAPSULE:
+            of_capsule, out_of_capsule = capsule_surface(point, size[0], size[1], t.up)
+            distance = of_capsule
+            normal = out_of_capsule
+        if wp.static(traits.fixture_meshes):
+            if kind == MESH:
+                of_mesh, out_of_mesh = mesh_surface(
+                    t.fixtures.meshes[fixture], t.fixtures.closed[fixture], point, farthest
+                )
+                distance = of_mesh
+                normal = out_of_mesh
+        return distance - t.fixtures.thicknesses[fixture], normal
+
+    return surface_at
+
+
+@cache
+def way_function(traits: Traits) -> Any:
+    """The function that says where an obstacle lets a particle go, as seen from the obstacle."""
+    surface_at = surface_function(traits)
+
+    @wp.func
+    def stopped_on_the_way(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, first: float, farthest: float):
+        """Where a particle first came inside that may have gone through: its place on the surface there, and the
+        normal, zero if nowhere. Where the distance to the surface is large, nothing is within that distance."""
+        way = wp.length(end - start)
+        least = way / float(MOST_LOOKS)
+        gone = wp.max(first, least)
+        stop = end
+        outward = wp.vec3()
+        while gone < way:
+            here = start + (gone / way) * (end - start)
+            distance, normal = surface_at(t, fixture, here, farthest)
+            gone += wp.max(distance, least)
+            if distance < 0.0:
+                stop = here - distance * normal
+                outward = normal
+                gone = way
+        return stop, outward
+
+    @wp.func
+    def let_through(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3):
+        """The end of a particle's way, on the surface if that is in it, and then the normal there, or else zero."""
+        way = wp.length(end - start)
+        farthest = way + t.fixtures.thicknesses[fixture] + 0.1 * t.fixtures.reaches[fixture]
+        let = end
+        outward = wp.vec3()
+        first, facing = surface_at(t, fixture, start, farthest)
+        if first <= way:
+            last, normal = surface_at(t, fixture, end, farthest)
+            if first > 0.0 and wp.dot(normal, facing) <= 0.0:
+                stop, there = stopped_on_the_way(t, fixture, start, end, first, farthest)
+                let = stop
+                outward = there
+            if wp.length_sq(outward) == 0.0 and last < 0.0:
+                let = end - last * normal
+                outward = normal
+        return let, outward
+
+    return let_through
+
+
+@cache
+def fixture_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that let a particle leave obstacles, and that foresee where they let it go."""
+    pose_at = pose_function(traits)
+    let_through = way_function(traits)
+
+    @wp.func
+    def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3):
+        """Where an obstacle lets a particle go in a step that ends at a time; the normal there, zero if it is not in
+        the way; and how fast its surface moves there [m/s]."""
+        let = end
+        normal = wp.vec3()
+        moving = wp.vec3()
+        pose = pose_at(t, world, fixture, time)
+        arm = end - pose.center
+        before = start - pose.center
+        if wp.static(traits.fixtures_move):
+            earlier = pose_at(t, world, fixture, time - t.step_seconds)
+            # where the particle would have been, had the obstacle stood already where it is now
+            before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
+        if wp.length(arm) <= t.fixtures.reaches[fixture] + wp.length(arm - before):
+            place, outward = let_through(
+                t, fixture, wp.quat_rotate_inv(pose.turn, before), wp.quat_rotate_inv(pose.turn, arm)
+            )
+            if wp.length_sq(outward) > 0.0:
+                arm = wp.quat_rotate(pose.turn, place)
+                let = pose.center + arm
+                normal = wp.quat_rotate(pose.turn, outward)
+                moving = pose.velocity + wp.cross(pose.spin, arm)
+        return let, normal, moving
+
+    @wp.func
+    def leave_fixtures(t: Tables, world: wp.int32, time: float, point: wp.vec3, velocity: wp.vec3):
+        """A particle's point and velocity outside of all of them, at the end of a step."""
+        start = point - t.step_seconds * velocity
+        for fixture in range(t.fixtures.kinds.shape[0]):
+            let, normal, moving = meet(t, world, fixture, time, start, point)
+            if wp.length_sq(normal) > 0.0:
+                friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
+                point = let
+                velocity = slowed_beside(velocity, moving, normal, friction)
+        return point, velocity
+
+    @wp.func
+    def out_of_fixtures(t: Tables, world: wp.int32, time: float, start: wp.vec3, end: wp.vec3, last_normal: wp.vec3):
+        """Where they let a particle go, and the normal of the last one in the way; `last_normal` if none is."""
+        outside = end
+        outward = last_normal
+        for fixture in range(t.fixtures.kinds.shape[0]):
+            let, normal, _moving = meet(t, world, fixture, time, start, outside)
+            if wp.length_sq(normal) > 0.0:
+                outside = let
+                outward = normal
+        return outside, outward
+
+    return leave_fixtures, out_of_fixtures
