@@ -108,7 +108,10 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
             centers = set_lane(centers, lane, center_at(t.all, world, fixture, time))
         reach = t.all.fixtures.reaches[fixture]
         steps = (A_STEP * t.step_seconds * t.step_seconds) * squared_length(velocity)
-        return any_negative(squared_length(point - centers) - WIDER * reach * reach - steps)
+        gaps = squared_length(point - centers) - steps
+        for lane in range(LANE_COUNT):
+            gaps[lane] = gaps[lane] - WIDER * reach * reach
+        return any_negative(gaps)
 
     @wp.func
     def touches_any(t: LaneTables, lanes: LaneState, own: LaneOwn, time: float, point: Lanes3, velocity: Lanes3):
