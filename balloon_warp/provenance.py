@@ -13,9 +13,8 @@ import numpy as np
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
+from balloon_warp.scene.schema import MESHED
 
-MESHED = ("balloon", "obstacle")
-"""tables of a scene that may have a mesh"""
 LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
 
 

@@ -24,7 +24,7 @@ from balloon_warp.kernels.algebra import Lanes, reach_along, scaled, times
 from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.gas import Swelling, gas_load, memory_of_rate, swelling_of_particle
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, normal_push
-from balloon_warp.kernels.loops.obstacles import course_function
+from balloon_warp.kernels.loops.obstacles import Around, course_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -122,9 +122,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
     def swell(
         t: Tables,
         spheres: Any,
-        world: wp.int32,
-        ground_height: float,
-        time: float,
+        around: Around,
         share: float,
         mass: float,
         load: wp.vec2,
@@ -137,7 +135,6 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         """Under the old load; the velocity is that without inflation.
 
         Args:
-            time: at the end of the step [s].
             arm: from a point of the balloon's own [m].
             remembered: what of the velocity before the step counts, see `memory_function`.
         """
@@ -146,7 +143,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         course = velocity + (response(mass, t.step_seconds) * push) * area_vector
         normal = wp.vec3()
         if mass > 0.0:
-            let, away = course_beside_obstacles(t, spheres, world, ground_height, time, point, course)
+            let, away = course_beside_obstacles(t, spheres, around, point, course)
             course = let
             normal = away
         return swelling_of_particle(

@@ -2,13 +2,14 @@
 
 from typing import Literal
 
-from meshes import cube, mesh_of, prism, quad_sphere
+from meshes import cube, grid, mesh_of, prism, quad_sphere
 
 from balloon_warp.scene import (
     Atmosphere,
     Balloon,
     Ground,
     Inflation,
+    Obstacle,
     Scene,
     Sphere,
     Stiffness,
@@ -134,6 +135,32 @@ def in_air_by_forward_euler() -> Scene:
     return in_air().model_copy(update={"solver": "forward_euler"})
 
 
+STILL = [
+    Obstacle(size=(1.0, 0.1, 1.0), position=(0.3, 0.05, 0.0), rotation=(0.0, 0.0, 20.0), friction=0.2),
+    Obstacle(radius=0.3, length=0.6, position=(3.4, 0.2, 0.5), rotation=(30.0, 0.0, 0.0)),
+]
+MOVING = [
+    *STILL,
+    Obstacle(
+        shape="plane",
+        position=(0.0, -0.1, 0.0),
+        rotation=(5.0, 0.0, 0.0),
+        motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 1.0, 0.0))],
+    ),
+    Obstacle(
+        mesh=quad_sphere(3, 0.4),
+        position=(-0.7, 0.4, 0.0),
+        motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (2.0, 0.0, 0.0), (0.0, 90.0, 0.0))],
+    ),
+    Obstacle(mesh=grid(3, 3), position=(2.4, 1.2, -0.4), rotation=(-70.0, 0.0, 0.0), thickness=0.05),
+]
+
+
+def among(obstacles: list[Obstacle], scene: Scene) -> Scene:
+    """A scene with obstacles that its balloons touch from the start."""
+    return scene.model_copy(update={"obstacle": obstacles})
+
+
 SCENES = {
     "everything": everything(),
     "fresh": everything("fresh"),
@@ -151,4 +178,7 @@ SCENES = {
     "impulse": everything().model_copy(update=IMPULSE),
     "impulse in air": in_air().model_copy(update=IMPULSE),
     "corrected impulse in air": in_air().model_copy(update=CORRECTED | IMPULSE),
+    "obstacles": among(STILL, everything()),
+    "obstacles in air": among(MOVING, in_air()),
+    "corrected impulse among obstacles": among(MOVING, everything().model_copy(update=CORRECTED | IMPULSE)),
 }

@@ -63,7 +63,7 @@ def shape_obstacle(number: int, obstacle: Obstacle, scene: Scene) -> ObstacleSha
         reach = float(size.sum())
     elif obstacle.shape == "mesh":
         assert obstacle.mesh is not None  # as the schema sees to
-        source = obstacle.mesh if isinstance(obstacle.mesh, Path) else obstacle.mesh.name
+        source = str(obstacle.mesh) if isinstance(obstacle.mesh, Path) else obstacle.mesh.name
         mesh = load_mesh(obstacle.mesh)
         check_mesh(mesh, source)
         mesh = prepared(mesh, source, Treatment(holes="keep", parts="free"))

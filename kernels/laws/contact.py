@@ -43,24 +43,36 @@ def leave_sphere(
 
 
 @wp.func
-def slowed_beside(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, friction: float):
-    """The velocity of a particle that stands on a surface: its part into that is stopped, and by Coulomb's law at most
-    `friction` times as much of that along it."""
+def stand_on(
+    place: wp.vec3,
+    velocity: wp.vec3,
+    surface_velocity: wp.vec3,
+    normal: wp.vec3,
+    friction: float,
+    step_seconds: float,
+):
+    """A particle that a step has brought to a place on a surface: where it is then, and its velocity.
+
+    Of that beside the surface the part into it is stopped, and by Coulomb's law at most `friction` times as much of the
+    part along it. The way along it is that of the slower velocity: what friction holds does not creep.
+    """
     beside = velocity - surface_velocity
     rise = wp.dot(beside, normal)
     along = beside - rise * normal
     stopped = wp.max(-rise, 0.0)
-    kept = wp.max(1.0 - friction * stopped * inverse_root(squared_length(along)), 0.0)
-    return surface_velocity + kept * along + wp.max(rise, 0.0) * normal
+    lost = wp.min(friction * stopped * inverse_root(squared_length(along)), 1.0)
+    slowed = velocity - lost * along + stopped * normal
+    return place - (step_seconds * lost) * along, slowed
 
 
 @wp.func
-def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float):
+def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float):
     """A particle up to the ground's height."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
-        point += depth * up
-        velocity = slowed_beside(velocity, wp.vec3(), up, friction)
+        stood, slowed = stand_on(point + depth * up, velocity, wp.vec3(), up, friction, step_seconds)
+        point = stood
+        velocity = slowed
     return point, velocity
 
 
@@ -70,16 +82,6 @@ def out_of_sphere(point: wp.vec3, normal: wp.vec3, center: wp.vec3, radius: floa
     if wp.length_sq(point - center) < radius * radius:
         normal = way_out(point, center, up)
         point = center + radius * normal
-    return point, normal
-
-
-@wp.func
-def above_ground(point: wp.vec3, normal: wp.vec3, up: wp.vec3, height: float):
-    """Where the ground lets a point go, and the obstacle's normal there; both as they are if it is above."""
-    depth = height - wp.dot(point, up)
-    if depth > 0.0:
-        normal = up
-        point += depth * up
     return point, normal
 
 

@@ -2,7 +2,7 @@
 
 The distance is that to the surface, negative inside, less the obstacle's thickness; its gradient is the normal. A
 particle that a step has brought inside stands on the surface where it came in, and is slowed as by the ground, see
-`laws.contact.slowed_beside`: so it begins to slide on a slope of atan(friction), and slides with
+`laws.contact.stand_on`: so it begins to slide on a slope of atan(friction), and slides with
 g (sin - friction cos). No energy is gained, but what a moving obstacle gives.
 
 Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles.org, "distfunctions").
@@ -18,8 +18,12 @@ SHAPES = ("box", "capsule", "plane", "mesh")
 """the same, by their numbers"""
 FAR_AWAY = wp.constant(1.0e30)
 """distance of a mesh that was not found within what was asked for [m]"""
-MOST_LOOKS = wp.constant(16)
+MOST_LOOKS = wp.constant(32)
 """at the way of a particle that may have gone through something thin"""
+BLURRED = wp.constant(3.0e-5)
+"""of a mesh's reach: nearer to its surface, float32 does not tell in which direction that is"""
+LEAST_STEP = wp.constant(2.0e-6)
+"""on that way, over its length: what float32 tells apart"""
 
 
 @wp.func
@@ -58,18 +62,29 @@ def capsule_surface(point: wp.vec3, radius: float, half_length: float, up: wp.ve
 
 
 @wp.func
-def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float):
+def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
+    """Along the arm from the nearest place of a mesh to a point, or that face's normal where float32 would tell no
+    direction; turned to a side."""
+    if wp.length_sq(arm) > (BLURRED * reach) * (BLURRED * reach):
+        return side * wp.normalize(arm)
+    return face_normal
+
+
+@wp.func
+def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float, reach: float):
     """Distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`. A sheet has two
     sides: its normal is on that of the point."""
     if closed != 0:
         found = wp.mesh_query_point_sign_normal(mesh, point, farthest)
         if found.result:
             arm = point - wp.mesh_eval_position(mesh, found.face, found.u, found.v)
-            normal = found.sign * toward(arm, found.sign * wp.mesh_eval_face_normal(mesh, found.face))
+            normal = mesh_normal(arm, wp.mesh_eval_face_normal(mesh, found.face), found.sign, reach)
             return found.sign * wp.length(arm), normal
         return FAR_AWAY, wp.vec3()
     seen = wp.mesh_query_point_no_sign(mesh, point, farthest)
     if seen.result:
         arm = point - wp.mesh_eval_position(mesh, seen.face, seen.u, seen.v)
-        return wp.length(arm), toward(arm, wp.mesh_eval_face_normal(mesh, seen.face))
+        facing = wp.mesh_eval_face_normal(mesh, seen.face)
+        normal = mesh_normal(arm, wp.where(wp.dot(arm, facing) < 0.0, -facing, facing), 1.0, reach)
+        return wp.length(arm), normal
     return FAR_AWAY, wp.vec3()

@@ -5,15 +5,17 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import slowed_beside
+from balloon_warp.kernels.laws.contact import stand_on
 from balloon_warp.kernels.laws.fixture import (
     BOX,
     CAPSULE,
+    LEAST_STEP,
     MESH,
     MOST_LOOKS,
     box_surface,
     capsule_surface,
     mesh_surface,
+    toward,
 )
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
@@ -29,6 +31,14 @@ class Pose:
     spin: wp.vec3  # [rad/s]
 
 
+@wp.func
+def frame_at(t: Tables, time: float):
+    """The frame of a step that ends at a time, and what part of it has passed then; the last frame is one of rest."""
+    last = t.fixtures.motion.shape[0] - 2
+    frame = wp.clamp(int((time - 0.5 * t.step_seconds) / t.frame_seconds), 0, last)
+    return frame, wp.clamp(time / t.frame_seconds - float(frame), 0.0, 1.0)
+
+
 @cache
 def center_function(traits: Traits) -> Any:
     """The function that says where an obstacle's origin is at a time."""
@@ -38,12 +48,10 @@ def center_function(traits: Traits) -> Any:
         """[m]; between two frames it goes along a line."""
         shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
         if wp.static(traits.fixtures_move):
-            last = t.fixtures.motion.shape[0] - 1
-            frames = wp.clamp(time / t.frame_seconds, 0.0, float(last))
-            frame = wp.min(int(frames), last - 1)
+            frame, part = frame_at(t, time)
             begin = wp.transform_get_translation(t.fixtures.motion[frame, fixture])
             end = wp.transform_get_translation(t.fixtures.motion[frame + 1, fixture])
-            shift = begin + (frames - float(frame)) * (end - begin)
+            shift = begin + part * (end - begin)
         return t.fixtures.positions[row_of_world(world, t.fixtures.positions.shape[0]), fixture] + shift
 
     return center_at
@@ -60,20 +68,16 @@ def pose_function(traits: Traits) -> Any:
         pose = Pose()
         pose.center = center_at(t, world, fixture, time)
         if wp.static(traits.fixtures_move):
-            last = t.fixtures.motion.shape[0] - 1
-            frames = wp.clamp(time / t.frame_seconds, 0.0, float(last))
-            frame = wp.min(int(frames), last - 1)
+            frame, part = frame_at(t, time)
             begin = t.fixtures.motion[frame, fixture]
             end = t.fixtures.motion[frame + 1, fixture]
             shift = wp.transform_get_translation(end) - wp.transform_get_translation(begin)
             axis, angle = wp.quat_to_axis_angle(
                 wp.transform_get_rotation(end) * wp.quat_inverse(wp.transform_get_rotation(begin))
             )
-            part = frames - float(frame)
             pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(begin)
-            if frames < float(last):
-                pose.velocity = shift / t.frame_seconds
-                pose.spin = (angle / t.frame_seconds) * axis
+            pose.velocity = shift / t.frame_seconds
+            pose.spin = (angle / t.frame_seconds) * axis
         else:
             pose.turn = wp.transform_get_rotation(t.fixtures.motion[0, fixture])
         return pose
@@ -104,7 +108,7 @@ def surface_function(traits: Traits) -> Any:
         if wp.static(traits.fixture_meshes):
             if kind == MESH:
                 of_mesh, out_of_mesh = mesh_surface(
-                    t.fixtures.meshes[fixture], t.fixtures.closed[fixture], point, farthest
+                    t.fixtures.meshes[fixture], t.fixtures.closed[fixture], point, farthest, t.fixtures.reaches[fixture]
                 )
                 distance = of_mesh
                 normal = out_of_mesh
@@ -121,20 +125,23 @@ def way_function(traits: Traits) -> Any:
     @wp.func
     def stopped_on_the_way(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, first: float, farthest: float):
         """Where a particle first came inside that may have gone through: its place on the surface there, and the
-        normal, zero if nowhere. Where the distance to the surface is large, nothing is within that distance."""
+        normal, zero if nowhere. As far as the surface is away, it may go unseen (Hart 1996, *Sphere tracing*)."""
         way = wp.length(end - start)
-        least = way / float(MOST_LOOKS)
-        gone = wp.max(first, least)
+        least = LEAST_STEP * (way + wp.length(start))
+        ahead = toward(end - start, t.up)
+        gone = wp.max(first, 0.0)
         stop = end
         outward = wp.vec3()
-        while gone < way:
-            here = start + (gone / way) * (end - start)
+        looks = wp.int32(0)
+        while gone < way and looks < MOST_LOOKS:
+            here = start + gone * ahead
             distance, normal = surface_at(t, fixture, here, farthest)
-            gone += wp.max(distance, least)
+            gone += wp.max(distance, least / wp.max(-wp.dot(normal, ahead), 0.01))
+            looks += 1
             if distance < 0.0:
                 stop = here - distance * normal
                 outward = normal
-                gone = way
+                looks = MOST_LOOKS
         return stop, outward
 
     @wp.func
@@ -147,7 +154,7 @@ def way_function(traits: Traits) -> Any:
         first, facing = surface_at(t, fixture, start, farthest)
         if first <= way:
             last, normal = surface_at(t, fixture, end, farthest)
-            if first > 0.0 and wp.dot(normal, facing) <= 0.0:
+            if wp.dot(normal, facing) <= 0.0:
                 stop, there = stopped_on_the_way(t, fixture, start, end, first, farthest)
                 let = stop
                 outward = there
@@ -198,19 +205,30 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
             let, normal, moving = meet(t, world, fixture, time, start, point)
             if wp.length_sq(normal) > 0.0:
                 friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
-                point = let
-                velocity = slowed_beside(velocity, moving, normal, friction)
+                stood, slowed = stand_on(let, velocity, moving, normal, friction, t.step_seconds)
+                point = stood
+                velocity = slowed
         return point, velocity
 
     @wp.func
-    def out_of_fixtures(t: Tables, world: wp.int32, time: float, start: wp.vec3, end: wp.vec3, last_normal: wp.vec3):
+    def out_of_fixtures(
+        t: Tables,
+        world: wp.int32,
+        time: float,
+        start: wp.vec3,
+        end: wp.vec3,
+        velocity: wp.vec3,
+        last_normal: wp.vec3,
+    ):
         """Where they let a particle go, and the normal of the last one in the way; `last_normal` if none is."""
         outside = end
         outward = last_normal
         for fixture in range(t.fixtures.kinds.shape[0]):
-            let, normal, _moving = meet(t, world, fixture, time, start, outside)
+            let, normal, moving = meet(t, world, fixture, time, start, outside)
             if wp.length_sq(normal) > 0.0:
-                outside = let
+                friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
+                stood, _slowed = stand_on(let, velocity, moving, normal, friction, t.step_seconds)
+                outside = stood
                 outward = normal
         return outside, outward
 

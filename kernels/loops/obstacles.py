@@ -6,7 +6,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.contact import (
-    above_ground,
     leave_ground,
     leave_sphere,
     out_of_sphere,
@@ -15,6 +14,16 @@ from balloon_warp.kernels.laws.contact import (
 from balloon_warp.kernels.loops.fixtures import fixture_functions
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
 from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Around:
+    """What a particle has around it at the end of a step."""
+
+    world: wp.int32
+    ground_height: float
+    ground_friction: float
+    time: float  # [s]
 
 
 @wp.func
@@ -65,7 +74,7 @@ def standing_function(traits: Traits) -> Any:
             velocity = slowed
         if wp.static(traits.ground):
             if wp.dot(point, t.up) < height:
-                stood, after = leave_ground(point, velocity, t.up, height, friction)
+                stood, after = leave_ground(point, velocity, t.up, height, friction, t.step_seconds)
                 point = stood
                 velocity = after
         return point, velocity
@@ -129,9 +138,7 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
     def course_beside_obstacles(
         t: Tables,
         spheres: Any,
-        world: wp.int32,
-        height: float,
-        time: float,
+        around: Around,
         point: wp.vec3,
         velocity: wp.vec3,
     ):
@@ -142,18 +149,21 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
         normal = wp.vec3()
         if wp.static(traits.spheres > 0):
             for sphere in range(t.spheres.radius.shape[1]):
-                center, _motion, radius = sphere_at(t, spheres, world, sphere)
+                center, _motion, radius = sphere_at(t, spheres, around.world, sphere)
                 out, outward = out_of_sphere(outside, normal, center, radius, t.up)
                 outside = out
                 normal = outward
         if wp.static(traits.fixtures):
-            out, outward = out_of_fixtures(t, world, time, point, outside, normal)
+            out, outward = out_of_fixtures(t, around.world, around.time, point, outside, velocity, normal)
             outside = out
             normal = outward
         if wp.static(traits.ground):
-            out, outward = above_ground(outside, normal, t.up, height)
-            outside = out
-            normal = outward
+            if wp.dot(outside, t.up) < around.ground_height:
+                stood, _slowed = leave_ground(
+                    outside, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
+                )
+                outside = stood
+                normal = t.up
         return velocity + (outside - end) / t.step_seconds, normal
 
     return course_beside_obstacles

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, aim_of
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
-from balloon_warp.kernels.loops.obstacles import leave_one_sphere, standing_function
+from balloon_warp.kernels.loops.obstacles import Around, leave_one_sphere, standing_function
 from balloon_warp.kernels.loops.touching import is_near_sphere
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
@@ -98,9 +98,13 @@ def pieces_of(
     def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
         part = Swelling()
         if member.active and member.own.kind != NORMAL_FORCE:
+            around = Around()
+            around.world = seat.world
+            around.ground_height = member.own.n[height_column]
+            around.ground_friction = member.own.n[friction_column]
+            around.time = seat.time + t.step_seconds
             part = swell_of_particle(
-                t, seat.substep, seat.world, member.own.n[height_column], seat.time + t.step_seconds, member.own.share,
-                member.inertia,
+                t, seat.substep, around, member.own.share, member.inertia,
                 member.load, member.point - origin, member.point, member.free_velocity,
                 remembered(member.velocity, member.own.n), member.area_vector,
             )  # fmt: skip

@@ -12,6 +12,9 @@ from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Posi
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
+MESHED = ("balloon", "obstacle")
+"""tables that may have a mesh"""
+
 
 class Tube(Table):
     """A tube between two balloons with gas: through it flows the gas that the difference of pressures drives."""

@@ -1,0 +1,204 @@
+"""Obstacles that go where they are told, against closed forms: each particle of a mesh without springs is by itself."""
+
+import numpy as np
+import pytest
+from meshes import cube, grid, mesh_of, quad_sphere
+
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Stiffness
+from balloon_warp.simulator import Simulator
+
+NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
+GRAVITY = 9.81
+FRICTION = 0.5
+
+
+def particles(points: np.ndarray | list, **fields) -> Balloon:
+    """Free particles: a quad without springs, inflation or damping."""
+    nothing = {"stiffness": NO_SPRINGS, "inflation": Inflation(k_normal=0.0), "damping": 0.0}
+    return Balloon(mesh=mesh_of(points, [[0, 1, 2, 3]]), **nothing | fields)
+
+
+def block() -> Balloon:
+    """A stiff cube of 20 cm, 1 kg, that keeps its shape."""
+    stiff = Stiffness(structural=5e4, shear=5e4, flexion=0.0)
+    return Balloon(mesh=cube(), scale=0.2, mass=1.0, damping=0.0, stiffness=stiff, inflation=Inflation(k_normal=0.0))
+
+
+def slab() -> PolygonMesh:
+    """A box of 8 x 0.2 x 8 m, as a mesh."""
+    return mesh_of((cube().points - 0.5) * [8.0, 0.2, 8.0], cube().face_vertex_indices.reshape(-1, 4).tolist())
+
+
+def sheet() -> PolygonMesh:
+    """A square of 8 m, of 16 quads, about the origin and across y."""
+    flat = grid(4, 4)
+    points = flat.points - flat.points.mean(axis=0)
+    points = 8.0 * points / np.ptp(points, axis=0).max()
+    level = points[:, [0, 2, 1]] if np.ptp(points[:, 1]) > 0.0 else points
+    return mesh_of(level, flat.face_vertex_indices.reshape(-1, 4).tolist())
+
+
+SLOPES = {
+    "plane": lambda **place: Obstacle(shape="plane", **place),
+    "box": lambda **place: Obstacle(size=(8.0, 0.2, 8.0), **place),
+    "mesh": lambda **place: Obstacle(mesh=slab(), **place),
+    "sheet": lambda **place: Obstacle(mesh=sheet(), thickness=0.01, **place),
+}
+SURFACE = {"plane": 0.0, "box": 0.1, "mesh": 0.1, "sheet": 0.01}
+"""above the origin"""
+
+
+def slope(kind: str, degrees: float, friction: float = FRICTION) -> Obstacle:
+    """A surface through the origin that rises along x."""
+    turn = np.radians(degrees)
+    below = -SURFACE[kind] * np.array([-np.sin(turn), np.cos(turn), 0.0])
+    return SLOPES[kind](position=tuple(below), rotation=(0.0, 0.0, degrees), friction=friction)
+
+
+def along(degrees: float) -> np.ndarray:
+    """The unit vector up the slope."""
+    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.0])
+
+
+def way_down(kind: str, degrees: float, device: str, schedule: str, balloon: Balloon, substeps: int) -> float:
+    """How far a body slides down a slope in half a second [m]."""
+    turned = balloon.model_copy(update={"rotation": (0.0, 0.0, degrees)})
+    scene = Scene(balloon=[turned], obstacle=[slope(kind, degrees)], frames=30, gravity=GRAVITY, substeps=substeps)
+    simulator = Simulator(scene, device, schedule=schedule)
+    first, *_, last = simulator.run()
+    moved = last.points[0].mean(axis=0) - first.points[0].mean(axis=0)
+    return float(-moved @ along(degrees))
+
+
+@pytest.mark.parametrize("kind", SLOPES)
+def test_a_particle_slides_down_a_slope_as_coulomb_says(kind: str, device: str):
+    """From atan(friction) on, with g (sin - friction cos); symplectic Euler's steps add 1/n of the way, 300."""
+    on_it = particles([(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)])
+    steepest = np.degrees(np.arctan(FRICTION))
+    assert way_down(kind, steepest - 0.5, device, "gather", on_it, 10) < 1e-4
+    steeper = steepest + 5.0
+    fall = GRAVITY * (np.sin(np.radians(steeper)) - FRICTION * np.cos(np.radians(steeper)))
+    assert way_down(kind, steeper, device, "gather", on_it, 10) == pytest.approx(0.5 * fall * 0.25, rel=0.02)
+    assert way_down(kind, steepest + 0.5, device, "gather", on_it, 10) > 0.005
+
+
+def test_a_block_slides_down_a_slope_as_coulomb_says(schedule: str, device: str):
+    """A stiff cube, whose four lower corners bear it."""
+    steepest = np.degrees(np.arctan(FRICTION))
+    assert way_down("box", steepest - 1.0, device, schedule, block(), 200) < 2e-3
+    steeper = steepest + 8.0
+    fall = GRAVITY * (np.sin(np.radians(steeper)) - FRICTION * np.cos(np.radians(steeper)))
+    assert way_down("box", steeper, device, schedule, block(), 200) == pytest.approx(0.5 * fall * 0.25, rel=0.03)
+
+
+THIN = {
+    "box": Obstacle(size=(4.0, 0.001, 4.0), rotation=(0.0, 0.0, 0.0)),
+    "mesh": Obstacle(mesh=slab(), scale=0.01),
+    "sheet": Obstacle(mesh=sheet(), thickness=1e-4),
+    "capsule": Obstacle(radius=0.001, length=4.0, rotation=(0.0, 0.0, 90.0)),
+}
+
+
+@pytest.mark.parametrize("kind", THIN)
+@pytest.mark.parametrize("speed", [1.0, 30.0, 1000.0])
+def test_nothing_comes_through_however_fast(kind: str, speed: float, device: str):
+    """At 1,000 m/s a particle goes 17 m in a substep, ten thousand times as far as the obstacle is thick."""
+    above = particles([(0.011, 1, 0.0), (0.012, 1, 0.0), (0.013, 1, 0.0), (0.013, 2, 0.0)], velocity=(0.0, -speed, 0.0))
+    obstacle = THIN[kind].model_copy(update={"friction": 0.0})
+    scene = Scene(balloon=[above], obstacle=[obstacle], gravity=0.0, substeps=1, frames=200)
+    *_, last = Simulator(scene, device).run()
+    assert last.points[0][:, 1].min() >= -1e-6
+    assert abs(last.velocities[0]).max() < 1e-3 * speed
+
+
+def test_a_particle_inside_comes_out_along_the_normal(device: str):
+    """Out of a ball along the ray from its center, out of a box through the nearest face."""
+    ball = Obstacle(radius=0.5, length=0.0, position=(10.0, 0.0, 0.0))
+    box = Obstacle(size=(1.0, 2.0, 3.0))
+    inside = np.array([(10.3, 0.0, 0.3), (10.0, 0.4, 0.0), (0.45, 0.2, 0.1), (0.0, -0.9, 1.0)])
+    scene = Scene(balloon=[particles(inside)], obstacle=[ball, box], gravity=0.0, substeps=1, frames=1)
+    *_, last = Simulator(scene, device).run()
+    turned = 0.5 / np.sqrt(2.0)
+    expected = [(10.0 + turned, 0.0, turned), (10.0, 0.5, 0.0), (0.5, 0.2, 0.1), (0.0, -1.0, 1.0)]
+    np.testing.assert_allclose(last.points[0], expected, atol=2e-6)
+
+
+def test_a_lift_carries_what_stands_on_it(schedule: str, device: str):
+    """A plate that rises by a meter in a second, and then rests: its particles rise with it, at its speed."""
+    lift = Obstacle(size=(1.0, 0.2, 1.0), position=(0, -0.1, 0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1.0, 0))])
+    on_it = particles([(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)])
+    frames = list(Simulator(Scene(balloon=[on_it], obstacle=[lift], frames=90), device, schedule=schedule).run())
+    for number in (1, 30, 59):
+        np.testing.assert_allclose(frames[number].points[0][:, 1], number / 60.0, atol=1e-5)
+        np.testing.assert_allclose(frames[number].velocities[0][:, 1], 1.0, atol=1e-4)
+    np.testing.assert_allclose(frames[90].points[0][:, 1], 1.0, atol=5e-2)  # it threw them: they fly on a little
+    assert frames[90].points[0][:, 1].min() >= 1.0 - 1e-5
+
+
+def test_a_turntable_takes_along_what_rubs_on_it(device: str):
+    """A quarter turn in a second: particles that cannot slip go round with it, at omega r."""
+    turn = [(0.0, (0, 0, 0)), (1.0, (0, 0, 0), (0, 90.0, 0))]
+    table = Obstacle(size=(2.0, 0.2, 2.0), position=(0, -0.1, 0), friction=100.0, motion=turn)
+    on_it = particles([(0.5, 0, 0), (0, 0, 0.5), (-0.5, 0, 0), (0, 0, -0.5)])
+    *_, last = Simulator(Scene(balloon=[on_it], obstacle=[table], frames=60, substeps=20), device).run()
+    quarter = [(0, 0, -0.5), (0.5, 0, 0), (0, 0, 0.5), (-0.5, 0, 0)]
+    np.testing.assert_allclose(last.points[0], quarter, atol=5e-3)  # the first step sets them in motion
+    speeds = np.linalg.norm(last.velocities[0][:, [0, 2]], axis=1)
+    np.testing.assert_allclose(speeds, 0.5 * np.pi / 2, rtol=5e-3)
+
+
+def test_a_plane_is_as_the_ground_is(schedule: str, device: str):
+    """A balloon with gas falls on both, with the same friction and step: what bounds it is told to its gas, too."""
+    ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0, 0.6, 0), mass=5.0, inflation={"start_pressure": 50.0})
+    found = []
+    for below in ({"ground": Ground(friction=0.3)}, {"obstacle": [Obstacle(shape="plane", friction=0.3)]}):
+        *_, last = Simulator(Scene(balloon=[ball], frames=30, substeps=40, **below), device, schedule=schedule).run()
+        found.append(last)
+    np.testing.assert_allclose(found[0].points[0], found[1].points[0], atol=2e-5)
+    assert found[0].pressures[0] == pytest.approx(found[1].pressures[0], rel=1e-3)
+    assert found[0].points[0][:, 1].min() == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_box_is_as_its_mesh_is(device: str):
+    """A balloon falls on both, turned: the nearest place on triangles is that on the box's faces, edges and corners."""
+    ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0.1, 1.2, 0.1), inflation={"pressure": 2.0})
+    place = {"rotation": (20.0, 10.0, 30.0), "friction": 0.2}
+    box = mesh_of((cube().points - 0.5) * 0.8, cube().face_vertex_indices.reshape(-1, 4).tolist())
+    found = []
+    for obstacle in (Obstacle(size=(0.8, 0.8, 0.8), **place), Obstacle(mesh=box, **place)):
+        scene = Scene(balloon=[ball], obstacle=[obstacle], frames=24, substeps=40)
+        *_, last = Simulator(scene, device).run()
+        found.append(last.points[0])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-3)
+    assert found[0][:, 1].mean() > 0.6  # it fell by 0.8 m otherwise
+
+
+def test_worlds_with_obstacles_of_their_own_are_as_each_is_alone(schedule: str, device: str):
+    """Their places and friction differ; to the bit."""
+    ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0, 0.8, 0), inflation={"pressure": 2.0})
+    scene = Scene(balloon=[ball], obstacle=[Obstacle(size=(2.0, 0.2, 2.0), rotation=(0, 0, 15.0))], frames=20)
+    vary = {"obstacle.0.position.1": [0.0, 0.2, -0.3], "obstacle.friction": [0.5, 0.0, 0.9]}
+    batch = Simulator(scene, device, 3, vary, schedule=schedule)
+    for _ in range(20):
+        batch.step()
+    for world in range(3):
+        mine = {name: values[world : world + 1] for name, values in vary.items()}
+        alone = Simulator(scene, device, 1, mine, schedule=schedule)
+        for _ in range(20):
+            alone.step()
+        np.testing.assert_array_equal(batch.read_frame(world).points[0], alone.read_frame().points[0])
+    assert len({float(batch.read_frame(world).points[0][0, 0]) for world in range(3)}) == 3
+
+
+def test_contact_gives_no_energy(device: str):
+    """Of a ball thrown at a still block, with friction and without: kinetic energy and that of its springs and height
+    never rise above what there was, but for the swing of symplectic Euler's energy, some per mille of it."""
+    ball = Balloon(mesh=quad_sphere(4, 0.5), velocity=(4.0, -1.0, 0.0), damping=0.0, inflation={"k_normal": 0.0})
+    wall = Obstacle(size=(0.5, 4.0, 4.0), position=(1.2, 0.0, 0.0), rotation=(0.0, 0.0, 10.0))
+    for friction in (0.0, 0.8):
+        scene = Scene(balloon=[ball], obstacle=[wall.model_copy(update={"friction": friction})], gravity=0.0, frames=60)
+        frames = list(Simulator(scene, device).run())
+        energies = [0.5 * (frame.velocities[0] ** 2).sum() / len(frame.velocities[0]) for frame in frames]
+        assert max(energies) <= energies[0] * 1.002
+        assert energies[-1] < 0.95 * energies[0]
