@@ -220,3 +220,23 @@ def test_importing_the_package_loads_nothing_heavy(tmp_path: Path):
     program = "import sys, balloon_warp; print([m for m in ('warp', 'pxr', 'trimesh', 'PIL') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_command_does_not_look_for_garbage_in_what_it_loaded(tmp_path: Path):
+    program = (
+        "import gc, sys; from balloon_warp.__main__ import main; sys.argv[1:] = ['scenes']\n"
+        "try: main()\n"
+        "finally: print(gc.isenabled(), gc.get_freeze_count() > 100_000, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.stderr.strip() == "True True"
+
+
+def test_a_batch_that_exports_nothing_loads_no_usd(tmp_path: Path):
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    program = (
+        "import sys, balloon_warp; balloon_warp.run_batch('ball.obj', 'out', 2, device='cpu')\n"
+        "print({'pxr', 'trimesh'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.stdout.strip() == "set()"
