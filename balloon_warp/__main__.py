@@ -3,6 +3,8 @@
 import gc
 import sys
 
+from balloon_warp.garbage import without_collecting
+
 
 def main() -> None:
     """Run the command line; Ctrl-C while it still loads ends it with a word, too."""
@@ -18,12 +20,10 @@ def main() -> None:
 
 def _load_without_looking_for_garbage() -> None:
     """What is loaded stays until the end: looking through it again and again takes longer than a tenth of a second."""
-    gc.disable()
-    try:
+    with without_collecting():
         import balloon_warp.cli  # noqa: F401 - only to have it loaded
-    finally:
+
         gc.freeze()
-        gc.enable()
 
 
 if __name__ == "__main__":
