@@ -1,6 +1,8 @@
 """Workers that simulate the shares of a batch: those of a running Dask scheduler, or processes of this machine."""
 
 import asyncio
+import atexit
+import gc
 import logging
 import os
 import re
@@ -163,5 +165,7 @@ def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
 
 def dask_setup(_: Any) -> None:
     """What Dask calls in each worker that is started here: a terminal sends Ctrl-C to all, and it is for the first
-    process, which saves what there is and ends them."""
+    process, which saves what there is and ends them. And they end at once: what is left in one goes with it, and is not
+    looked through for garbage once more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    atexit.register(gc.freeze)
