@@ -234,11 +234,11 @@ def test_a_command_does_not_look_for_garbage_in_what_it_loaded(tmp_path: Path):
     assert done.stderr.strip() == "False True"
 
 
-def test_a_batch_that_exports_nothing_loads_no_usd(tmp_path: Path):
+def test_a_batch_of_one_process_that_exports_nothing_loads_no_usd_and_no_event_loop(tmp_path: Path):
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     program = (
         "import sys, balloon_warp; balloon_warp.run_batch('ball.obj', 'out', 2, device='cpu')\n"
-        "print({'pxr', 'trimesh'} & set(sys.modules))"
+        "print({'pxr', 'trimesh', 'asyncio'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.stdout.strip() == "set()"

@@ -1,6 +1,5 @@
 """Workers that simulate the shares of a batch: those of a running Dask scheduler, or processes of this machine."""
 
-import asyncio
 import atexit
 import gc
 import logging
@@ -128,6 +127,8 @@ def connect(cluster: Cluster) -> Iterator["Client"]:
 
 async def _identify(address: str) -> None:
     """Ask who is there: a client by itself would wait forever for the word of some other service."""
+    import asyncio  # Dask has loaded it; a batch in one process does without
+
     from distributed import rpc
 
     async with rpc(address) as scheduler:
