@@ -43,7 +43,7 @@ def decimals(values: NDArray[np.float32]) -> NDArray[np.uint8]:
     return text.reshape(*values.shape, WIDTH)
 
 
-def _lay_out(digits: NDArray[np.uint32], exponent: NDArray[np.int64], sign: NDArray[np.uint32]) -> NDArray[np.uint8]:
+def _lay_out(digits: NDArray[np.uint32], exponent: NDArray[np.int64], sign: NDArray[np.integer]) -> NDArray[np.uint8]:
     """Args: nine digits as one number, the exponent of the first, and 1 for a minus; each of shape (N,)."""
     high, rest = np.divmod(digits, np.uint32(10**6))
     middle, low = np.divmod(rest, np.uint32(1000))

@@ -83,7 +83,7 @@ class TableWriter:
                 _padded([b",%d\n" % health for health in kinds.tolist()])[kind],
             ]
             rows = np.concatenate([np.broadcast_to(column, (len(kind), column.shape[1])) for column in columns], axis=1)
-            self._csv.write(rows[rows != PAD])
+            self._csv.write(rows[rows != PAD].data)
 
     def write_again(self) -> None:
         """Write the frames again that were written already: their rows have changed since."""
