@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from balloon_warp.garbage import without_collecting
+
 if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
     from balloon_warp.comparison.compare import compare
@@ -147,7 +149,8 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module("importlib.metadata").version("balloon-warp")
     for module, names in _HOMES.items():
         if name in names:
-            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            with without_collecting():
+                return getattr(importlib.import_module(f"{__name__}.{module}"), name)
     # with both, Python asks whether a name that is like it was meant
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
 

@@ -1,17 +1,22 @@
 """`balloon-warp`, and `python -m balloon_warp`, which is the same."""
 
+import gc
 import sys
+
+from balloon_warp.garbage import without_collecting
 
 
 def main() -> None:
     """Run the command line; Ctrl-C while it still loads ends it with a word, too."""
     try:
-        from balloon_warp.cli import main as command_line
-
+        with without_collecting():
+            from balloon_warp.cli import main as command_line
         command_line()
     except KeyboardInterrupt:
         print("error: stopped before it began", file=sys.stderr)
         sys.exit(130)
+    finally:
+        gc.freeze()  # what is left goes with the process: to look through it once more takes a tenth of a second
 
 
 if __name__ == "__main__":

@@ -4,8 +4,11 @@ import os
 import tempfile
 from functools import cache
 
+from balloon_warp.garbage import without_collecting
+
 
 @cache
+@without_collecting()
 def quiet_warp() -> None:
     """Start Warp with only its errors shown: no banner, no word of each kernel compiled, none about a missing GPU.
 

@@ -15,6 +15,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader
+from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import (
     DueChange,
@@ -78,6 +79,7 @@ class Simulator(Running):
         simulator._begin(model, schedule)
         return simulator
 
+    @without_collecting()
     def _begin(self, model: Model, schedule: str) -> None:
         kind = solver_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from small_batch import FRAMES, scene, write_meshes
 
-from balloon_warp import Cluster, InputError, Scene, run_batch
+from balloon_warp import Cluster, InputError, Scene, load_scene, run_batch
 from balloon_warp.device import pick_device
-from balloon_warp.model import lay_out, memory, world_bytes
+from balloon_warp.model import lay_out, memory, shape, world_bytes
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.sweep import batch as batch_module
 from balloon_warp.sweep import memory as sweep_memory
@@ -79,8 +79,24 @@ def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyP
             sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
 
 
-def never(frame: int) -> None:
-    raise AssertionError(f"frame {frame} was simulated")
+def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Which takes longer than all the rest, and says nothing of how large a world is."""
+    monkeypatch.setattr(shape, "relative_thickness", never)
+    thin = {"balloon.stiffness.thin": "softer"}
+    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):
+        run_batch(load_scene(scene(), thin), tmp_path, 10**8, device="cpu")
+
+
+def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    stable = plan_groups(load_scene("squirrel_tether"), 1, {})[0].plan.substeps
+    stiffer = plan_groups(load_scene("squirrel_tether", {"balloon.stiffness.thin": "alike"}), 1, {})[0].plan.substeps
+    assert stable < stiffer
+    sweep_memory.require_room(load_scene("squirrel_tether", {"substeps": stable}), 2, device="cpu")
+
+
+def never(*_: Any) -> None:
+    raise AssertionError("is not to be called")
 
 
 def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path: Path):

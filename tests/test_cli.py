@@ -220,3 +220,25 @@ def test_importing_the_package_loads_nothing_heavy(tmp_path: Path):
     program = "import sys, balloon_warp; print([m for m in ('warp', 'pxr', 'trimesh', 'PIL') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_command_does_not_look_for_garbage_in_what_it_loaded(tmp_path: Path):
+    program = (
+        "import gc, sys; from balloon_warp.__main__ import main; looked = []\n"
+        "gc.callbacks.append(lambda phase, about: looked.append(about['generation']))\n"
+        "sys.argv[1:] = ['scenes']\n"
+        "try: main()\n"
+        "finally: print(any(looked), gc.get_freeze_count() > 100_000, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.stderr.strip() == "False True"
+
+
+def test_a_batch_of_one_process_that_exports_nothing_loads_no_usd_and_no_event_loop(tmp_path: Path):
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    program = (
+        "import sys, balloon_warp; balloon_warp.run_batch('ball.obj', 'out', 2, device='cpu')\n"
+        "print({'pxr', 'trimesh', 'asyncio'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.stdout.strip() == "set()"

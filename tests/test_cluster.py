@@ -1,11 +1,14 @@
 """A batch on many workers: what one process writes, whoever simulated it."""
 
+import atexit
 import contextlib
 import functools
+import gc
 import os
 import signal
 import socket
 import struct
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +26,8 @@ from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import distribute, shares
+from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.task import BatchTask
 
 dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
 distributed = pytest.importorskip("distributed")
@@ -99,6 +104,34 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
     assert all(getattr(together, name) == getattr(alone, name) for name in same)
     assert seen == sorted(seen)
     assert seen[-1] == 4
+
+
+def test_the_workers_end_while_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    ended, connect = threading.Event(), distribute.connect
+
+    @contextlib.contextmanager
+    def connect_and_tell(cluster: Cluster) -> Iterator[distributed.Client]:
+        with connect(cluster) as client:
+            yield client
+        ended.set()
+
+    def write_when_ended(task: BatchTask, output: BatchOutput) -> None:
+        assert ended.wait(timeout=120.0)
+        write(task, output)
+
+    write = distribute._write_table
+    monkeypatch.setattr(distribute, "connect", connect_and_tell)
+    monkeypatch.setattr(distribute, "_write_table", write_when_ended)
+    run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(workers=1))
+    assert len((tmp_path / "out" / "table.csv").read_text().splitlines()) == 1 + 5 * 2
+
+
+def test_a_worker_ends_without_looking_for_garbage(monkeypatch: pytest.MonkeyPatch):
+    at_exit = []
+    monkeypatch.setattr(atexit, "register", at_exit.append)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    cluster_module.dask_setup(None)
+    assert at_exit == [gc.freeze]
 
 
 def remove(paths: list[str]) -> None:

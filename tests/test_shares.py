@@ -39,3 +39,12 @@ def test_a_share_fills_the_lanes_of_a_cpu():
     groups = plan_groups(Scene(balloon=[Balloon(mesh=quad_sphere(20))]), 20, {"balloon.mass": np.full(20, 1.0)})
     assert groups[0].plan.particle_count > shares.GRAIN["cpu"].particles
     assert [len(share.worlds) for share in cut_into_shares(groups, "cpu")] == [7, 7, 6]
+
+
+@pytest.mark.parametrize(("frames", "count"), [(1, 2), (100, 4), (1000, 32)])
+def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch: pytest.MonkeyPatch):
+    """A short batch is cut into fewer shares, which still fit into a small memory."""
+    monkeypatch.setattr(shares, "MOST_PARTICLES", 8 * 128)
+    monkeypatch.setitem(shares.GRAIN, "cuda", shares.Grain(1, 8, 8 * 64 * 100 * 10))
+    scene = Scene(balloon=[Balloon(mesh=cube())], frames=frames, substeps=10)
+    assert len(cut_into_shares(plan_groups(scene, 256, {"balloon.mass": np.full(256, 100.0)}), "cuda")) == count

@@ -139,8 +139,7 @@ def batch(
     loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     quiet_warp()
-    from balloon_warp.sweep.batch import run_batch  # loads Warp and USD: only once the scene is known to be good
-    from balloon_warp.sweep.cluster import Cluster
+    from balloon_warp.sweep.cluster import Cluster  # loads much: only once the scene is known to be good
     from balloon_warp.sweep.memory import require_room
     from balloon_warp.sweep.values import parse_export, parse_vary, spread
 
@@ -149,6 +148,8 @@ def batch(
         spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
     choices = dict(parse_vary(text, scene) for text in vary or [])
     require_room(loaded, worlds, choices, device, schedule, spread=bool(spread_over))  # before each gets its values
+    from balloon_warp.sweep.batch import run_batch  # loads more: only once all may fit
+
     with _naming_vary(), frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
         listeners = (lambda number: progress.update(task, completed=number)), note, warn

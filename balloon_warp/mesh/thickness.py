@@ -69,7 +69,9 @@ def _lengths_between_neighbors(mesh: PolygonMesh) -> Any:
     corners = mesh.face_vertex_indices
     first = np.concatenate([corners, corners])
     second = np.concatenate([corners[following], corners[following[following]]])
-    low, high = np.unique(np.sort(np.stack([first, second], axis=1)[first != second], axis=1), axis=0).T
+    apart = first != second
+    ends = np.minimum(first, second)[apart].astype(np.int64), np.maximum(first, second)[apart]
+    low, high = np.divmod(np.unique(ends[0] * mesh.vertex_count + ends[1]), mesh.vertex_count)
     lengths = np.linalg.norm(mesh.points[high] - mesh.points[low], axis=1)
     least = 1e-9 * lengths.max(initial=1.0)  # a sparse matrix keeps no zeros
     shape = (mesh.vertex_count, mesh.vertex_count)
@@ -122,9 +124,14 @@ def _reaches_of_patches(apart: NDArray[np.float64], areas: NDArray[np.float64], 
     reach = np.full(len(areas), distances[-1])
     open_ = np.ones(len(areas), dtype=bool)
     before = np.full(len(areas), np.nan)
+    inside = np.empty_like(apart)  # the same memory again: to get it anew takes as long as to fill it
     for number, distance in enumerate(distances):
-        within = np.clip((distance - apart) / spacing + 0.5, 0.0, 1.0) @ areas
-        part = within / (np.pi * distance**2)
+        if not open_.any():
+            break
+        np.subtract(distance, apart, out=inside)
+        inside /= spacing
+        inside += 0.5
+        part = (np.clip(inside, 0.0, 1.0, out=inside) @ areas) / (np.pi * distance**2)
         fallen = open_ & (part <= PART)
         if number == 0:  # thinner than a patch: of a tube, the area grows with the distance
             reach[fallen] = (part * distance / PART)[fallen]

@@ -14,7 +14,7 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
-from balloon_warp.mesh.thickness import relative_thickness
+from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.mesh.units import in_unit
 from balloon_warp.model.fixed import fixed_particles, group_of
@@ -68,8 +68,12 @@ class BalloonShape:
         return not balanced and bool((self.mass_share[self.mesh.face_vertex_indices] > 0.0).all())
 
 
-def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
+def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = False) -> BalloonShape:
     """Read, repair, place and string the balloon's mesh.
+
+    Args:
+        as_soft_as_can_be: takes all of it for thin where thin parts are softer. That saves most of the time where only
+            its size matters; a step that is stable is so for it, too.
 
     Raises:
         InputError: the mesh cannot be read or has no face, its size or place is too much for float32, a fixed
@@ -80,7 +84,10 @@ def shape_balloon(balloon: Balloon, scene: Scene) -> BalloonShape:
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
     springs = balloon_springs(placed, balloon.parts)
-    softness = _softness(placed, springs) if balloon.stiffness.thin == "softer" else np.ones(springs.count)
+    if balloon.stiffness.thin != "softer":
+        softness = np.ones(springs.count)
+    else:
+        softness = np.full(springs.count, LEAST) if as_soft_as_can_be else _softness(placed, springs)
     shape = BalloonShape(
         name=placed.name,
         mesh=placed,

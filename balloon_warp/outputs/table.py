@@ -12,7 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.files import whole_file
+from balloon_warp.outputs.decimals import PAD, decimals
 from balloon_warp.outputs.npz import write_npz
+
+BLOCK = 4096
+"""worlds whose rows are made text together: more would only fill the memory"""
 
 
 class TableWriter:
@@ -55,9 +59,10 @@ class TableWriter:
             self._npz = files.enter_context(whole_file(self.folder / "table.npz"))
             files.push(self._save_npz)
             csv_path = files.enter_context(whole_file(self.folder / "table.csv"))
-            self._csv = files.enter_context(csv_path.open("w", encoding="utf-8", newline=""))
+            self._csv = files.enter_context(csv_path.open("wb"))
             self._write_header()
-            self._varied_text = self._describe_worlds()
+            self._world_text = _padded([str(world).encode() for world in range(self.world_count)])
+            self._varied_text = _padded(self._describe_worlds())
             self._files = files.pop_all()
         return self
 
@@ -66,10 +71,19 @@ class TableWriter:
         frame = self._frames_written
         self._frames_written += 1
         # nine digits give back every float32, and repr every float64
-        form = f"%d,{frame},{frame / self.frames_per_second!r}%s" + ",%.9g" * len(self.measures) + ",%d\n"
-        values, health = self.values[frame].tolist(), self.health[frame].tolist()
-        rows = zip(range(self.world_count), self._varied_text, values, health, strict=True)
-        self._csv.writelines(form % (world, text, *values, health) for world, text, values, health in rows)
+        moment = _padded([b",%d,%s" % (frame, repr(frame / self.frames_per_second).encode())])
+        for begin in range(0, self.world_count, BLOCK):
+            worlds = slice(begin, begin + BLOCK)
+            kinds, kind = np.unique(self.health[frame, worlds], return_inverse=True)
+            columns = [
+                self._world_text[worlds],
+                moment,
+                self._varied_text[worlds],
+                *(part for column in decimals(self.values[frame, worlds].T) for part in (_COMMA, column)),
+                _padded([b",%d\n" % health for health in kinds.tolist()])[kind],
+            ]
+            rows = np.concatenate([np.broadcast_to(column, (len(kind), column.shape[1])) for column in columns], axis=1)
+            self._csv.write(rows[rows != PAD].data)
 
     def write_again(self) -> None:
         """Write the frames again that were written already: their rows have changed since."""
@@ -81,21 +95,21 @@ class TableWriter:
             self.write_frame()
 
     def _write_header(self) -> None:
-        self._csv.write(",".join(self.columns) + "\n")
+        self._csv.write((",".join(self.columns) + "\n").encode())
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._files.__exit__(kind, error, traceback)
 
-    def _describe_worlds(self) -> list[str]:
+    def _describe_worlds(self) -> list[bytes]:
         """Each world's varied values as CSV, with a comma before each."""
         lines = []
         for values in zip(*(column.tolist() for column in self.varied.values()), strict=True):
             line = io.StringIO()
             csv.writer(line, lineterminator="").writerow(["", *map(str, values)])
-            lines.append(line.getvalue())
-        return lines or [""] * self.world_count
+            lines.append(line.getvalue().encode())
+        return lines or [b""] * self.world_count
 
     def _save_npz(self, kind: type[BaseException] | None, *_: object) -> None:
         """Unless the run failed; one column at a time is in memory twice."""
@@ -116,3 +130,13 @@ class TableWriter:
         if name in self.varied:
             return np.tile(self.varied[name], frames)
         return self.values[:, :, self.measures.index(name)].ravel()
+
+
+def _padded(texts: Sequence[bytes]) -> NDArray[np.uint8]:
+    """Texts below each other, filled up to the longest one, shape (len(texts), width)."""
+    width = max(map(len, texts))
+    filled = b"".join(text.ljust(width, bytes([PAD])) for text in texts)
+    return np.frombuffer(filled, dtype=np.uint8).reshape(len(texts), width)
+
+
+_COMMA = _padded([b","])

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -11,12 +11,13 @@ import numpy as np
 from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.outputs.usd import StageWriter
-from balloon_warp.outputs.usd.playlist import write_playlist
 from balloon_warp.provenance import describe_simulation
 from balloon_warp.resume.folder import PartialFolder
 from balloon_warp.resume.same_job import as_json, differences
 from balloon_warp.simulator import Simulator
+
+if TYPE_CHECKING:
+    from balloon_warp.outputs.usd import StageWriter
 
 CHECKPOINT_SECONDS = 30.0
 """of the wall's clock between two checkpoints: what a kill costs at most"""
@@ -64,7 +65,7 @@ class Checkpoints:
     def __init__(
         self,
         simulator: Simulator,
-        stage: StageWriter,
+        stage: "StageWriter",
         job: Mapping[str, Any],
         seconds: float = CHECKPOINT_SECONDS,
     ):
@@ -121,6 +122,9 @@ class Checkpoints:
         Raises:
             InputError: the folder cannot be written to; what is in it stays.
         """
+        from balloon_warp.outputs.usd import StageWriter  # loads USD: a batch, which shares this room, may need none
+        from balloon_warp.outputs.usd.playlist import write_playlist
+
         frame = self.simulator.frame_number
         if not self._begun:
             self.folder.begin(self._job)

@@ -137,20 +137,17 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
     """What fills up are faces of a particle alone."""
-    particles, fans = other_corners(model)
-    sizes = np.array([len(fan) for fan in fans])
-    entries = list_entries(items, particles, sizes)
-    places = items.places
-    listed, begins = [], [0]
-    for sources, owners in zip(np.atleast_2d(entries.sources.T).T, np.atleast_2d(entries.owners.T).T, strict=True):
-        size = sizes[sources.max()]
-        columns = [
-            places[fans[source]] if source >= 0 else np.full(size, owner)
-            for source, owner in zip(sources.tolist(), owners.tolist(), strict=True)
-        ]
-        listed.append(np.stack(columns, axis=1))
-        begins.append(begins[-1] + int(size))
-    flat = np.concatenate(listed)
+    fans = other_corners(model)
+    entries = list_entries(items, fans.particles, fans.sizes)
+    lanes = 1 if items.layout.worlds else LANES
+    sources, owners = entries.sources.reshape(-1, lanes), entries.owners.reshape(-1, lanes)
+    sizes = fans.sizes[sources.max(axis=1)]  # the same in all lanes that have a fan
+    begins = np.append(0, np.cumsum(sizes))
+    fan = np.repeat(np.arange(len(sizes)), sizes)
+    nth = np.arange(begins[-1]) - begins[fan]
+    there = sources[fan] >= 0
+    corners = fans.others[np.where(there, fans.begins[sources[fan]] + nth[:, None], 0)]
+    flat = np.where(there, items.places[corners], owners[fan])
     table = face_structs(items.layout)[1]()
     table.offsets, table.begins = array(entries.offsets, wp.int32), array(begins, wp.int32)
     table.particles = array(flat.ravel() if items.layout.worlds else flat, items.layout.index)

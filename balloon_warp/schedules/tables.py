@@ -1,7 +1,6 @@
 """From a model to the tables that kernels read."""
 
-from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -167,15 +166,30 @@ def _faces(model: Model) -> Any:
     return table
 
 
-def other_corners(model: Model) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
-    """Of every corner of a face, sorted by particle: the particle, and the face's other corners in order from it."""
+class OtherCorners(NamedTuple):
+    """Of every corner of a face, sorted by particle, the face's other corners."""
+
+    particles: NDArray[np.int64]
+    """of the corner itself, shape (corner_count,)"""
+    sizes: NDArray[np.int64]
+    """how many others there are, shape (corner_count,)"""
+    begins: NDArray[np.int64]
+    """where they begin, and after the last corner, where they end, shape (corner_count + 1,)"""
+    others: NDArray[np.int64]
+    """their particles in order from it, one corner's after the other"""
+
+
+def other_corners(model: Model) -> OtherCorners:
+    """The corners that each corner of a face has beside it."""
     particles = np.asarray(model.face_particles.numpy(), dtype=np.int64)
-    others = []
-    for begin, end in pairwise(model.face_offsets.numpy().tolist()):
-        corners = particles[begin:end]
-        others += [np.roll(corners, -corner)[1:] for corner in range(end - begin)]
-    order = np.argsort(particles, kind="stable")
-    return particles[order], [others[corner] for corner in order]
+    offsets = np.asarray(model.face_offsets.numpy(), dtype=np.int64)
+    counts, order = np.diff(offsets), np.argsort(particles, kind="stable")
+    first, count = (np.repeat(each, counts)[order] for each in (offsets[:-1], counts))
+    begins = np.append(0, np.cumsum(count - 1))
+    corner = np.repeat(np.arange(len(particles)), count - 1)
+    onward = np.arange(begins[-1]) - begins[corner] + 1
+    others = particles[first[corner] + (order[corner] - first[corner] + onward) % count[corner]]
+    return OtherCorners(particles[order], count - 1, begins, others)
 
 
 def quads_at_particles(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -201,10 +215,9 @@ def _fans(model: Model, traits: Traits) -> Any:
         table.counts = _array(model, counts, wp.int32)
         table.quads = _array(model, quads, wp.vec3i)
     elif traits.measures_areas:
-        particles, fans = other_corners(model)
-        table.offsets = _array(model, np.searchsorted(particles, np.arange(count + 1)), wp.int32)
-        table.begins = _array(model, np.cumsum([0, *(len(fan) for fan in fans)]), wp.int32)
-        table.particles = _array(model, np.concatenate([np.zeros(0, dtype=np.int64), *fans]), wp.int32)
+        fans = other_corners(model)
+        table.offsets = _array(model, np.searchsorted(fans.particles, np.arange(count + 1)), wp.int32)
+        table.begins, table.particles = _array(model, fans.begins, wp.int32), _array(model, fans.others, wp.int32)
     return table
 
 

@@ -1,6 +1,7 @@
 """Workers that simulate the shares of a batch: those of a running Dask scheduler, or processes of this machine."""
 
-import asyncio
+import atexit
+import gc
 import logging
 import os
 import re
@@ -126,6 +127,8 @@ def connect(cluster: Cluster) -> Iterator["Client"]:
 
 async def _identify(address: str) -> None:
     """Ask who is there: a client by itself would wait forever for the word of some other service."""
+    import asyncio  # Dask has loaded it; a batch in one process does without
+
     from distributed import rpc
 
     async with rpc(address) as scheduler:
@@ -163,5 +166,7 @@ def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
 
 def dask_setup(_: Any) -> None:
     """What Dask calls in each worker that is started here: a terminal sends Ctrl-C to all, and it is for the first
-    process, which saves what there is and ends them."""
+    process, which saves what there is and ends them. And they end at once: what is left in one goes with it, and is not
+    looked through for garbage once more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    atexit.register(gc.freeze)

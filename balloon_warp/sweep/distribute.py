@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import CancelledError
+from contextlib import ExitStack
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -17,6 +18,7 @@ from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.memory import require_memory
+from balloon_warp.outputs.background import Background
 from balloon_warp.sweep.cluster import Cluster, connect
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import table_bytes
@@ -36,6 +38,13 @@ ALONE_SECONDS = 60.0
 """after which workers that all ended are not waited for any more: Dask may not have started them again"""
 AHEAD = 2
 """shares that are out, for each worker: one at work and one that follows; more would only fill the memory"""
+
+LOADING = """
+from balloon_warp.garbage import without_collecting
+with without_collecting():
+    import {}
+"""
+"""what a worker does with a module that it needs"""
 
 _one_at_a_time = threading.Lock()  # a worker may have many threads, but it has one device
 
@@ -59,7 +68,8 @@ def distribute_batch(
     """
     _require_table_memory(task)
     _require_laws_that_travel(task, cluster)
-    with connect(cluster) as client:
+    with ExitStack() as workers:
+        client = workers.enter_context(connect(cluster))
         devices = _worker_devices(client, cluster, device, task.laws)
         began = time.perf_counter()
         # Where workers differ, the shares are small enough for the least of them.
@@ -83,8 +93,9 @@ def distribute_batch(
                 journal.save()
                 interrupts.deliver()  # what ends this process may have ended the workers first
                 raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
-            for _ in range(task.scene.frames + 1):
-                output.end_frame()
+            with Background() as writer:
+                writer.submit(_write_table, task, output)
+                workers.close()  # which end meanwhile
             endings = output.endings()
         return Outcome(
             device=", ".join(sorted(set(devices))),
@@ -97,6 +108,12 @@ def distribute_batch(
             resumed=journal.resumed,
             removed_stage=output.removed_stage,
         )
+
+
+def _write_table(task: BatchTask, output: BatchOutput) -> None:
+    """Once all shares are there: a row of the text has the worlds of one frame, whichever share they are in."""
+    for _ in range(task.scene.frames + 1):
+        output.end_frame()
 
 
 def _require_table_memory(task: BatchTask) -> None:
@@ -123,7 +140,7 @@ def _worker_devices(client: "Client", cluster: Cluster, device: str | None, laws
     for module in (__name__, *(law.force.func.__module__ for law in laws)):
         try:
             for run in (client.run_on_scheduler, client.run):  # Dask's scheduler opens what passes through it
-                run(exec, f"import {module}")
+                run(exec, LOADING.format(module))
         except ImportError as error:
             what = "Balloon Warp" if module == __name__ else f"{module}, which has a law"
             raise InputError(f"{cluster.option}: its scheduler or a worker cannot load {what}: {error}") from None

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import Model, build_model, world_bytes
+from balloon_warp.model import Model, lay_out, plan_model, world_bytes
 from balloon_warp.model.memory import require_memory
+from balloon_warp.model.shape import shape_balloon
 from balloon_warp.model.vary import SHAPING
 from balloon_warp.scene import Scene
 from balloon_warp.solvers.choose import settled_solver, solver_named
@@ -45,7 +46,8 @@ def require_room(
         return
     on_host = table_bytes(scene)
     if not spread:
-        model = build_model(scene, pick_device(device), SOME, laws=laws)
+        shapes = [shape_balloon(balloon, scene, as_soft_as_can_be=True) for balloon in scene.balloon]
+        model = lay_out(plan_model(scene, SOME, shapes=shapes, laws=laws), pick_device(device))
         solver = solver_named(settled_solver(schedule, model, world_count), model)
         simulated = world_bytes(model) + solver.world_bytes(model)
         require_memory(model.device, [world_count], [simulated])

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,12 @@ from balloon_warp.endings import BadEnding, LastFrame, bad_endings
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.outputs.table import TableWriter
-from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
 from balloon_warp.sweep.recorder import MEASURES, Record
+
+if TYPE_CHECKING:
+    from balloon_warp.outputs.usd.grid import GridGroup
 
 STAGE_NAME = "worlds.usdc"
 MOST_LOOKED_AT = 16
@@ -52,6 +54,8 @@ class BatchOutput:
         """whether the stage of an earlier batch was there and this one has none"""
         self.stage = None
         if len(chosen):
+            from balloon_warp.outputs.usd.grid import GridWriter  # loads USD: only for a stage
+
             self.stage = GridWriter(self.stage_path, [_in_grid(group, chosen, varied) for group in groups])
 
     @property
@@ -137,7 +141,9 @@ class BatchOutput:
             self.removed_stage = True
 
 
-def _in_grid(group: Group, chosen: NDArray[np.integer], varied: Mapping[str, NDArray]) -> GridGroup:
+def _in_grid(group: Group, chosen: NDArray[np.integer], varied: Mapping[str, NDArray]) -> "GridGroup":
+    from balloon_warp.outputs.usd.grid import GridGroup
+
     worlds = group.those_of(chosen)
     values = {path: column[worlds] for path, column in varied.items()}
     return GridGroup(group.plan, group.rows_of(chosen), worlds, values)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.algebra import LANE_COUNT
-from balloon_warp.model import lay_out
+from balloon_warp.model import ModelPlan, lay_out
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.blow_ups import Failures, Rows, report_failures, require_health, restart_failures
@@ -24,14 +24,24 @@ SHARES = 64
 
 
 class Grain(NamedTuple):
-    """What a share has at least, enough to fill a device."""
+    """What a share has at least, enough to fill a device and to be worth its beginning."""
 
     worlds: int
     particles: int
+    particle_substeps: int = 0
+    """in all its frames; but no more than `MOST_PARTICLES` for that"""
+
+    def particles_of(self, plan: ModelPlan) -> float:
+        """That a share has at least, of worlds of a plan."""
+        worth = self.particle_substeps / (plan.substeps * plan.scene.frames)
+        return max(self.particles, min(worth, MOST_PARTICLES))
 
 
-GRAIN = {"cpu": Grain(LANE_COUNT, 2**11), "cuda": Grain(1, 2**18)}
-"""by the kind of device; on a CPU `lanes` takes as long for one world as for eight"""
+MOST_PARTICLES = 2**21
+"""of a share that has more than fill a device: so many fit into the memory of any"""
+GRAIN = {"cpu": Grain(LANE_COUNT, 2**11), "cuda": Grain(1, 2**18, 2**35)}
+"""by the kind of device; on a CPU `lanes` takes as long for one world as for eight; a GPU does that work in a third of
+a second, and a share takes a tenth to begin"""
 
 
 @dataclass(frozen=True)
@@ -54,7 +64,7 @@ def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
     least = GRAIN[device_kind]
     shares = []
     for group in groups:
-        enough = max(least.worlds, least.particles / group.plan.particle_count)
+        enough = max(least.worlds, least.particles_of(group.plan) / group.plan.particle_count)
         size = 2 ** ceil(log2(max(world_count / SHARES, enough)))
         begin = 0
         for worlds in np.array_split(group.worlds, ceil(len(group.worlds) / size)):

@@ -4,20 +4,21 @@ import time
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.outputs.usd.grid import GridWriter
-from balloon_warp.outputs.usd.playlist import write_overlay, write_playlist
 from balloon_warp.provenance import installed_versions
 from balloon_warp.resume import PartialFolder, as_json, differences
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.resume.parts import Part, read_part, write_rows
 from balloon_warp.sweep.task import BatchTask
+
+if TYPE_CHECKING:
+    from balloon_warp.outputs.usd.grid import GridWriter
 
 PARTIAL_NAME, PLAYLIST, STILL = "partial", "worlds.usda", "still.usdc"
 
@@ -160,8 +161,10 @@ class BatchCheckpoints:
             self._begun = True
         self._saved_at = time.monotonic()
 
-    def _write_playlist(self, stage: GridWriter, begins: Sequence[int], last: int) -> None:
+    def _write_playlist(self, stage: "GridWriter", begins: Sequence[int], last: int) -> None:
         """A stage of all parts: one after the other, or, of shares, which begin alike, together."""
+        from balloon_warp.outputs.usd.playlist import write_overlay, write_playlist  # loads USD: only for a stage
+
         if not (still := self.folder.path / STILL).exists():
             stage.write_still(still)
         names = [_stage_name(number) for number in range(len(begins))]

@@ -1,0 +1,58 @@
+"""That Python does not look for garbage while much is made that stays."""
+
+import gc
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from balloon_warp.garbage import without_collecting
+
+
+@pytest.fixture(autouse=True)
+def as_it_was() -> Iterator[None]:
+    gc.collect()
+    yield
+    gc.unfreeze()
+    gc.enable()
+
+
+def test_it_is_put_off_and_then_goes_on():
+    with without_collecting():
+        assert not gc.isenabled()
+        with without_collecting():
+            pass
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+def test_what_was_made_meanwhile_is_old():
+    with without_collecting():
+        made = [[] for _ in range(10_000)]
+    young = {id(each) for generation in (0, 1) for each in gc.get_objects(generation)}
+    assert not young & {id(each) for each in made}
+
+
+def test_what_someone_else_chose_stays():
+    gc.freeze()
+    frozen = gc.get_freeze_count()
+    with without_collecting():
+        pass
+    assert gc.get_freeze_count() == frozen
+    gc.disable()
+    with without_collecting():
+        pass
+    assert not gc.isenabled()
+
+
+def test_loading_looks_for_none():
+    program = (
+        "import gc, balloon_warp; looked = []\n"
+        "gc.callbacks.append(lambda phase, about: looked.append(about['generation']))\n"
+        "balloon_warp.Simulator('squirrel_inflate', 'cpu')\n"
+        "print(any(looked))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=True)
+    assert done.stdout.strip() == "False"
