@@ -78,7 +78,7 @@ def test_an_override_makes_tables_that_are_not_there(scene_file: Path):
         ("balloon.shear=3", r"balloon\.0\.shear: unknown field; did you mean balloon\.stiffness\.shear\?$"),
         ("balloon.penalty=3", r"balloon\.0\.penalty: unknown field; did you mean sphere\.penalty\?$"),
         ("balloon.color=red", r"balloon\.0\.color: must be numbers in brackets \(got 'red'\)"),
-        ("colour=1", r"colour: unknown field; did you mean balloon\.color or sphere\.color\?$"),
+        ("colour=1", r"colour: unknown field; did you mean balloon\.color, sphere\.color or obstacle\.color\?$"),
         ("k_norml=1", r"k_norml: unknown field; did you mean balloon\.inflation\.k_normal\?$"),
         ("xyzzy=1", r"xyzzy: unknown field; known here are description, up_axis, gravity, .*"),
         ("baloon.mass=1", r"baloon: unknown table; did you mean balloon\?$"),
