@@ -3,6 +3,7 @@
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
@@ -52,7 +53,7 @@ def _world_writer(simulator: Simulator) -> Callable[[Path], None]:
     def write(path: Path) -> None:
         with StageWriter(path, simulator.model) as stage:
             for frame in frames:
-                stage.write(frame)
+                stage.write(replace(frame))  # which has not measured itself yet, as in a run
 
     return write
 
