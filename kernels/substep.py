@@ -1,7 +1,7 @@
 """A substep, in order. Schedules place these pieces; what happens, and in which order, stands here.
 
     refresh      the aims of normal forces: once a frame, or every substep
-    roll         spheres move under the contacts of the substep before             `laws.contact.move_sphere`
+    roll         spheres move under the contacts of the substep before             `loops.rolling`
     pump         gas is pumped in, or let out                                       `loops.gas`
     pull         all forces on a particle but the inflation                         `loops.net_force`
     swell        where there is gas: how balloons would swell, and their pressure   `swell`, `load_of_balloon`

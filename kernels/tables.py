@@ -164,6 +164,8 @@ class FixtureTable:
     """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
     frictions: wp.array2d[float]
+    restitutions: wp.array2d[float]
+    """of spheres"""
 
 
 @wp.struct

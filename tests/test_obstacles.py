@@ -5,7 +5,7 @@ import pytest
 from meshes import cube, grid, mesh_of, quad_sphere
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Stiffness
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
@@ -202,3 +202,30 @@ def test_contact_gives_no_energy(device: str):
         energies = [0.5 * (frame.velocities[0] ** 2).sum() / len(frame.velocities[0]) for frame in frames]
         assert max(energies) <= energies[0] * 1.002
         assert energies[-1] < 0.95 * energies[0]
+
+
+@pytest.mark.parametrize("contact", ["penalty", "impulse"])
+def test_a_sphere_bounces_on_an_obstacle_and_rests(contact: str, schedule: str, device: str):
+    """From a height it comes back to restitution^2 of that; on a slope without friction it slides as g sin says."""
+    far = particles([(0, 50, 0), (0, 50, 0.1), (0.1, 50, 0.1), (0.1, 50, 0)])
+    table = Obstacle(size=(2.0, 0.2, 2.0), position=(0, -0.1, 0), restitution=0.6)
+    ramp = Obstacle(mesh=slab(), position=(20.0, 0, 0), rotation=(0, 0, 30.0), restitution=0.0)
+    up = np.array([-0.5, np.sqrt(0.75), 0.0])
+    on_ramp = np.array([20.0, 0.0, 0.0]) + (0.1 + 0.25) * up
+    scene = Scene(
+        balloon=[far],
+        obstacle=[table, ramp],
+        sphere=[Sphere(position=(0, 1.25, 0), radius=0.25), Sphere(position=tuple(on_ramp), radius=0.25)],
+        contact=contact,
+        substeps=40,
+        frames=80,
+        gravity=GRAVITY,
+    )
+    frames = list(Simulator(scene, device, schedule=schedule).run())
+    heights = np.array([frame.sphere_positions[0][1] for frame in frames])
+    landed = int(np.argmax(heights < 0.27))
+    assert heights[landed:].max() - 0.25 == pytest.approx(0.36, rel=0.02)
+    assert heights.min() >= 0.25 - 1e-5
+    slid = frames[30].sphere_positions[1] - on_ramp
+    assert -slid @ [np.sqrt(0.75), 0.5, 0.0] == pytest.approx(0.5 * GRAVITY * 0.5 * 0.25, rel=0.01)
+    assert slid @ up == pytest.approx(0.0, abs=1e-4)

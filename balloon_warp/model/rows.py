@@ -33,6 +33,7 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("string_stiffness", "N/m", 20.0, least=TINY, of="string", path="stiffness"),
     Parameter("obstacle_position", "m", of="obstacle", path="position", size=3),
     Parameter("obstacle_friction", "1", 0.5, least=0.0, of="obstacle", path="friction"),
+    Parameter("obstacle_restitution", "1", 0.3, least=0.0, most=1.0, of="obstacle", path="restitution"),
     Parameter("tube_conductance", "mol/(s Pa)", least=0.0, of="tube", path="conductance"),
 )
 """NaN is settled once all is known: a string's length, and an amount of gas"""

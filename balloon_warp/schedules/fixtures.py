@@ -30,4 +30,5 @@ def fixture_table(model: Model) -> Any:
     table.motion = model.obstacle_motion
     table.positions = model.parameters["obstacle_position"]
     table.frictions = model.parameters["obstacle_friction"]
+    table.restitutions = model.parameters["obstacle_restitution"]
     return table

@@ -70,10 +70,10 @@ class LaunchedSchedule(ABC):
         now = kept
         pieces.begin_frame(state)
         for substep in range(self.model.substeps):
+            time_in_frame = substep * self.model.step_seconds
             if substep == 0 or self.traits.fresh_normals:
                 pieces.refresh(now[0])
-            pieces.roll(state)
-            time_in_frame = substep * self.model.step_seconds
+            pieces.roll(state, time_in_frame)
             now = self.advance_substep(state, time_in_frame, now)
             pieces.touch(state, time_in_frame, *now)
             yield substep

@@ -8,8 +8,6 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.schedules.between import (
     correct_color,
-    let_spheres_fall,
-    move_spheres,
     read_sphere_forces,
     write_sphere_forces,
 )
@@ -23,6 +21,7 @@ from balloon_warp.kernels.schedules.launched_gas import (
     swelling_kernel,
     tube_kernel,
 )
+from balloon_warp.kernels.schedules.launched_roll import roll_kernel
 from balloon_warp.kernels.schedules.launched_touch import touch_kernel
 from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
@@ -84,9 +83,6 @@ class Pieces:
         self._aims = AimRefresher(model, tables, room) if traits.aims else None
         places, split = model.columns.places, model.columns.balloon_width
         self._limit_column = places["correction_limit"] - split if traits.corrected else 0
-        self._sphere_columns = wp.vec3i(
-            *(places[name] - split for name in ("gravity", "ground_height", "ground_restitution"))
-        )
         offsets = np.asarray(tables.correction.color_offsets.numpy())
         self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
 
@@ -110,13 +106,11 @@ class Pieces:
         if self._aims:
             self._aims.refresh(points, self.working.aims)
 
-    def roll(self, state: State) -> None:
+    def roll(self, state: State, time_in_frame: float) -> None:
         """Spheres move, by the paper's rule under the contacts of the substep before."""
-        moving = self.tables, self._sphere_columns, state.sphere_positions, state.sphere_velocities
-        if self.traits.penalties:
-            self._over_spheres(move_spheres, *moving, self.working.sphere_quanta)
-        else:
-            self._over_spheres(let_spheres_fall, *moving, state.sphere_forces)
+        if self.model.sphere_count:
+            moving = state.sphere_positions, state.sphere_velocities, state.sphere_forces, self.working.sphere_quanta
+            self._over_spheres(roll_kernel(self.traits), self.tables, time_in_frame, state.frame, *moving)
 
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""

@@ -93,6 +93,12 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 
 @wp.func
+def bounced(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
+    """The velocity of a sphere that has met a surface: it leaves with its speed toward that times the restitution."""
+    return velocity - (1.0 + restitution) * wp.min(wp.dot(velocity - surface_velocity, normal), 0.0) * normal
+
+
+@wp.func
 def move_sphere(
     position: wp.vec3,
     velocity: wp.vec3,
@@ -110,7 +116,7 @@ def move_sphere(
     depth = ground_height + radius - wp.dot(position, up)
     if depth > 0.0:
         position += depth * up
-        velocity -= (1.0 + ground_restitution) * wp.min(wp.dot(velocity, up), 0.0) * up
+        velocity = bounced(velocity, wp.vec3(), up, ground_restitution)
     return position, velocity
 
 

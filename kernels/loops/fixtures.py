@@ -1,4 +1,4 @@
-"""Obstacles that go where they are told, beside a particle: where they are, and where they let it go."""
+"""Obstacles that go where they are told: where they are, and where they let a particle go, or a ball."""
 
 from functools import cache
 from typing import Any
@@ -90,9 +90,9 @@ def surface_function(traits: Traits) -> Any:
     """The function that measures the distance to an obstacle's surface."""
 
     @wp.func
-    def surface_at(t: Tables, fixture: wp.int32, point: wp.vec3, farthest: float):
-        """Signed [m], less the obstacle's thickness, and the normal; the point is seen from the obstacle. Of a mesh,
-        very large beyond `farthest`."""
+    def surface_at(t: Tables, fixture: wp.int32, point: wp.vec3, radius: float, farthest: float):
+        """Signed [m], less the obstacle's thickness and a radius, and the normal; the point is seen from the obstacle.
+        Of a mesh, very large beyond `farthest`."""
         kind = t.fixtures.kinds[fixture]
         size = t.fixtures.sizes[fixture]
         distance = wp.dot(point, t.up)
@@ -112,7 +112,7 @@ def surface_function(traits: Traits) -> Any:
                 )
                 distance = of_mesh
                 normal = out_of_mesh
-        return distance - t.fixtures.thicknesses[fixture], normal
+        return distance - t.fixtures.thicknesses[fixture] - radius, normal
 
     return surface_at
 
@@ -123,7 +123,9 @@ def way_function(traits: Traits) -> Any:
     surface_at = surface_function(traits)
 
     @wp.func
-    def stopped_on_the_way(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, first: float, farthest: float):
+    def stopped_on_the_way(
+        t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, radius: float, first: float, farthest: float
+    ):
         """Where a particle first came inside that may have gone through: its place on the surface there, and the
         normal, zero if nowhere. As far as the surface is away, it may go unseen (Hart 1996, *Sphere tracing*)."""
         way = wp.length(end - start)
@@ -135,7 +137,7 @@ def way_function(traits: Traits) -> Any:
         looks = wp.int32(0)
         while gone < way and looks < MOST_LOOKS:
             here = start + gone * ahead
-            distance, normal = surface_at(t, fixture, here, farthest)
+            distance, normal = surface_at(t, fixture, here, radius, farthest)
             gone += wp.max(distance, least / wp.max(-wp.dot(normal, ahead), 0.01))
             looks += 1
             if distance < 0.0:
@@ -145,17 +147,17 @@ def way_function(traits: Traits) -> Any:
         return stop, outward
 
     @wp.func
-    def let_through(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3):
+    def let_through(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, radius: float):
         """The end of a particle's way, on the surface if that is in it, and then the normal there, or else zero."""
         way = wp.length(end - start)
-        farthest = way + t.fixtures.thicknesses[fixture] + 0.1 * t.fixtures.reaches[fixture]
+        farthest = way + t.fixtures.thicknesses[fixture] + radius + 0.1 * t.fixtures.reaches[fixture]
         let = end
         outward = wp.vec3()
-        first, facing = surface_at(t, fixture, start, farthest)
+        first, facing = surface_at(t, fixture, start, radius, farthest)
         if first <= way:
-            last, normal = surface_at(t, fixture, end, farthest)
+            last, normal = surface_at(t, fixture, end, radius, farthest)
             if wp.dot(normal, facing) <= 0.0:
-                stop, there = stopped_on_the_way(t, fixture, start, end, first, farthest)
+                stop, there = stopped_on_the_way(t, fixture, start, end, radius, first, farthest)
                 let = stop
                 outward = there
             if wp.length_sq(outward) == 0.0 and last < 0.0:
@@ -167,13 +169,13 @@ def way_function(traits: Traits) -> Any:
 
 
 @cache
-def fixture_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that let a particle leave obstacles, and that foresee where they let it go."""
+def meeting_function(traits: Traits) -> Any:
+    """The function by which a particle, or a ball, meets an obstacle."""
     pose_at = pose_function(traits)
     let_through = way_function(traits)
 
     @wp.func
-    def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3):
+    def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3, radius: float):
         """Where an obstacle lets a particle go in a step that ends at a time; the normal there, zero if it is not in
         the way; and how fast its surface moves there [m/s]."""
         let = end
@@ -186,9 +188,9 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
             earlier = pose_at(t, world, fixture, time - t.step_seconds)
             # where the particle would have been, had the obstacle stood already where it is now
             before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
-        if wp.length(arm) <= t.fixtures.reaches[fixture] + wp.length(arm - before):
+        if wp.length(arm) <= t.fixtures.reaches[fixture] + radius + wp.length(arm - before):
             place, outward = let_through(
-                t, fixture, wp.quat_rotate_inv(pose.turn, before), wp.quat_rotate_inv(pose.turn, arm)
+                t, fixture, wp.quat_rotate_inv(pose.turn, before), wp.quat_rotate_inv(pose.turn, arm), radius
             )
             if wp.length_sq(outward) > 0.0:
                 arm = wp.quat_rotate(pose.turn, place)
@@ -197,12 +199,20 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                 moving = pose.velocity + wp.cross(pose.spin, arm)
         return let, normal, moving
 
+    return meet
+
+
+@cache
+def fixture_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that let a particle leave obstacles, and that foresee where they let it go."""
+    meet = meeting_function(traits)
+
     @wp.func
     def leave_fixtures(t: Tables, world: wp.int32, time: float, point: wp.vec3, velocity: wp.vec3):
         """A particle's point and velocity outside of all of them, at the end of a step."""
         start = point - t.step_seconds * velocity
         for fixture in range(t.fixtures.kinds.shape[0]):
-            let, normal, moving = meet(t, world, fixture, time, start, point)
+            let, normal, moving = meet(t, world, fixture, time, start, point, 0.0)
             if wp.length_sq(normal) > 0.0:
                 friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
                 stood, slowed = stand_on(let, velocity, moving, normal, friction, t.step_seconds)
@@ -224,7 +234,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
         outside = end
         outward = last_normal
         for fixture in range(t.fixtures.kinds.shape[0]):
-            let, normal, moving = meet(t, world, fixture, time, start, outside)
+            let, normal, moving = meet(t, world, fixture, time, start, outside, 0.0)
             if wp.length_sq(normal) > 0.0:
                 friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
                 stood, _slowed = stand_on(let, velocity, moving, normal, friction, t.step_seconds)

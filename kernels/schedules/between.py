@@ -1,12 +1,10 @@
-"""What comes between the pieces of a substep, where each is a launch: spheres move, springs are corrected."""
+"""What comes between the pieces of a substep, where each is a launch: springs are corrected, forces read and shown."""
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import move_sphere
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
-from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.schedules.fixed_point import set_quanta, total_newtons
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, row_of_world
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,66 +32,6 @@ def correct_color(
         points[world, q] = points[world, q] + move_q
         velocities[world, p] = velocities[world, p] + move_p / t.step_seconds
         velocities[world, q] = velocities[world, q] + move_q / t.step_seconds
-
-
-@wp.kernel
-def move_spheres(
-    # model
-    t: Tables,
-    world_columns: wp.vec3i,
-    # state in and out
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    sphere_quanta: wp.array3d[wp.int64],
-):
-    """A thread a (world, sphere): one substep under the forces since the last, which are then cleared. The columns are
-    those of gravity, and of the ground's height and restitution."""
-    world, sphere = wp.tid()
-    row = row_of_world(world, t.world_numbers.shape[0])
-    position, velocity = move_sphere(
-        sphere_positions[world, sphere],
-        sphere_velocities[world, sphere],
-        total_newtons(sphere_quanta, world, sphere) / sphere_mass(t.spheres, world, sphere),
-        sphere_radius(t.spheres, world, sphere),
-        t.world_numbers[row, world_columns[0]],
-        t.up,
-        t.world_numbers[row, world_columns[1]],
-        t.world_numbers[row, world_columns[2]],
-        t.step_seconds,
-    )
-    sphere_positions[world, sphere] = position
-    sphere_velocities[world, sphere] = velocity
-    set_quanta(sphere_quanta, world, sphere, wp.vec3())
-
-
-@wp.kernel
-def let_spheres_fall(
-    # model
-    t: Tables,
-    world_columns: wp.vec3i,
-    # state in and out
-    sphere_positions: wp.array2d[wp.vec3],
-    sphere_velocities: wp.array2d[wp.vec3],
-    # state out
-    sphere_forces: wp.array2d[wp.vec3],
-):
-    """A thread a (world, sphere): one substep without contact, of those that exchange momentum afterwards. The columns
-    are the same."""
-    world, sphere = wp.tid()
-    row = row_of_world(world, t.world_numbers.shape[0])
-    position, velocity = fall(
-        sphere_positions[world, sphere],
-        sphere_velocities[world, sphere],
-        sphere_radius(t.spheres, world, sphere),
-        t.world_numbers[row, world_columns[0]],
-        t.up,
-        t.world_numbers[row, world_columns[1]],
-        t.world_numbers[row, world_columns[2]],
-        t.step_seconds,
-    )
-    sphere_positions[world, sphere] = position
-    sphere_velocities[world, sphere] = velocity
-    sphere_forces[world, sphere] = wp.vec3()
 
 
 @wp.kernel

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import move_sphere
-from balloon_warp.kernels.laws.impulse import fall
+from balloon_warp.kernels.loops.rolling import rolling_function
 from balloon_warp.kernels.measure.health import look_at_sphere
 from balloon_warp.kernels.schedules.block_memory import Layout
 from balloon_warp.kernels.schedules.warps import (
@@ -69,6 +68,7 @@ def board_of(traits: Traits, layout: Layout) -> Board:
     gravity, height, restitution = (
         traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
     )
+    roll_by_a_step = rolling_function(traits)
 
     @wp.func
     def post_of(substep: wp.int32, warp: wp.int32, sphere: wp.int32):
@@ -111,20 +111,19 @@ def board_of(traits: Traits, layout: Layout) -> Board:
                     write_entry(board(), motion_of(-1, sphere), state.sphere_velocities[world, sphere], response)
 
     @wp.func
-    def roll_sphere(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, sphere: wp.int32):
-        """By all threads of a warp."""
+    def roll_sphere(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, end: float, sphere: wp.int32):
+        """By all threads of a warp; the substep ends at a time."""
         place = read_entry(board(), place_of(substep - 1, sphere))
         motion = read_entry(board(), motion_of(substep - 1, sphere))
         around = read_entry(board(), surroundings)
         center = wp.vec3(place[0], place[1], place[2])
         velocity = wp.vec3(motion[0], motion[1], motion[2])
-        if wp.static(traits.impulses):
-            center, velocity = fall(center, velocity, place[3], around[0], t.up, around[1], around[2], t.step_seconds)
-        else:
-            force = posted_force(substep - 1, sphere)
-            center, velocity = move_sphere(
-                center, velocity, motion[3] * force, place[3], around[0], t.up, around[1], around[2], t.step_seconds
-            )
+        pushed = wp.vec3()
+        if wp.static(not traits.impulses):
+            pushed = motion[3] * posted_force(substep - 1, sphere)
+        center, velocity = roll_by_a_step(
+            t, world, end, center, velocity, pushed, place[3], wp.vec3(around[0], around[1], around[2])
+        )
         writes = thread % WARP_THREADS == 0
         if wp.static(rolls_by_warps):
             writes = thread == 0
@@ -134,10 +133,10 @@ def board_of(traits: Traits, layout: Layout) -> Board:
         return center, velocity, place[3]
 
     @wp.func
-    def roll(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32):
+    def roll(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, end: float):
         for sphere in range(count):
             if thread // WARP_THREADS == sphere % warps:
-                _center, _velocity, _radius = roll_sphere(t, world, thread, substep, sphere)
+                _center, _velocity, _radius = roll_sphere(t, world, thread, substep, end, sphere)
 
     @wp.func
     def sphere_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):

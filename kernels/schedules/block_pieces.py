@@ -147,7 +147,9 @@ def pieces_of(
     def see_sphere(t: Tables, seat: Seat, sphere: wp.int32):
         """Center, velocity and radius in this substep."""
         if wp.static(rolls):
-            center, motion, radius = board.roll_sphere(t, seat.world, seat.thread, seat.substep, sphere)
+            center, motion, radius = board.roll_sphere(
+                t, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds, sphere
+            )
             return center, motion, radius
         else:
             there, moving, reach = board.sphere_at(t, seat.substep, seat.world, sphere)

@@ -219,7 +219,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
                 if wp.static(traits.fresh_normals) or substep == 0:
                     refresh_aims(t, lanes, group, points)
             if wp.static(traits.spheres > 0):
-                roll(t, state, lanes, group)
+                roll(t, state, lanes, group, time + t.step_seconds)
             if wp.static(traits.looks_at_velocities):
                 show_velocities(t, lanes, group)
             if wp.static(traits.has("hinge")):

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.units import Unit
-from balloon_warp.scene.schema.fields import Color, NonNegative, Positive, Table, Vector
+from balloon_warp.scene.schema.fields import Color, NonNegative, Positive, Table, UnitInterval, Vector
 
 ShapeKind = Literal["box", "capsule", "plane", "mesh"]
 Moved = tuple[NonNegative, Vector] | tuple[NonNegative, Vector, Vector]
@@ -29,7 +29,7 @@ def _mesh_of(given: Any) -> Any:
 
 
 class Obstacle(Table):
-    """A rigid thing that balloons cannot enter: it stays, or moves as it is told, whatever pushes it."""
+    """A rigid thing that balloons and spheres cannot enter: it stays, or moves as it is told, whatever pushes it."""
 
     shape: ShapeKind = "box"
     """when left out, the one that has the fields that are given. A "plane" fills all that is below it; a "capsule"
@@ -56,6 +56,8 @@ class Obstacle(Table):
     `rotation` about x, then y, then z [degrees]; linear between them, and still before the first and after the last"""
     friction: NonNegative = 0.5
     """Coulomb's coefficient, for balloons [1]"""
+    restitution: UnitInterval = 0.3
+    """rebound speed over impact speed, for spheres [1]"""
     thickness: NonNegative | None = None
     """how far from its surface balloons are held [m]: half of what a sheet is thick; 0 when missing, and a thousandth
     of its size for a sheet"""
