@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from balloon_warp.errors import InputError
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.inflation_kinds import drop_other_kinds
-from balloon_warp.scene.schema import Scene
+from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Scene
 
 Override = tuple[str, Any]
 """a dotted path, and the value to put there"""
@@ -98,10 +98,11 @@ def override_scene(scene: Scene, overrides: Iterable[Override]) -> Scene:
     Raises:
         InputError: names the path or field that is wrong.
     """
-    meshes = [balloon.mesh for balloon in scene.balloon]
-    table = scene.model_dump(mode="json", exclude_none=True, exclude={"balloon": {"__all__": {"mesh"}}})
-    for balloon, mesh in zip(table["balloon"], meshes, strict=True):
-        balloon["mesh"] = mesh
+    table = scene.model_dump(mode="json", exclude_none=True, exclude=WITHOUT_MESHES)
+    for name in MESHED:
+        for plain, meshed in zip(table[name], getattr(scene, name), strict=True):
+            if meshed.mesh is not None:
+                plain["mesh"] = meshed.mesh
     apply_overrides(table, overrides)
     try:
         return Scene.model_validate(table)

@@ -12,6 +12,11 @@ from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Posi
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
+MESHED = ("balloon", "obstacle")
+"""lists of the scene whose tables may have a mesh"""
+WITHOUT_MESHES = {name: {"__all__": {"mesh"}} for name in MESHED}
+"""what to leave out of a scene that is to be plain values: a mesh that came from Python is none"""
+
 
 class Tube(Table):
     """A tube between two balloons with gas: through it flows the gas that the difference of pressures drives."""
