@@ -1,8 +1,10 @@
 """Obstacles on the host: their shapes, and how they move from frame to frame."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -83,6 +85,29 @@ def warp_mesh(shape: ObstacleShape, device: wp.Device) -> wp.Mesh | None:
         return None
     points = wp.array(shape.mesh.points, dtype=wp.vec3, device=device)
     return wp.Mesh(points, wp.array(shape.triangles.ravel(), dtype=wp.int32, device=device))
+
+
+def obstacle_poses(positions: NDArray[np.floating], motion: NDArray[np.floating], frame: int) -> NDArray[np.float64]:
+    """Where obstacles are at a frame: their origins [m], and quaternions (x, y, z, w), shape (..., obstacle_count, 7).
+
+    Args:
+        positions: as the scene or its worlds have them now [m], shape (..., obstacle_count, 3).
+        motion: as `obstacle_motion` makes it.
+    """
+    moved = motion[min(frame, len(motion) - 1)]
+    places = positions + moved[:, :3]
+    turns = np.broadcast_to(moved[:, 3:], (*places.shape[:-1], 4))
+    return np.concatenate([places, turns], axis=-1).astype(np.float64)
+
+
+def moves(scene: Scene, number: int, changing: Iterable[Mapping[str, tuple[NDArray[np.bool_], Any]]]) -> bool:
+    """Whether an obstacle is not at one place all the time.
+
+    Args:
+        changing: what each change of the scene changes, as `DueChange.values`.
+    """
+    changed = (values["obstacle_position"][0][number] for values in changing if "obstacle_position" in values)
+    return bool(scene.obstacle[number].motion) or any(which.any() for which in changed)
 
 
 def obstacle_motion(scene: Scene) -> NDArray[np.float64]:

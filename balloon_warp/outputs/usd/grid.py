@@ -76,7 +76,7 @@ class GridWriter:
         middle = 0.5 * (lowest + highest)
         stage = Usd.Stage.Open(self._layer)
         describe_stage(stage, scene)
-        prototypes = Prototypes(stage, plans)
+        prototypes = Prototypes(stage, plans, middle, PIECE * side)
         half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
         for plane in planes_of(scene):
             heights = {plans[number].of_world(plane.height, row) for _, number, row, _ in members}
