@@ -122,6 +122,11 @@ class GridWriter:
         world = self._worlds[group][place]
         return [world.points(self._layer, number) for number in (self._last - 1, self._last)]
 
+    def last_obstacle_poses(self, group: int, place: int) -> NDArray[np.float64]:
+        """Of a chosen world in its last frame, as `Frame.obstacle_poses`, shape (obstacle_count, 7)."""
+        assert self._last is not None
+        return self._worlds[group][place].obstacles.poses(self._last)
+
     def copy_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
         """Author frames of some groups as they are in a part that a writer of the same groups wrote.
 

@@ -32,7 +32,7 @@ class GridObstacles:
         self._motion, self._positions = motion, positions
         self._moving: dict[int, tuple[Sdf.Path, Sdf.Path]] = {}
         """the paths of place and turn of those that move"""
-        poses = self._poses(0)
+        poses = self.poses(0)
         for number, prim in enumerate(prims):
             place = Sdf.AttributeSpec(prim, PLACE, Sdf.ValueTypeNames.Double3)
             turn = Sdf.AttributeSpec(prim, TURN, Sdf.ValueTypeNames.Quatf)
@@ -48,10 +48,11 @@ class GridObstacles:
 
     def samples(self, frame: int) -> list[Gf.Vec3d | Gf.Quatf]:
         """Their values at a frame, in the order of `paths`."""
-        poses = self._poses(frame)
+        poses = self.poses(frame)
         return [value for number in self._moving for value in as_gf(poses[number])]
 
-    def _poses(self, frame: int) -> NDArray[np.float64]:
+    def poses(self, frame: int) -> NDArray[np.float64]:
+        """Where they are at a frame, as `Frame.obstacle_poses`, shape (obstacle_count, 7)."""
         positions = next(positions for begin, positions in reversed(self._positions) if begin <= frame)
         return obstacle_poses(positions, self._motion, frame)
 

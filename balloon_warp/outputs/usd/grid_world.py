@@ -79,7 +79,7 @@ class GridWorld:
         for plane, path in prototypes.pieces.items():
             piece = _referring(world, plane.piece, path)
             _translated(piece, plan.of_world(plane.height, row) * np.array(plan.scene.up))
-        self._obstacles = GridObstacles(
+        self.obstacles = GridObstacles(
             [_referring(world, path.name, path) for path in prototypes.obstacles],
             plan,
             prototypes.obstacle_motion,
@@ -106,7 +106,7 @@ class GridWorld:
             extent = UsdGeom.Curves.ComputeExtent(places, self._string_widths[number])
             self.layer.SetTimeSample(point_path, time, places)
             self.layer.SetTimeSample(extent_path, time, extent)
-        for path, value in zip(self._obstacles.paths, self._obstacles.samples(time), strict=True):
+        for path, value in zip(self.obstacles.paths, self.obstacles.samples(time), strict=True):
             self.layer.SetTimeSample(path, time, value)
         for path, body in self._lasting:
             seen = is_there(self.plan.scene, body, time)
@@ -126,7 +126,7 @@ class GridWorld:
         balloons = ((points, extent) for points, _, extent in self._balloons)
         balloons, strings = (chain.from_iterable(paths) for paths in (balloons, self._strings))
         lasting = (path for path, _ in self._lasting)
-        for path in chain(balloons, self._spheres, strings, self._obstacles.paths, lasting):
+        for path in chain(balloons, self._spheres, strings, self.obstacles.paths, lasting):
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
     def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:
