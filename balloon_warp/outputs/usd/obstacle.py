@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
-from balloon_warp.model.obstacles import ObstacleShape, moves, obstacle_motion, obstacle_poses
+from balloon_warp.model.obstacles import ObstacleShape, moves, obstacle_poses
 from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, paint
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square
@@ -78,7 +78,7 @@ class ObstaclePrim:
         points = np.concatenate([shape.mesh.points for shape in model.shapes])
         middle, half = 0.5 * (points.min(axis=0) + points.max(axis=0)), SIZES * float(np.ptp(points, axis=0).max())
         positions = model.parameters["obstacle_position"].numpy()[0]
-        pose = obstacle_poses(positions, obstacle_motion(model.scene), 0)[number]
+        pose = obstacle_poses(positions, model.obstacle_motion.numpy(), 0)[number]
         self.prim = define_obstacle(
             stage,
             path,
