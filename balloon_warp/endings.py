@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
@@ -58,6 +59,8 @@ class LastFrame(NamedTuple):
     """of each balloon [m], shape (particle_count, 3)"""
     velocities: Sequence[NDArray[np.floating]]
     """of each balloon [m/s], shape (particle_count, 3)"""
+    obstacle_poses: NDArray[np.float64]
+    """as `Frame` has them, shape (obstacle_count, 7)"""
 
 
 def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadEnding]:
@@ -101,11 +104,32 @@ def _falling(
     if scene.ground or tied or (shape.mass_share[used] == 0.0).any():
         return None
     up, start = np.array(scene.up), shape.mesh.points[used]
+    if _lands(model, frame, frame.points[number][used].astype(np.float64), up):
+        return None
     fallen = float((start - frame.points[number][used]).mean(axis=0) @ up) / _size(start)
     if fallen < FALLEN or float(frame.velocities[number][used].mean(axis=0) @ up) >= 0.0:
         return None
     sentence = f"{shape.name} falls for ever: it is {fallen:.0f} times its size below its start; [ground] stops it"
     return BadEnding("falling", shape.name, fallen, sentence)
+
+
+def _lands(
+    model: Model | ModelPlan, frame: Frame | LastFrame, points: NDArray[np.float64], up: NDArray[np.float64]
+) -> bool:
+    """Whether an obstacle is below a balloon's points, or may be: it counts as wide as it reaches."""
+    center = points.mean(axis=0)
+    sideways = (points - center) - np.outer((points - center) @ up, up)
+    radius, lowest = float(np.linalg.norm(sideways, axis=1).max()), float((points @ up).min())
+    for shape, pose in zip(model.obstacles, frame.obstacle_poses, strict=True):
+        if shape.kind == "plane":
+            if Rotation.from_quat(pose[3:]).apply(up) @ up > 0.0:
+                return True
+            continue
+        arm = center - pose[:3]
+        apart = float(np.linalg.norm(arm - (arm @ up) * up))
+        if apart < radius + shape.reach and lowest > pose[:3] @ up - shape.reach:
+            return True
+    return False
 
 
 def _drifted(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer]) -> BadEnding | None:

@@ -12,7 +12,7 @@ from balloon_warp.reading import HostBuffer, Reading, Recorded
 MOST_RECORDED = 16
 """worlds whose reading is recorded on a GPU; more are read launch by launch"""
 STATE = ("points", "velocities", "pressures", "gas_amounts", "sphere_positions", "sphere_velocities")
-PARAMETERS = ("string_anchor", "ground_height", "water_level")
+PARAMETERS = ("string_anchor", "obstacle_position", "ground_height", "water_level")
 
 
 class FrameReader:
@@ -74,6 +74,7 @@ class WorldReader:
         self._shown = {"inflation_forces": self._own.points} if forces else {}
         if net_forces:
             self._shown["net_forces"] = self._own.points
+        self._obstacle_motion = model.obstacle_motion.numpy()
         self._buffers: dict[int, HostBuffer] = {}
         self._last: HostBuffer | None = None
 
@@ -85,7 +86,7 @@ class WorldReader:
             self._hand_over(self._stream)
         self._last = self._buffers[buffer]
         self._last.fill()
-        return Reading(self.model, self._last, number)
+        return Reading(self.model, self._last, number, self._obstacle_motion)
 
     def _hand_over(self, reading: wp.Stream) -> None:
         """What the simulation has come to, once the last copy is read, to the reading stream."""

@@ -13,15 +13,14 @@ import numpy as np
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
-from balloon_warp.scene.schema import MESHED
+from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES
 
 LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
     """A scene as JSON has it. Of a mesh that came from Python there is the name only."""
-    without_meshes = {name: {"__all__": {"mesh"}} for name in MESHED}
-    described = scene.model_dump(mode="json", exclude=without_meshes)
+    described = scene.model_dump(mode="json", exclude=WITHOUT_MESHES)
     for name in MESHED:
         for table, meshed in zip(described[name], getattr(scene, name), strict=True):
             if meshed.mesh is not None:
@@ -34,10 +33,15 @@ def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dic
     return {
         "scene": describe_scene(scene),
         "laws": describe_laws(laws),
-        "meshes": hash_meshes(each.mesh for name in MESHED for each in getattr(scene, name) if each.mesh is not None),
+        "meshes": hash_meshes(meshes_of(scene)),
         "substeps": substeps,
         "versions": installed_versions(),
     }
+
+
+def meshes_of(scene: Scene) -> list[Path | PolygonMesh]:
+    """Those of balloons and obstacles."""
+    return [each.mesh for name in MESHED for each in getattr(scene, name) if each.mesh is not None]
 
 
 def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:

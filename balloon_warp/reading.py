@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
+from balloon_warp.model.obstacles import obstacle_poses
 
 
 class Recorded:
@@ -79,11 +80,16 @@ class HostBuffer:
 
 
 class Reading:
-    """A world on its way to the host."""
+    """A world on its way to the host.
 
-    def __init__(self, model: Model, buffer: HostBuffer, number: int):
+    Args:
+        number: of the frame.
+        obstacle_motion: the model's, on the host.
+    """
+
+    def __init__(self, model: Model, buffer: HostBuffer, number: int, obstacle_motion: NDArray[np.float32]):
         self.model, self.number = model, number
-        self._buffer = buffer
+        self._buffer, self._obstacle_motion = buffer, obstacle_motion
 
     def frame(self) -> Frame:
         """What was read, once it is there."""
@@ -100,6 +106,7 @@ class Reading:
             sphere_positions=self._rows("sphere_positions"),
             sphere_velocities=self._rows("sphere_velocities"),
             string_anchors=self._rows("string_anchor"),
+            obstacle_poses=obstacle_poses(self._rows("obstacle_position"), self._obstacle_motion, self.number),
             ground_height=self._height("ground_height"),
             water_level=self._height("water_level"),
             meshes=[shape.mesh for shape in self.model.shapes],

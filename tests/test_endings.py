@@ -10,7 +10,7 @@ from meshes import cube, grid, quad_sphere
 
 from balloon_warp import PolygonMesh, Scene, Simulator, animate, run_batch
 from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
-from balloon_warp.scene import Balloon, Ground, Inflation, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, String
 
 BALL = quad_sphere(6)
 
@@ -88,6 +88,24 @@ def test_a_balloon_with_nothing_below_it_falls_for_ever():
     assert (ending.kind, ending.measure) == ("falling", pytest.approx(6.0))
     tied["string"] = [String(anchor=(0.0, 3.0, 0.0), end=0.0)]  # and was cut
     assert kinds(low, speed=1.0, **tied) == ["falling"]
+
+
+def test_a_balloon_above_an_obstacle_lands():
+    """On one below it, or on a plane; not on one that it fell past, nor under a ceiling."""
+    size = np.ptp(BALL.points, axis=0).max()
+    low = BALL.points - np.array([0.0, 6.0 * size, 0.0])
+    for obstacle, expected in [
+        (Obstacle(position=(0.0, -7.0 * size, 0.0)), []),
+        (Obstacle(position=(3.0 * size, -7.0 * size, 0.0)), ["falling"]),
+        (Obstacle(position=(0.0, -3.0 * size, 0.0)), ["falling"]),
+        (Obstacle(shape="plane", position=(0.0, -9.0 * size, 0.0), rotation=(30.0, 0.0, 0.0)), []),
+        (Obstacle(shape="plane", position=(0.0, 2.0 * size, 0.0), rotation=(180.0, 0.0, 0.0)), ["falling"]),
+        (
+            Obstacle(position=(0.0, -3.0 * size, 0.0), motion=[(0.0, (0.0, -4.0 * size, 0.0))]),
+            [],
+        ),
+    ]:
+        assert kinds(low, speed=1.0, ground=None, obstacle=[obstacle]) == expected
 
 
 def test_what_happened_to_many_is_said_once():

@@ -171,7 +171,7 @@ def test_bad_stages_get_a_sentence(tmp_path: Path):
 
     empty = new_stage(tmp_path / "empty.usda")
     add_ground(empty)
-    fails(r"empty\.usda: has no visible mesh, sphere or linear curves to draw at frame 0", empty)
+    fails(r"empty\.usda: has no visible mesh, cube, sphere, capsule or linear curves to draw at frame 0", empty)
 
     points, counts, indices = quad_sphere(2)
     wrong = new_stage(tmp_path / "wrong.usda")

@@ -50,7 +50,12 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         balloons = [{"mesh": str(mesh[0]), **asdict(reports[mesh])} for mesh in meshes]
         print(json.dumps({"description": scene.description, "balloons": balloons, "step": step}))
         return
-    things = {"balloon": scene.balloon, "sphere": scene.sphere, "string": scene.string}
+    things = {
+        "balloon": scene.balloon,
+        "sphere": scene.sphere,
+        "string": scene.string,
+        "obstacle": scene.obstacle,
+    }
     counts = [counted(len(many), name) for name, many in things.items() if many]
     console = _console()
     console.print(_table(source, {"shows": scene.description, "holds": ", ".join(counts), **_step_rows(step)}))

@@ -1,8 +1,10 @@
 """Obstacles on the host: their shapes, and how they move from frame to frame."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -24,6 +26,8 @@ SHEET = 1.0e-3
 """thickness of a sheet over its size"""
 MOST_TURN = 90.0
 """[degrees] in a frame"""
+MOST_FRAMES = 1_000_000
+"""that a motion may take"""
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ def shape_obstacle(number: int, obstacle: Obstacle, scene: Scene) -> ObstacleSha
     """Read an obstacle's mesh and measure it.
 
     Raises:
-        InputError: the mesh cannot be read, or has no face.
+        InputError: the mesh cannot be read, or has no face or no size.
     """
     mesh, closed, size, reach = None, True, np.zeros(3), np.inf
     if obstacle.shape == "box":
@@ -71,6 +75,8 @@ def shape_obstacle(number: int, obstacle: Obstacle, scene: Scene) -> ObstacleSha
         closed = is_closed(mesh_edges(mesh))
         used = mesh.points[np.unique(mesh.face_vertex_indices)]
         reach = float(np.linalg.norm(used, axis=1).max())
+        if np.ptp(used, axis=0).max() == 0.0:
+            raise InputError(f"{source}: all its vertices stand at one place; expected a mesh with some size")
     thickness = obstacle.thickness
     if thickness is None:
         thickness = 0.0 if closed else SHEET * reach
@@ -85,15 +91,43 @@ def warp_mesh(shape: ObstacleShape, device: wp.Device) -> wp.Mesh | None:
     return wp.Mesh(points, wp.array(shape.triangles.ravel(), dtype=wp.int32, device=device))
 
 
+def obstacle_poses(positions: NDArray[np.floating], motion: NDArray[np.floating], frame: int) -> NDArray[np.float64]:
+    """Where obstacles are at a frame: their origins [m], and quaternions (x, y, z, w), shape (..., obstacle_count, 7).
+
+    Args:
+        positions: as the scene or its worlds have them now [m], shape (..., obstacle_count, 3).
+        motion: as `obstacle_motion` makes it.
+    """
+    moved = motion[min(frame, len(motion) - 1)]
+    places = positions + moved[:, :3]
+    turns = np.broadcast_to(moved[:, 3:], (*places.shape[:-1], 4))
+    return np.concatenate([places, turns], axis=-1).astype(np.float64)
+
+
+def moves(scene: Scene, number: int, changing: Iterable[Mapping[str, tuple[NDArray[np.bool_], Any]]]) -> bool:
+    """Whether an obstacle is not at one place all the time.
+
+    Args:
+        changing: what each change of the scene changes, as `DueChange.values`.
+    """
+    changed = (values["obstacle_position"][0][number] for values in changing if "obstacle_position" in values)
+    return bool(scene.obstacle[number].motion) or any(which.any() for which in changed)
+
+
 def obstacle_motion(scene: Scene) -> NDArray[np.float64]:
     """Shifts of obstacles from their positions [m], and quaternions (x, y, z, w) of how they are turned, at the start
     of each frame until all rest, shape (frames, obstacle_count, 7); of one frame where none moves.
 
     Raises:
-        InputError: one turns by more than a quarter in a frame, so that it is not known which way.
+        InputError: one turns by more than a quarter in a frame, so that it is not known which way, or moves for longer
+            than is kept.
     """
-    lasts = [obstacle.motion[-1][0] for obstacle in scene.obstacle if obstacle.motion]
-    frames = ceil(max(lasts) * scene.frames_per_second) + 2 if lasts else 1
+    lasts = {number: obstacle.motion[-1][0] for number, obstacle in enumerate(scene.obstacle) if obstacle.motion}
+    for number, last in lasts.items():
+        if last * scene.frames_per_second > MOST_FRAMES:
+            most = MOST_FRAMES / scene.frames_per_second
+            raise InputError(f"obstacle.{number}.motion: ends after {last:g} s; expected {most:g} s at most")
+    frames = ceil(max(lasts.values()) * scene.frames_per_second) + 2 if lasts else 1
     times = np.arange(frames) / scene.frames_per_second
     motion = np.zeros((frames, len(scene.obstacle), 7))
     for number, obstacle in enumerate(scene.obstacle):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
+from balloon_warp.model.clear_starts import require_clear_starts
 from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
@@ -106,7 +107,7 @@ def plan_model(
 
     Raises:
         InputError: a law is not right, a mesh cannot be read or strung, or not hold gas, a particle is not in its
-            balloon, a varied value is wrong, or the step is not stable.
+            balloon, a balloon starts inside an obstacle, a varied value is wrong, or the step is not stable.
     """
     if not isinstance(world_count, int | np.integer) or world_count < 1:
         raise InputError(f"world_count: must be a whole number, at least 1 (got {world_count})")
@@ -117,13 +118,15 @@ def plan_model(
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     parameters = _settled(scene, shapes, held, said)
+    obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
+    require_clear_starts(scene, shapes, obstacles, parameters)
     changes = list(turns(scene, rows))
     network = Network(shapes, held, (*LAWS, *laws))
     return ModelPlan(
         scene=scene,
         world_count=world_count,
         shapes=shapes,
-        obstacles=[shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)],
+        obstacles=obstacles,
         held=held,
         own_laws=tuple(laws),
         parameters=parameters,

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from balloon_warp.errors import InputError
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.inflation_kinds import drop_other_kinds
-from balloon_warp.scene.schema import MESHED, Scene
+from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Scene
 
 Override = tuple[str, Any]
 """a dotted path, and the value to put there"""
@@ -98,12 +98,11 @@ def override_scene(scene: Scene, overrides: Iterable[Override]) -> Scene:
     Raises:
         InputError: names the path or field that is wrong.
     """
-    without_meshes = {name: {"__all__": {"mesh"}} for name in MESHED}
-    table = scene.model_dump(mode="json", exclude_none=True, exclude=without_meshes)
+    table = scene.model_dump(mode="json", exclude_none=True, exclude=WITHOUT_MESHES)
     for name in MESHED:
-        for item, meshed in zip(table[name], getattr(scene, name), strict=True):
+        for plain, meshed in zip(table[name], getattr(scene, name), strict=True):
             if meshed.mesh is not None:
-                item["mesh"] = meshed.mesh
+                plain["mesh"] = meshed.mesh
     apply_overrides(table, overrides)
     try:
         return Scene.model_validate(table)

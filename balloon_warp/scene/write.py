@@ -13,7 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.scene.reference import default_of, first_line, meaning_of
-from balloon_warp.scene.schema import MESHED, Balloon, Obstacle, Scene
+from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Obstacle, Scene
 from balloon_warp.scene.toml import toml_value
 
 HEADER = """\
@@ -37,7 +37,7 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
     missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
     moved = {
         name: [
-            each.model_copy(update={"mesh": copies.get(file, file)}) if (file := _path_of(each)) else each
+            each.model_copy(update={"mesh": copies.get(mesh, mesh)}) if (mesh := _path_of(each)) else each
             for each in getattr(scene, name)
         ]
         for name in MESHED
@@ -55,12 +55,11 @@ def scene_toml(scene: Scene, folder: Path) -> str:
 
     Mesh files are named from the folder, those of bundled scenes by their whole path. Every number has all its digits.
     """
-    without_meshes = {name: {"__all__": {"mesh"}} for name in MESHED}
-    table = scene.model_dump(mode="json", exclude_defaults=True, exclude=without_meshes)
+    table = scene.model_dump(mode="json", exclude_defaults=True, exclude=WITHOUT_MESHES)
     for name in MESHED:
         for number, each in enumerate(getattr(scene, name)):
-            if path := _path_of(each):
-                table[name][number] = {"mesh": _named_from(path, folder), **table[name][number]}
+            if mesh := _path_of(each):
+                table[name][number] = {"mesh": _named_from(mesh, folder), **table[name][number]}
     return HEADER + "\n".join(_lines(scene, table)) + "\n"
 
 

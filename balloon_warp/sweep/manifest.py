@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.files import whole_file
-from balloon_warp.provenance import describe_laws, describe_scene, hash_meshes, hash_of_file, installed_versions
+from balloon_warp.provenance import (
+    describe_laws,
+    describe_scene,
+    hash_meshes,
+    hash_of_file,
+    installed_versions,
+    meshes_of,
+)
 from balloon_warp.sweep.groups import vary_columns
 from balloon_warp.sweep.task import BatchTask, Outcome
 
@@ -27,7 +34,7 @@ def describe_batch(task: BatchTask) -> dict[str, Any]:
         "vary": columns,
         "export": task.chosen.tolist(),
         "laws": describe_laws(task.laws),
-        "meshes": hash_meshes([*(balloon.mesh for balloon in task.scene.balloon), *varied]),
+        "meshes": hash_meshes([*meshes_of(task.scene), *varied]),
     }
 
 

@@ -120,7 +120,8 @@ class BatchOutput:
             before, points = self.stage.last_points(group, place)
             rate = plan.scene.frames_per_second
             velocities = [rate * (end - begin) for begin, end in zip(before, points, strict=True)]
-            for ending in bad_endings(plan, LastFrame(plan.scene.frames, points, velocities)):
+            poses = self.stage.last_obstacle_poses(group, place)
+            for ending in bad_endings(plan, LastFrame(plan.scene.frames, points, velocities, poses)):
                 found.append(replace(ending, sentence=f"world {world}: {ending.sentence}"))
         return found
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, SPHERE_COLORS
+from balloon_warp.outputs.usd.material import BALLOON_COLORS, OBSTACLE_COLOR, SPHERE_COLORS
 from balloon_warp.scene import Scene
 
 Color = tuple[int, int, int]
@@ -38,6 +38,11 @@ def balloon_color(scene: Scene, number: int) -> Color:
 def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:
     """As in the stage: its own, or the palette's."""
     return _encoded(own or SPHERE_COLORS[number % len(SPHERE_COLORS)])
+
+
+def obstacle_color(scene: Scene, number: int) -> Color:
+    """As in the stage: the scene's, or gray."""
+    return _encoded(scene.obstacle[number].color or OBSTACLE_COLOR)
 
 
 def _encoded(linear: tuple[float, float, float]) -> Color:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
+from balloon_warp.viewer.obstacles import ROOT, ObstacleLayer
 from balloon_warp.viewer.picture import Picture
 
 LAYERS = {
@@ -62,6 +63,7 @@ class Layers:
             self._draw_balloons(picture)
             self._draw_lines(picture)
             self._draw_spheres(picture)
+            self._obstacles.draw(picture)
             self._draw_strings(picture)
         self._count += 1
         self.server.flush()
@@ -74,7 +76,7 @@ class Layers:
     def _build(self, picture: Picture) -> None:
         """Everything anew, for another model."""
         scene, self._load = self.server.scene, picture.load
-        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", "/ground"):
+        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", "/ground", ROOT):
             scene.remove_by_name(name)
         self._drawing = Drawing(picture.model)
         start = np.concatenate([shape.mesh.points for shape in picture.model.shapes])
@@ -115,6 +117,7 @@ class Layers:
             "/strings", nothing, np.zeros((1, 2, 3), np.uint8), thickness=0.008 * self.size
         )
         self._spheres: dict[int, viser.IcosphereHandle] = {}
+        self._obstacles = ObstacleLayer(self.server, picture, center, self.size)
         if picture.scene.ground:
             self._add_ground(picture.scene.ground.height, center, up)
 

@@ -12,11 +12,13 @@ from balloon_warp.outputs.render.stage_reader import RenderStage
 
 MOST_FRAMES = 40
 """moments that are looked at to find out where the action is"""
+BACKDROP = 12.0
+"""sizes of all soft meshes together, beyond which a rigid one is a floor or a wall"""
 
 
 @dataclass(frozen=True)
 class Framing:
-    """The union over some moments of everything but ground and water, with Y up, in the stage's unit."""
+    """The union over some moments of everything but ground, water and backdrops, with Y up, in the stage's unit."""
 
     center: NDArray[np.float64]
     """the middle of its bounding box, shape (3,)"""
@@ -44,7 +46,7 @@ def frame_action(
     looked_at = np.unique(np.linspace(0, len(moments) - 1, min(len(moments), MOST_FRAMES)).round().astype(int))
     for stage, frame in (moments[place] for place in looked_at):
         capsules = stage.capsules(frame)
-        used = [points[mesh.used] for points, mesh in zip(stage.points(frame), stage.meshes, strict=True)]
+        used = _without_backdrops(stage, frame)
         centers = np.concatenate([capsules.begins, capsules.ends, *used])
         radii = np.concatenate([capsules.radii, capsules.radii, *(np.zeros(len(points)) for points in used)])
         fit.include(centers, radii)
@@ -54,3 +56,14 @@ def frame_action(
     if not size > 0.0:
         raise InputError(f"{moments[0][0].path}: all that it shows is in one point")
     return Framing(0.5 * (lower + upper), size, fit.camera())
+
+
+def _without_backdrops(stage: RenderStage, frame: int) -> list[NDArray[np.float64]]:
+    """The points of each mesh, without rigid ones that are far larger than what moves between them."""
+    used = [points[mesh.used] for points, mesh in zip(stage.points(frame), stage.meshes, strict=True)]
+    soft = [points for points, mesh in zip(used, stage.meshes, strict=True) if mesh.soft]
+    if not soft:
+        return used
+    most = BACKDROP * float(np.ptp(np.concatenate(soft), axis=0).max())
+    pairs = zip(used, stage.meshes, strict=True)
+    return [points for points, mesh in pairs if mesh.soft or np.ptp(points, axis=0).max() <= most]

@@ -24,6 +24,12 @@ class Capsules(NamedTuple):
     """shape (n,)"""
 
 
+CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+"""of a cube of size 1"""
+SIDES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
+"""the corners of each, as they go around it seen from outside"""
+
+
 class MeshPrim:
     """A UsdGeom.Mesh of fixed topology."""
 
@@ -39,9 +45,10 @@ class MeshPrim:
         whole = np.repeat(counts, counts) >= 3
         self.point_count = len(points)
         self.used = np.unique(indices[whole])
-        # A mesh whose points move is soft: what bends sharply in one frame is smooth in the next.
-        creased = self._mesh.GetPointsAttr().GetNumTimeSamples() == 0
-        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]), creased)
+        # What bends sharply in one frame is smooth in the next.
+        self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
+        """whether its points move"""
+        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]), creased=not self.soft)
         self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
         self.finish = read_finish(prim)
 
@@ -50,6 +57,27 @@ class MeshPrim:
         points = _points(self._mesh, moment)
         _require_count(self._mesh, points, self.point_count, moment)
         return points
+
+
+class CubePrim:
+    """A UsdGeom.Cube, as a mesh of six faces."""
+
+    point_count = 8
+    soft = False
+    used = np.arange(8)
+
+    def __init__(self, prim: Usd.Prim, moment: Moment):
+        self._cube = UsdGeom.Cube(prim)
+        counts, indices = np.full(6, 4, np.int32), SIDES.ravel()
+        self.surface = SmoothSurface(PolygonMesh(self.points(moment), counts, indices), creased=True)
+        color = read_colors(self._cube, np.ones(1, np.int32))
+        self.colors = self.surface.spread(np.tile(color, (len(indices), 1)))
+        self.finish = read_finish(prim)
+
+    def points(self, moment: Moment) -> NDArray[np.float64]:
+        """Its corners, shape (8, 3)."""
+        placed = moment.place(self._cube.GetPrim(), self._cube.GetSizeAttr().Get(moment.time) * CORNERS)
+        return _require_finite(self._cube.GetPrim(), placed, moment)
 
 
 class SpherePrim:
@@ -71,6 +99,28 @@ class SpherePrim:
                 f"{prim.GetPath()}: its center or radius at frame {moment.time.GetValue():g} is not finite, or negative"
             )
         return Capsules(center, center, np.array([radius]))
+
+
+class CapsulePrim:
+    """A UsdGeom.Capsule."""
+
+    segment_count = 1
+
+    def __init__(self, prim: Usd.Prim, moment: Moment):
+        self._capsule = UsdGeom.Capsule(prim)
+        self.colors = read_colors(self._capsule, np.ones(1, np.int32))
+        self.finish = read_finish(prim)
+
+    def capsules(self, moment: Moment) -> Capsules:
+        prim, axis = self._capsule.GetPrim(), "XYZ".index(self._capsule.GetAxisAttr().Get(moment.time))
+        half = 0.5 * self._capsule.GetHeightAttr().Get(moment.time) * np.eye(3)[axis]
+        ends = _require_finite(prim, moment.place(prim, np.stack([-half, half])), moment)
+        radius = self._capsule.GetRadiusAttr().Get(moment.time) * moment.scale(prim)
+        if not 0.0 <= radius < np.inf:
+            raise InputError(
+                f"{prim.GetPath()}: its radius at frame {moment.time.GetValue():g} is not finite, or negative"
+            )
+        return Capsules(ends[:1], ends[1:], np.array([radius]))
 
 
 class CurvesPrim:
@@ -112,7 +162,10 @@ class CurvesPrim:
 
 def _points(prim: UsdGeom.PointBased, moment: Moment) -> NDArray[np.float64]:
     own = np.asarray(prim.GetPointsAttr().Get(moment.time) or [], np.float64).reshape(-1, 3)
-    placed = moment.place(prim.GetPrim(), own)
+    return _require_finite(prim.GetPrim(), moment.place(prim.GetPrim(), own), moment)
+
+
+def _require_finite(prim: Usd.Prim, placed: NDArray[np.float64], moment: Moment) -> NDArray[np.float64]:
     if not np.isfinite(placed).all():
         raise InputError(f"{prim.GetPath()}: a point at frame {moment.time.GetValue():g} is not finite")
     return placed

@@ -11,8 +11,10 @@ from balloon_warp.errors import InputError
 from balloon_warp.meant import did_you_mean_file
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.moment import Moment
-from balloon_warp.outputs.render.prims import Capsules, CurvesPrim, MeshPrim, SpherePrim
+from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
+
+DRAWN = (UsdGeom.Mesh, UsdGeom.Cube, UsdGeom.Sphere, UsdGeom.Capsule, UsdGeom.BasisCurves)
 
 
 class Plane:
@@ -28,7 +30,7 @@ class Plane:
 
 
 class RenderStage:
-    """The meshes, spheres, linear curves, ground, water and camera of a stage.
+    """The meshes, cubes, spheres, capsules, linear curves, ground, water and camera of a stage.
 
     Invisible prims and those of purpose `guide` or `proxy` are left out. A level mesh called "Ground" is the ground,
     one called "Water" is water.
@@ -74,18 +76,20 @@ class RenderStage:
             InputError: nothing is there to be drawn.
         """
         moment = Moment(self._stage, frame)
-        self.meshes: list[MeshPrim] = []
-        self.rounds: list[SpherePrim | CurvesPrim] = []
+        self.meshes: list[MeshPrim | CubePrim] = []
+        self.rounds: list[SpherePrim | CapsulePrim | CurvesPrim] = []
         self.ground: Plane | None = None
         self.water: Plane | None = None
         self._camera: UsdGeom.Camera | None = None
         for prim in Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
             self._take(prim, moment)
         if not self.meshes and not self.rounds:
-            raise InputError(f"{self.path}: has no visible mesh, sphere or linear curves to draw at frame {frame}")
+            raise InputError(
+                f"{self.path}: has no visible mesh, cube, sphere, capsule or linear curves to draw at frame {frame}"
+            )
 
     def points(self, frame: int) -> list[NDArray[np.float64]]:
-        """The points of each mesh, shape (point_count, 3) each."""
+        """The points of each mesh and cube, shape (point_count, 3) each."""
         moment = Moment(self._stage, frame)
         return [mesh.points(moment) for mesh in self.meshes]
 
@@ -96,7 +100,7 @@ class RenderStage:
         return ground, water
 
     def capsules(self, frame: int) -> Capsules:
-        """The spheres and all curves' segments."""
+        """The spheres, the capsules and all curves' segments."""
         moment = Moment(self._stage, frame)
         each = [
             Capsules(np.empty((0, 3)), np.empty((0, 3)), np.empty(0)),
@@ -142,8 +146,12 @@ class RenderStage:
                     setattr(self, name, Plane(mesh))
                 else:
                     self.meshes.append(mesh)
+            elif UsdGeom.Cube(prim):
+                self.meshes.append(CubePrim(prim, moment))
             elif UsdGeom.Sphere(prim):
                 self.rounds.append(SpherePrim(prim, moment))
+            elif UsdGeom.Capsule(prim):
+                self.rounds.append(CapsulePrim(prim, moment))
             elif UsdGeom.BasisCurves(prim).GetTypeAttr().Get() == UsdGeom.Tokens.linear:
                 curves = CurvesPrim(prim, moment)
                 if curves.segment_count:
@@ -151,7 +159,7 @@ class RenderStage:
 
 
 def _is_drawn(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
-    if not any(kind(prim) for kind in (UsdGeom.Mesh, UsdGeom.Sphere, UsdGeom.BasisCurves)):
+    if not any(kind(prim) for kind in DRAWN):
         return False
     imageable = UsdGeom.Imageable(prim)
     return imageable.ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render) and (

@@ -76,7 +76,7 @@ class GridWriter:
         middle = 0.5 * (lowest + highest)
         stage = Usd.Stage.Open(self._layer)
         describe_stage(stage, scene)
-        prototypes = Prototypes(stage, plans)
+        prototypes = Prototypes(stage, plans, middle, PIECE * side)
         half = SIZES * float(np.max(highest - lowest)) + float(np.abs(shifts).max())
         for plane in planes_of(scene):
             heights = {plans[number].of_world(plane.height, row) for _, number, row, _ in members}
@@ -121,6 +121,11 @@ class GridWriter:
         assert self._last is not None
         world = self._worlds[group][place]
         return [world.points(self._layer, number) for number in (self._last - 1, self._last)]
+
+    def last_obstacle_poses(self, group: int, place: int) -> NDArray[np.float64]:
+        """Of a chosen world in its last frame, as `Frame.obstacle_poses`, shape (obstacle_count, 7)."""
+        assert self._last is not None
+        return self._worlds[group][place].obstacles.poses(self._last)
 
     def copy_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
         """Author frames of some groups as they are in a part that a writer of the same groups wrote.

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.mesh.size import box_corners
 from balloon_warp.model import ModelPlan
+from balloon_warp.model.obstacles import obstacle_motion
 from balloon_warp.model.starts import start_of
 
 ROOM = 2.0
@@ -20,16 +21,27 @@ def horizontal_axes(up_axis: str) -> tuple[int, int]:
 
 
 def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The box [m] around balloons, spheres and anchors of every world at the start: its lowest and highest corner."""
+    """The box [m] around balloons, spheres and anchors of every world at the start, and around obstacles wherever they
+    get: its lowest and highest corner."""
     clouds = []
     for plan in plans:
         for number, shape in enumerate(plan.shapes):
             clouds += [start_of(plan.scene, plan.parameters, number, box_corners(shape.mesh)).reshape(-1, 3)]
         clouds += [plan.parameters["string_anchor"].reshape(-1, 3)]
         centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]
-        clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3)]
+        clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3), *_obstacle_bounds(plan)]
     points = np.concatenate(clouds)
     return points.min(axis=0), points.max(axis=0)
+
+
+def _obstacle_bounds(plan: ModelPlan) -> list[NDArray[np.float64]]:
+    """Corners around each obstacle that has an end, as far as it moves in any world [m], shape (n, 3) each."""
+    positions, shifts = plan.parameters["obstacle_position"], obstacle_motion(plan.scene)[:, :, :3]
+    reaches = np.array([[shape.reach] for shape in plan.obstacles]).reshape(-1, 1)
+    lowest = positions.min(axis=0) + shifts.min(axis=0) - reaches
+    highest = positions.max(axis=0) + shifts.max(axis=0) + reaches
+    ended = np.isfinite(reaches[:, 0])
+    return [lowest[ended], highest[ended]]
 
 
 def grid_shifts(world_count: int, side: float, up_axis: str) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, UsdGeom, Vt
 
 from balloon_warp.model import ModelPlan
+from balloon_warp.outputs.usd.grid_obstacles import GridObstacles, values_over_time
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.prototypes import Prototypes
 from balloon_warp.outputs.usd.string_curve import string_curve
@@ -78,12 +79,13 @@ class GridWorld:
         for plane, path in prototypes.pieces.items():
             piece = _referring(world, plane.piece, path)
             _translated(piece, plan.of_world(plane.height, row) * np.array(plan.scene.up))
-        self._string_anchors = [(0, np.array(plan.of_world("string_anchor", row)))]
-        for turn in plan.turns:
-            if "string_anchor" in turn.values:
-                moved = self._string_anchors[-1][1][None].copy()
-                turn.apply("string_anchor", moved)
-                self._string_anchors.append((turn.frame + 1, moved[0]))
+        self.obstacles = GridObstacles(
+            [_referring(world, path.name, path) for path in prototypes.obstacles],
+            plan,
+            prototypes.obstacle_motion,
+            values_over_time(plan, "obstacle_position", row),
+        )
+        self._string_anchors = values_over_time(plan, "string_anchor", row)
         self._string_lengths = plan.of_world("string_length", row)
         self._string_widths = prototypes.string_widths
 
@@ -104,6 +106,8 @@ class GridWorld:
             extent = UsdGeom.Curves.ComputeExtent(places, self._string_widths[number])
             self.layer.SetTimeSample(point_path, time, places)
             self.layer.SetTimeSample(extent_path, time, extent)
+        for path, value in zip(self.obstacles.paths, self.obstacles.samples(time), strict=True):
+            self.layer.SetTimeSample(path, time, value)
         for path, body in self._lasting:
             seen = is_there(self.plan.scene, body, time)
             self.layer.SetTimeSample(path, time, UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible)
@@ -121,7 +125,8 @@ class GridWorld:
         """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
         balloons = ((points, extent) for points, _, extent in self._balloons)
         balloons, strings = (chain.from_iterable(paths) for paths in (balloons, self._strings))
-        for path in chain(balloons, self._spheres, strings, (path for path, _ in self._lasting)):
+        lasting = (path for path, _ in self._lasting)
+        for path in chain(balloons, self._spheres, strings, self.obstacles.paths, lasting):
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
     def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:

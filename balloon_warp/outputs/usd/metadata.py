@@ -9,7 +9,7 @@ from pxr import Tf, Usd, UsdGeom
 
 from balloon_warp.scene import Scene
 
-RESERVED = ("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "NetForces", "Prototypes")
+RESERVED = ("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "Obstacles", "NetForces", "Prototypes")
 """what no balloon is called"""
 
 

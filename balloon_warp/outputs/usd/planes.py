@@ -52,7 +52,7 @@ def define_square(
 ) -> UsdGeom.Mesh:
     """A level square: `half` is half its side [m], `middle` a point above its center."""
     prim = UsdGeom.Mesh.Define(stage, path)
-    square = _corners(middle, half, height, up_axis)
+    square = level_square(middle, half, height, up_axis)
     prim.CreatePointsAttr(square)
     prim.CreateFaceVertexCountsAttr([4])
     prim.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
@@ -81,12 +81,13 @@ class PlanePrim:
             self._place(getattr(frame, self.plane.height), frame.number)
 
     def _place(self, height: float, time: float) -> None:
-        square = _corners(self.middle, self.half, height, self.up_axis)
+        square = level_square(self.middle, self.half, height, self.up_axis)
         self.prim.GetPointsAttr().Set(square, time)
         self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(square), time)
 
 
-def _corners(middle: NDArray[np.float64], half: float, height: float, up_axis: str) -> Vt.Vec3fArray:
+def level_square(middle: NDArray[np.float64], half: float, height: float, up_axis: str) -> Vt.Vec3fArray:
+    """Its corners, as they go around it seen from above; arguments as `define_square`."""
     corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     if up_axis == "Y":
         square = np.stack([middle[0] + corners[:, 0], np.full(4, height), middle[2] - corners[:, 1]], axis=1)

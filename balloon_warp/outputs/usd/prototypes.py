@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from balloon_warp.model import ModelPlan
+from balloon_warp.model.obstacles import obstacle_motion, obstacle_poses
 from balloon_warp.outputs.usd.balloon import define_balloon
 from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.obstacle import Look, define_obstacle, obstacle_names
 from balloon_warp.outputs.usd.planes import Plane, define_square
 from balloon_warp.outputs.usd.sphere import define_sphere
 from balloon_warp.outputs.usd.string import define_string
@@ -18,22 +20,34 @@ HOME = Sdf.Path("/World/Prototypes")
 
 
 class Prototypes:
-    """Abstract prims: one for each balloon's mesh, or each of its meshes, one for each sphere and for each string."""
+    """Abstract prims: one for each balloon's mesh, or each of its meshes, one for each sphere, string and obstacle.
 
-    def __init__(self, stage: Usd.Stage, plans: Sequence[ModelPlan]):
+    Args:
+        plans: of all groups of worlds.
+        middle: of the worlds at the start, before they are put side by side [m], shape (3,).
+        half: half the side of the square that is drawn of an obstacle's plane [m].
+    """
+
+    def __init__(self, stage: Usd.Stage, plans: Sequence[ModelPlan], middle: NDArray[np.float64], half: float):
         stage.CreateClassPrim(HOME)
         scene = plans[0].scene
         meshes = {_key(plan, number): shape.mesh for plan in plans for number, shape in enumerate(plan.shapes)}
         self.spheres = [HOME.AppendChild(f"Sphere_{number}") for number in range(len(scene.sphere))]
         self.strings = [HOME.AppendChild(f"String_{number}") for number in range(len(scene.string))]
         self.pieces: dict[Plane, Sdf.Path] = {}
-        self.other_names = [path.name for path in (*self.spheres, *self.strings)]
+        bodies = [path.name for path in (*self.spheres, *self.strings)]
+        self.obstacles = [HOME.AppendChild(name) for name in obstacle_names(scene, bodies)]
+        self.obstacle_motion = obstacle_motion(scene)
+        self.other_names = [*bodies, *(path.name for path in self.obstacles)]
         names = prim_names((mesh.name for mesh in meshes.values()), self.other_names)
         self._balloons = {key: HOME.AppendChild(name) for key, name in zip(meshes, names, strict=True)}
         for key, mesh in meshes.items():
             define_balloon(stage, self._balloons[key], mesh, key[0], scene.balloon[key[0]].color)
         for number, path in enumerate(self.spheres):
             define_sphere(stage, path, scene.sphere[number], number)
+        poses = obstacle_poses(plans[0].parameters["obstacle_position"][0], self.obstacle_motion, 0)
+        for path, obstacle, shape, pose in zip(self.obstacles, scene.obstacle, plans[0].obstacles, poses, strict=True):
+            define_obstacle(stage, path, obstacle, shape, pose, Look(scene.up_axis, middle, half))
         self.string_widths = [
             define_string(stage, path, plans[0].shapes[string.balloon].mesh).GetWidthsAttr().Get()
             for path, string in zip(self.strings, scene.string, strict=True)

@@ -15,14 +15,14 @@ from balloon_warp.model import Model
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
+from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
 from balloon_warp.outputs.usd.planes import PlanePrim, planes_of
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.outputs.usd.tube import TubePrim
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
-
-
+Prim = BalloonPrim | PlanePrim | SpherePrim | ObstaclePrim | StringPrim | TubePrim | NetForcesPrim
 SAVE_BYTES = 64 * 2**20
 """time samples that are kept in memory before they are added to the file; when that is depends on the frames alone, and
 so do the bytes"""
@@ -140,7 +140,7 @@ class StageWriter:
             self._write_last_velocities()
             self.stage.GetRootLayer().Save()
 
-    def _define_prims(self) -> list[BalloonPrim | PlanePrim | SpherePrim | StringPrim | TubePrim | NetForcesPrim]:
+    def _define_prims(self) -> list[Prim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
         self._balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
@@ -148,6 +148,10 @@ class StageWriter:
         planes = [PlanePrim(stage, plane, model) for plane in planes_of(model.scene)]
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
+        ]
+        obstacles = [
+            ObstaclePrim(stage, Sdf.Path(f"/World/Obstacles/{name}"), model, n)
+            for n, name in enumerate(obstacle_names(model.scene))
         ]
         strings = [
             StringPrim(stage, Sdf.Path(f"/World/Strings/String_{n}"), model, n) for n in range(model.string_count)
@@ -159,9 +163,10 @@ class StageWriter:
                 NetForcesPrim(stage, Sdf.Path(f"/World/NetForces/{path.name}"), model, n)
                 for n, path in enumerate(paths)
             ]
-        for group in {prim.prim.GetPath().GetParentPath() for prim in [*spheres, *strings, *tubes, *forces]}:
+        grouped = [*spheres, *obstacles, *strings, *tubes, *forces]
+        for group in {prim.prim.GetPath().GetParentPath() for prim in grouped}:
             UsdGeom.Scope.Define(stage, group)
-        return [*self._balloons, *planes, *spheres, *strings, *tubes, *forces]
+        return [*self._balloons, *planes, *grouped]
 
     def _balloon_paths(self) -> list[Sdf.Path]:
         """A path for each balloon, after its name, all different."""

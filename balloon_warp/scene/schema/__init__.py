@@ -11,11 +11,12 @@ fields         what all of these are made of
 from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.obstacles import Obstacle
-from balloon_warp.scene.schema.scene import MESHED, Change, Scene, Tube
+from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
 __all__ = [
     "MESHED",
+    "WITHOUT_MESHES",
     "Atmosphere",
     "Balloon",
     "Change",

@@ -13,7 +13,9 @@ from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 
 MESHED = ("balloon", "obstacle")
-"""tables that may have a mesh"""
+"""lists of the scene whose tables may have a mesh"""
+WITHOUT_MESHES = {name: {"__all__": {"mesh"}} for name in MESHED}
+"""what to leave out of a scene that is to be plain values: a mesh that came from Python is none"""
 
 
 class Tube(Table):

@@ -1,0 +1,129 @@
+"""That no balloon starts inside an obstacle: it would be torn to the surface in its first step. Host side, float64."""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.mesh_distance import MeshDistance
+from balloon_warp.mesh.size import box_corners
+from balloon_warp.model.obstacles import ObstacleShape, obstacle_motion
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.starts import start_of
+from balloon_warp.scene import Scene
+
+DEEP = 0.01
+"""of the balloon's size, or of the obstacle's reach if that is less: as deep as rounding and meshes that stand on
+surfaces may be"""
+
+
+def require_clear_starts(
+    scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], parameters: Parameters
+) -> None:
+    """Refuse balloons of which a particle that moves starts inside an obstacle, in any world. Sheets have no inside.
+
+    Args:
+        parameters: with what `settle_starts` makes.
+
+    Raises:
+        InputError: names balloon and obstacle, and how deep the one is in the other.
+    """
+    motion = obstacle_motion(scene)[0]
+    for number, obstacle in enumerate(obstacles):
+        if not obstacle.closed:
+            continue
+        solid = _Solid(obstacle, np.array(scene.up), Rotation.from_quat(motion[number, 3:]))
+        centers = parameters["obstacle_position"][:, number] + motion[number, :3]
+        for balloon, shape in enumerate(shapes):
+            _require_outside(scene, balloon, shape, number, solid, centers, parameters)
+
+
+class _Solid:
+    """An obstacle with an inside, turned."""
+
+    def __init__(self, shape: ObstacleShape, up: NDArray[np.float64], turn: Rotation):
+        self.shape, self._up, self._turn = shape, up, turn
+
+    def seen(self, points: NDArray[np.float64], centers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points of the world, shape (W, n, 3), as seen from the obstacle's center in each, shape (W or 1, 3)."""
+        return (points - centers[:, None]) @ self._turn.as_matrix()
+
+    @cached_property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest corner of the box around it, as seen from its center, shape (3,)."""
+        if self.shape.mesh is not None:
+            used = self.shape.mesh.points[self.shape.mesh.face_vertex_indices]
+            lowest, highest = used.min(axis=0), used.max(axis=0)
+        elif self.shape.kind == "plane":
+            highest = np.where(self._up > 0.0, 0.0, np.inf)
+            lowest = np.full(3, -np.inf)
+        else:
+            highest = self.shape.size
+            if self.shape.kind == "capsule":
+                highest = self.shape.size[0] + self.shape.size[1] * self._up
+            lowest = -highest
+        return lowest - self.shape.thickness, highest + self.shape.thickness
+
+    def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of points, as seen from its center, to its surface less its thickness, negative inside, shape (n,)."""
+        size = self.shape.size
+        if self.shape.kind == "box":
+            beyond = np.abs(points) - size
+            found = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+        elif self.shape.kind == "capsule":
+            along = np.clip(points @ self._up, -size[1], size[1])
+            found = np.linalg.norm(points - np.outer(along, self._up), axis=1) - size[0]
+        elif self.shape.kind == "plane":
+            found = points @ self._up
+        else:
+            found = self._to_mesh(points)
+        return found - self.shape.thickness
+
+    def _to_mesh(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        with wp.ScopedDevice("cpu"):
+            return self._mesh_distance(points)
+
+    @cached_property
+    def _mesh_distance(self) -> MeshDistance:
+        assert self.shape.mesh is not None
+        return MeshDistance(self.shape.mesh.points, self.shape.triangles, thickness=0.0)
+
+
+def _require_outside(
+    scene: Scene,
+    balloon: int,
+    shape: BalloonShape,
+    number: int,
+    solid: _Solid,
+    centers: NDArray[np.float64],
+    parameters: Parameters,
+) -> None:
+    """Look at the particles only in worlds where the boxes around balloon and obstacle overlap."""
+    corners = solid.seen(start_of(scene, parameters, balloon, box_corners(shape.mesh)), centers)
+    lowest, highest = solid.bounds
+    near = ((corners.min(axis=1) < highest) & (corners.max(axis=1) > lowest)).all(axis=1)
+    used = np.unique(shape.mesh.face_vertex_indices)
+    moving = used[shape.mass_share[used] > 0.0]
+    allowed = DEEP * min(float(np.ptp(shape.mesh.points[used], axis=0).max()), solid.shape.reach)
+    for world in np.flatnonzero(near).tolist():
+        alone = {name: _row(parameters[name], world) for name in ("initial_turns", "initial_shifts")}
+        points = solid.seen(start_of(scene, alone, balloon, shape.mesh.points[moving]), _row(centers, world))[0]
+        within = points[((points > lowest) & (points < highest)).all(axis=1)]
+        depth = -float(solid.distances(within).min()) if len(within) else 0.0
+        if depth > allowed:
+            named = scene.obstacle[number].name or f"a {solid.shape.kind}"
+            where = f" in world {world}" if len(near) > 1 else ""
+            raise InputError(
+                f"balloon.{balloon}.position: {shape.name} starts{where} {depth:.3g} m deep inside obstacle {number}, "
+                f"{named}; expected it outside"
+            )
+
+
+def _row(values: NDArray[np.float64], world: int) -> NDArray[np.float64]:
+    """Of one world, with the dimension of worlds."""
+    return values[world : world + 1] if len(values) > 1 else values

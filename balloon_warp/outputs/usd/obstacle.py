@@ -1,0 +1,141 @@
+"""An obstacle in the stage: a gprim of its shape, with a place and a turn that have time samples where it moves."""
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from scipy.spatial.transform import Rotation
+
+from balloon_warp.frame import Frame
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import Model
+from balloon_warp.model.obstacles import ObstacleShape, moves, obstacle_poses
+from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, paint
+from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.planes import SIZES, level_square
+from balloon_warp.scene import Obstacle, Scene
+
+
+class Look(NamedTuple):
+    """What obstacles look like beside their shapes."""
+
+    up_axis: str
+    middle: NDArray[np.float64]
+    """of what a plane is to be drawn below [m], shape (3,)"""
+    half: float
+    """half the side of the square that is drawn of a plane [m]"""
+
+
+def obstacle_names(scene: Scene, taken: Collection[str] = ()) -> list[str]:
+    """A prim name for each obstacle: its own, or its shape's."""
+    return prim_names((obstacle.name or obstacle.shape for obstacle in scene.obstacle), taken)
+
+
+def define_obstacle(
+    stage: Usd.Stage,
+    path: Sdf.Path,
+    obstacle: Obstacle,
+    shape: ObstacleShape,
+    pose: NDArray[np.float64],
+    look: Look,
+) -> UsdGeom.Gprim:
+    """Its gprim and material, with ops for place and turn that have no value yet.
+
+    Args:
+        pose: at the start, as `obstacle_poses` has it, shape (7,).
+    """
+    if shape.mesh is not None:
+        prim = _define_mesh(stage, path, shape.mesh)
+    elif shape.kind == "box":
+        prim = UsdGeom.Cube.Define(stage, path)
+        prim.CreateSizeAttr(1.0)
+        prim.CreateExtentAttr([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)])
+    elif shape.kind == "capsule":
+        prim = _define_capsule(stage, path, float(shape.size[0]), float(shape.size[1]), look.up_axis)
+    else:
+        prim = _define_plane(stage, path, pose, look)
+    prim.AddTranslateOp()
+    prim.AddOrientOp()
+    if shape.kind == "box":
+        prim.AddScaleOp().Set(Gf.Vec3f(*(2.0 * shape.size).tolist()))
+    paint(prim, obstacle.color or OBSTACLE_COLOR, roughness=0.6)
+    return prim
+
+
+def as_gf(pose: NDArray[np.float64]) -> tuple[Gf.Vec3d, Gf.Quatf]:
+    """A pose as its ops have it."""
+    x, y, z, w = pose[3:].tolist()
+    return Gf.Vec3d(*pose[:3].tolist()), Gf.Quatf(w, x, y, z)
+
+
+class ObstaclePrim:
+    """One obstacle of the scene."""
+
+    def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
+        self.number = number
+        points = np.concatenate([shape.mesh.points for shape in model.shapes])
+        middle, half = 0.5 * (points.min(axis=0) + points.max(axis=0)), SIZES * float(np.ptp(points, axis=0).max())
+        positions = model.parameters["obstacle_position"].numpy()[0]
+        pose = obstacle_poses(positions, model.obstacle_motion.numpy(), 0)[number]
+        self.prim = define_obstacle(
+            stage,
+            path,
+            model.scene.obstacle[number],
+            model.obstacles[number],
+            pose,
+            Look(model.scene.up_axis, middle, half),
+        )
+        self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
+        self._moves = moves(model.scene, number, (turn.values for turn in model.turns))
+        if not self._moves:
+            self._put(pose, Usd.TimeCode.Default())
+
+    def write(self, frame: Frame) -> None:
+        """Author where it is, if it moves: what stays has no time samples."""
+        if self._moves:
+            self._put(frame.obstacle_poses[self.number], Usd.TimeCode(frame.number))
+
+    def _put(self, pose: NDArray[np.float64], time: Usd.TimeCode) -> None:
+        for op, value in zip((self._place, self._turn), as_gf(pose), strict=True):
+            op.Set(value, time)
+
+
+def _define_mesh(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh) -> UsdGeom.Mesh:
+    prim = UsdGeom.Mesh.Define(stage, path)
+    points = Vt.Vec3fArray.FromNumpy(mesh.points.astype(np.float32))
+    prim.CreatePointsAttr(points)
+    prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
+    prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    prim.CreateDoubleSidedAttr(True)
+    prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
+    return prim
+
+
+def _define_capsule(
+    stage: Usd.Stage, path: Sdf.Path, radius: float, half_length: float, up_axis: str
+) -> UsdGeom.Capsule:
+    prim = UsdGeom.Capsule.Define(stage, path)
+    prim.CreateAxisAttr(up_axis)
+    prim.CreateRadiusAttr(radius)
+    prim.CreateHeightAttr(2.0 * half_length)
+    reach = np.full(3, radius)
+    reach["XYZ".index(up_axis)] += half_length
+    prim.CreateExtentAttr([Gf.Vec3f(*(sign * reach).tolist()) for sign in (-1.0, 1.0)])
+    return prim
+
+
+def _define_plane(stage: Usd.Stage, path: Sdf.Path, pose: NDArray[np.float64], look: Look) -> UsdGeom.Mesh:
+    """A square of it, below the middle at the start."""
+    prim = UsdGeom.Mesh.Define(stage, path)
+    below = Rotation.from_quat(pose[3:]).inv().apply(look.middle - pose[:3])
+    square = level_square(below, look.half, 0.0, look.up_axis)
+    prim.CreatePointsAttr(square)
+    prim.CreateFaceVertexCountsAttr([4])
+    prim.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    prim.CreateDoubleSidedAttr(True)
+    prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(square))
+    return prim

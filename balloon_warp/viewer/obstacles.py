@@ -1,0 +1,78 @@
+"""Obstacles in the page: a mesh for each, moved to where it is."""
+
+from typing import Any
+
+import numpy as np
+import trimesh
+import viser
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.outputs.usd.planes import SIZES
+from balloon_warp.viewer import colors
+from balloon_warp.viewer.picture import Picture
+
+Surface = tuple[NDArray[np.float64], NDArray[np.integer[Any]]]
+"""points [m], shape (n, 3), and triangles, shape (m, 3)"""
+ROUND = 32
+"""corners of a circle"""
+ROOT = "/obstacles"
+
+
+class ObstacleLayer:
+    """Those of a scene.
+
+    Args:
+        server: of the page.
+        picture: the first of the scene.
+        center: of the balloons at the start [m], shape (3,).
+        size: of the balloons [m].
+    """
+
+    def __init__(self, server: viser.ViserServer, picture: Picture, center: NDArray[np.floating], size: float):
+        server.scene.add_frame(ROOT, show_axes=False)
+        self._meshes = []
+        for number, shape in enumerate(picture.model.obstacles):
+            pose = picture.frame.obstacle_poses[number]
+            below = Rotation.from_quat(pose[3:]).inv().apply(center - pose[:3])
+            points, triangles = surface_of(shape, picture.scene.up, below, SIZES * size)
+            color = colors.obstacle_color(picture.scene, number)
+            mesh = server.scene.add_mesh_simple(
+                f"{ROOT}/{number}", points, triangles, color=color, flat_shading=shape.kind != "capsule", side="double"
+            )
+            self._meshes.append(mesh)
+        self._shown: list[NDArray[np.float64] | None] = [None] * len(self._meshes)
+
+    def draw(self, picture: Picture) -> None:
+        """Move them to where they are; only what moves is told to the page."""
+        for number, (mesh, pose) in enumerate(zip(self._meshes, picture.frame.obstacle_poses, strict=True)):
+            if not np.array_equal(self._shown[number], pose):
+                mesh.position, mesh.wxyz = tuple(pose[:3].tolist()), tuple(pose[[6, 3, 4, 5]].tolist())
+                self._shown[number] = pose
+
+
+def surface_of(
+    shape: ObstacleShape, up: tuple[float, float, float], below: NDArray[np.floating], half: float
+) -> Surface:
+    """What is drawn of a shape, about its own origin.
+
+    Args:
+        up: unit vector of the up axis.
+        below: a point over the middle of what is drawn of a plane [m], shape (3,).
+        half: half the side of that [m].
+    """
+    if shape.mesh is not None:
+        return shape.mesh.points, triangulate(shape.mesh)[0]
+    if shape.kind == "box":
+        box = trimesh.creation.box(2.0 * shape.size)
+        return np.asarray(box.vertices), np.asarray(box.faces)
+    to_up = Rotation.align_vectors([up], [(0.0, 0.0, 1.0)])[0]
+    if shape.kind == "capsule":
+        capsule = trimesh.creation.capsule(2.0 * shape.size[1], shape.size[0], count=[ROUND, ROUND])
+        points = np.asarray(capsule.vertices) - capsule.bounds.mean(axis=0)
+        return to_up.apply(points), np.asarray(capsule.faces)
+    square = to_up.apply(half * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)]))
+    level = below - np.dot(below, up) * np.array(up)
+    return level + square, np.array([(0, 1, 2), (0, 2, 3)])

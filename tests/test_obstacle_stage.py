@@ -1,0 +1,193 @@
+"""Obstacles in the stage, of a run and of a batch, and in pictures of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import cube, grid, quad_sphere
+from pxr import Gf, Usd, UsdGeom, UsdShade, UsdValidation
+from scipy.spatial.transform import Rotation
+
+from balloon_warp import Obstacle, Scene, Simulator, animate, run_batch
+from balloon_warp.model import build_model
+from balloon_warp.outputs.render.framing import frame_action
+from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.scene import Balloon, Change
+
+FRAMES = 4
+MOTION = [(0.0, (0.0, 0.0, 0.0)), (0.1, (0.5, 0.0, 0.25), (90.0, 0.0, 30.0))]
+MOVING = ("capsule", "cap")
+"""prims that move"""
+
+
+def everything(**fields) -> Scene:
+    """A small balloon above one of each, two of them moving."""
+    obstacles = [
+        Obstacle(size=(1.0, 0.2, 0.4), position=(0.0, -2.0, 0.0), rotation=(0.0, 30.0, 0.0), color=(0.1, 0.2, 0.3)),
+        Obstacle(shape="capsule", radius=0.2, length=0.5, position=(1.5, 0.0, 0.0), motion=MOTION),
+        Obstacle(shape="plane", position=(0.0, -3.0, 0.0), rotation=(10.0, 0.0, 0.0)),
+        Obstacle(mesh=cube(), scale=0.3, position=(-2.0, 0.0, 0.0), name="a tile"),
+        Obstacle(mesh=grid(2, 2), position=(3.0, 0.0, 0.0), motion=MOTION, name="cap"),
+    ]
+    fields = {"balloon": [Balloon(mesh=quad_sphere(3, 0.5))], "obstacle": obstacles, "frames": FRAMES} | fields
+    return Scene(frames_per_second=30, **fields)
+
+
+def placed(stage: Usd.Stage, path: str, frame: float) -> np.ndarray:
+    """The matrix that takes a prim's points, as columns, to the world."""
+    return np.array(UsdGeom.XformCache(frame).GetLocalToWorldTransform(stage.GetPrimAtPath(path))).T
+
+
+def expected_matrix(pose: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
+    return matrix
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stage") / "obstacles.usdc"
+    animate(everything(), path, device="cpu", schedule="gather")
+    return path
+
+
+@pytest.fixture
+def stage(written: Path) -> Usd.Stage:
+    return Usd.Stage.Open(str(written))
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+def test_every_validator_passes(tmp_path: Path, up_axis: str):
+    path = tmp_path / "stage.usda"
+    simulator = Simulator(everything(up_axis=up_axis, obstacle=everything().obstacle[:2]), "cpu", schedule="gather")
+    with StageWriter(path, simulator.model) as writer:
+        writer.write(simulator.read_frame())
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
+    assert [error.GetMessage() for error in errors] == []
+
+
+def test_each_is_a_gprim_of_its_shape(stage: Usd.Stage):
+    prims = stage.GetPrimAtPath("/World/Obstacles").GetChildren()
+    kinds = [(prim.GetName(), str(prim.GetTypeName())) for prim in prims]
+    shapes = [("box", "Cube"), ("capsule", "Capsule"), ("plane", "Mesh"), ("a_tile", "Mesh"), ("cap", "Mesh")]
+    assert kinds == shapes
+    for prim in prims:
+        boundable, name = UsdGeom.Boundable(prim), prim.GetName()
+        computed = UsdGeom.Boundable.ComputeExtentFromPlugins(boundable, Usd.TimeCode(0))
+        np.testing.assert_allclose(boundable.GetExtentAttr().Get(), computed, atol=1e-6)
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+        (shown,) = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
+        assert material.ComputeSurfaceSource()[0].GetInput("diffuseColor").Get() == shown
+        animated = [attribute.GetName() for attribute in prim.GetAttributes() if attribute.GetNumTimeSamples()]
+        assert animated == (["xformOp:orient", "xformOp:translate"] if name in MOVING else [])
+        if mesh := UsdGeom.Mesh(prim):
+            assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
+    assert Gf.IsClose(UsdGeom.Gprim(prims[0]).GetDisplayColorAttr().Get()[0], Gf.Vec3f(0.1, 0.2, 0.3), 1e-6)
+
+
+def test_they_stand_where_they_are_simulated(stage: Usd.Stage):
+    for frame in Simulator(everything(), "cpu", schedule="gather").run():
+        for number, name in enumerate(("box", "capsule", "plane", "a_tile", "cap")):
+            matrix = expected_matrix(frame.obstacle_poses[number])
+            if name == "box":
+                matrix[:3, :3] *= (1.0, 0.2, 0.4)
+            np.testing.assert_allclose(placed(stage, f"/World/Obstacles/{name}", frame.number), matrix, atol=1e-6)
+    turned = expected_matrix(frame.obstacle_poses[1])
+    np.testing.assert_allclose(turned[:3, 3], [2.0, 0.0, 0.25], atol=1e-6)
+    np.testing.assert_allclose(
+        turned[:3, :3], Rotation.from_euler("xyz", (90, 0, 30), degrees=True).as_matrix(), atol=1e-6
+    )
+
+
+def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
+    matrix = placed(stage, "/World/Obstacles/plane", 0)
+    corners = np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/World/Obstacles/plane")).GetPointsAttr().Get())
+    normal = matrix[:3, :3] @ np.cross(corners[1] - corners[0], corners[2] - corners[1])
+    normal /= np.linalg.norm(normal)
+    np.testing.assert_allclose(normal, [0.0, np.cos(np.radians(10)), np.sin(np.radians(10))], atol=1e-6)
+    middle = matrix[:3, :3] @ corners.mean(axis=0) + matrix[:3, 3]
+    np.testing.assert_allclose(np.cross(middle, normal), 0.0, atol=1e-5)  # below the origin, where the balloon is
+    assert middle @ normal == pytest.approx(-3.0 * normal[1], rel=1e-6)
+
+
+def test_a_change_moves_an_obstacle(tmp_path: Path):
+    """At once, and what stays beside it gets no samples."""
+    change = [Change(time=2 / 30, set={"obstacle.0.position": (0.0, -2.5, 0.0)})]
+    scene = everything(change=change, obstacle=[everything().obstacle[0], everything().obstacle[3]])
+    animate(scene, tmp_path / "change.usda", device="cpu", schedule="gather")
+    stage = Usd.Stage.Open(str(tmp_path / "change.usda"))
+    heights = [placed(stage, "/World/Obstacles/box", frame)[1, 3] for frame in range(FRAMES + 1)]
+    assert heights == [-2.0, -2.0, -2.0, -2.5, -2.5]
+    box, tile = (UsdGeom.Xformable(prim) for prim in stage.GetPrimAtPath("/World/Obstacles").GetChildren())
+    assert (box.TransformMightBeTimeVarying(), tile.TransformMightBeTimeVarying()) == (True, False)
+
+
+def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path: Path):
+    heights = [-2.0, -2.5, -3.0]
+    vary = {"obstacle.0.position.1": heights, "obstacle.1.position.0": [1.5, 1.75, 2.0]}
+    run_batch(everything(), tmp_path, 3, vary, export=[0, 2], device="cpu", schedule="gather")
+    stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetMessage() for error in errors] == []
+    frames = list(Simulator(everything(), "cpu", schedule="gather").run())
+    for world in (0, 2):
+        shift = placed(stage, f"/World/World_{world}", 0)[:3, 3]
+        for frame in frames:
+            poses = frame.obstacle_poses.copy()
+            poses[0, 1], poses[1, 0] = heights[world], poses[1, 0] + 0.25 * world
+            for number, name in ((1, "capsule"), (2, "plane"), (4, "cap")):
+                matrix = expected_matrix(poses[number])
+                matrix[:3, 3] += shift
+                path = f"/World/World_{world}/{name}"
+                np.testing.assert_allclose(placed(stage, path, frame.number), matrix, atol=1e-5)
+            assert placed(stage, f"/World/World_{world}/box", frame.number)[1, 3] == pytest.approx(heights[world])
+    samples = [
+        [prim.GetAttribute(f"xformOp:{op}").GetNumTimeSamples() for op in ("translate", "orient")]
+        for prim in (stage.GetPrimAtPath(f"/World/World_2/{name}") for name in ("box", "capsule"))
+    ]
+    assert samples == [[0, 0], [FRAMES + 1, FRAMES + 1]]
+
+
+def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
+    """The box's corners, the capsule's ends and the mesh's points are where the stage's own matrices have them."""
+    reader = RenderStage(written)
+    reader.read_prims(0)
+    box, mesh = reader.meshes[1], reader.meshes[3]
+    for frame in (0, FRAMES):
+        points = reader.points(frame)
+        matrix = placed(stage, "/World/Obstacles/box", frame)
+        corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+        np.testing.assert_allclose(points[1], corners @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-6)
+        matrix = placed(stage, "/World/Obstacles/capsule", frame)
+        (begin,), (end,), (radius,) = reader.capsules(frame)
+        np.testing.assert_allclose([begin, end], matrix[:3, 3] + np.outer([-0.25, 0.25], matrix[:3, 1]), atol=1e-6)
+        assert radius == pytest.approx(0.2)
+    assert (box.soft, mesh.soft, reader.meshes[0].soft) == (False, False, True)
+    vertices, normals = box.surface.place(reader.points(0)[1])
+    assert ((vertices - reader.points(0)[1].mean(axis=0)) * normals).sum(axis=1).min() > 0.0  # they look outward
+    np.testing.assert_allclose(box.colors, np.tile([0.1, 0.2, 0.3], (len(box.colors), 1)), atol=1e-6)
+
+
+def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):
+    reader = RenderStage(written)
+    reader.read_prims(0)
+    framing = frame_action([(reader, frame) for frame in range(FRAMES + 1)], 16 / 9)
+    assert framing.size < 8.0  # from the tile to the sheet
+    assert max(np.ptp(points, axis=0).max() for points in reader.points(0)) > 30.0
+
+
+def test_a_recorded_frame_alone_has_them(tmp_path: Path):
+    """As a snapshot is made: a stage of a single frame, late."""
+    simulator = Simulator(everything(), "cpu", schedule="gather")
+    for _ in range(3):
+        simulator.step()
+    frame = simulator.read_frame()
+    with StageWriter(tmp_path / "one.usda", build_model(everything(), "cpu")) as writer:
+        writer.write(frame)
+    stage = Usd.Stage.Open(str(tmp_path / "one.usda"))
+    np.testing.assert_allclose(
+        placed(stage, "/World/Obstacles/capsule", 3), expected_matrix(frame.obstacle_poses[1]), atol=1e-6
+    )
