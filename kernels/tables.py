@@ -166,6 +166,11 @@ class FixtureTable:
     frictions: wp.array2d[float]
     restitutions: wp.array2d[float]
     """of spheres"""
+    fastest: float
+    """how fast a point of any of them may move [m/s]"""
+    looks: wp.array2d[wp.vec4]
+    """working memory, of each world and particle: where it was when it last looked at them, and up to which distance
+    there was nothing, plus how far `fastest` goes until then [m]; 0 at the start of a frame"""
 
 
 @wp.struct

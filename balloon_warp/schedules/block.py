@@ -14,6 +14,7 @@ from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
+from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
@@ -79,6 +80,7 @@ class BlockSchedule:
     def advance_frame(self, state: State) -> None:
         """One frame in one launch, after the ramp of the inflation."""
         refresh_ramp(self.model, state)
+        forget_looks(self._tables)
         if self._traits.tells_time:
             wp.copy(self._memory.frame, state.frame)
         wp.launch_tiled(

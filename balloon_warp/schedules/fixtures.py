@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.fixture import SHAPES
 from balloon_warp.kernels.tables import FixtureTable
@@ -11,6 +12,22 @@ from balloon_warp.model import Model
 
 NOWHERE = 1.0e18
 """reach of what has no end [m], whose square is a float32"""
+
+
+def fastest(motion: NDArray[np.floating], reaches: NDArray[np.floating], frame_seconds: float) -> float:
+    """How fast a point of any obstacle may move [m/s].
+
+    Args:
+        motion: shifts and quaternions by frame, shape (frames, obstacle_count, 7).
+        reaches: of the obstacles [m], shape (obstacle_count,).
+    """
+    if len(motion) == 1 or not len(reaches):
+        return 0.0
+    shifts = np.linalg.norm(np.diff(motion[..., :3], axis=0), axis=-1)
+    before, after = motion[:-1, :, 3:], motion[1:, :, 3:]
+    halves = np.minimum(np.linalg.norm(after - before, axis=-1), np.linalg.norm(after + before, axis=-1))
+    turns = 4.0 * np.arcsin(0.5 * halves.clip(max=2.0))
+    return float(((shifts + turns * reaches).max()) / frame_seconds)
 
 
 def fixture_table(model: Model) -> Any:
@@ -31,4 +48,13 @@ def fixture_table(model: Model) -> Any:
     table.positions = model.parameters["obstacle_position"]
     table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
+    table.fastest = fastest(model.obstacle_motion.numpy(), table.reaches.numpy(), model.frame_seconds)
+    looks = (model.world_count, model.particle_count if shapes else 0)
+    table.looks = wp.zeros(looks, dtype=wp.vec4, device=model.device)
     return table
+
+
+def forget_looks(tables: Any) -> None:
+    """As a frame begins, before which balloons and obstacles may have been put elsewhere."""
+    if tables.fixtures.looks.size:
+        tables.fixtures.looks.zero_()

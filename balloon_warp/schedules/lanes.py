@@ -16,6 +16,7 @@ from balloon_warp.kernels.schedules.layouts import OCTETS, WORLDS, Layout
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
+from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
@@ -80,6 +81,7 @@ class LanesSchedule:
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""
         refresh_ramp(self.model, state)
+        forget_looks(self._tables)
         worlds = world_state(state)
         if len(self._shares) == 1:
             self._advance_groups(worlds, self._shares[0])

@@ -27,6 +27,7 @@ from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import world_state
 
@@ -96,6 +97,7 @@ class Pieces:
     def begin_frame(self, state: State) -> None:
         """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
+        forget_looks(self.tables)
         if self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
         if self.traits.gas and not self._gas_changes:

@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.contact import stand_on
 from balloon_warp.kernels.laws.fixture import (
     BOX,
     CAPSULE,
+    FAR_AWAY,
     LEAST_STEP,
     MESH,
     MOST_LOOKS,
@@ -19,6 +20,20 @@ from balloon_warp.kernels.laws.fixture import (
 )
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
+
+SURELY = wp.constant(0.999)
+"""part of a distance that rounding leaves"""
+
+
+@wp.struct
+class Around:
+    """A particle, and what it has around it at the end of a step."""
+
+    world: wp.int32
+    particle: wp.int32
+    ground_height: float
+    ground_friction: float
+    time: float  # [s]
 
 
 @wp.struct
@@ -148,14 +163,17 @@ def way_function(traits: Traits) -> Any:
 
     @wp.func
     def let_through(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, radius: float):
-        """The end of a particle's way, on the surface if that is in it, and then the normal there, or else zero."""
+        """The end of a particle's way, on the surface if that is in it; then the normal there, or else zero; and how
+        far from the end there is nothing for sure."""
         way = wp.length(end - start)
         farthest = way + t.fixtures.thicknesses[fixture] + radius + 0.1 * t.fixtures.reaches[fixture]
         let = end
         outward = wp.vec3()
         first, facing = surface_at(t, fixture, start, radius, farthest)
+        free = wp.min(first, farthest) - way
         if first <= way:
             last, normal = surface_at(t, fixture, end, radius, farthest)
+            free = wp.min(last, farthest)
             if wp.dot(normal, facing) <= 0.0:
                 stop, there = stopped_on_the_way(t, fixture, start, end, radius, first, farthest)
                 let = stop
@@ -163,43 +181,71 @@ def way_function(traits: Traits) -> Any:
             if wp.length_sq(outward) == 0.0 and last < 0.0:
                 let = end - last * normal
                 outward = normal
-        return let, outward
+            if wp.length_sq(outward) > 0.0:
+                free = 0.0
+        return let, outward, free
 
     return let_through
+
+
+@wp.struct
+class Meeting:
+    """What comes of a particle's way beside an obstacle."""
+
+    let: wp.vec3  # where it lets the particle go
+    normal: wp.vec3  # there, zero if it is not in the way
+    moving: wp.vec3  # how fast its surface moves there [m/s]
+    free: float  # how far from the end of the way there is nothing for sure [m]
 
 
 @cache
 def meeting_function(traits: Traits) -> Any:
     """The function by which a particle, or a ball, meets an obstacle."""
     pose_at = pose_function(traits)
+    center_at = center_function(traits)
     let_through = way_function(traits)
 
     @wp.func
     def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3, radius: float):
-        """Where an obstacle lets a particle go in a step that ends at a time; the normal there, zero if it is not in
-        the way; and how fast its surface moves there [m/s]."""
-        let = end
-        normal = wp.vec3()
-        moving = wp.vec3()
-        pose = pose_at(t, world, fixture, time)
-        arm = end - pose.center
-        before = start - pose.center
-        if wp.static(traits.fixtures_move):
-            earlier = pose_at(t, world, fixture, time - t.step_seconds)
-            # where the particle would have been, had the obstacle stood already where it is now
-            before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
-        if wp.length(arm) <= t.fixtures.reaches[fixture] + radius + wp.length(arm - before):
-            place, outward = let_through(
+        """In a step that ends at a time."""
+        met = Meeting()
+        met.let = end
+        arm = end - center_at(t, world, fixture, time)
+        way = wp.length(end - start) + t.step_seconds * t.fixtures.fastest
+        met.free = wp.length(arm) - t.fixtures.reaches[fixture] - radius
+        if met.free <= way:
+            pose = pose_at(t, world, fixture, time)
+            before = start - pose.center
+            if wp.static(traits.fixtures_move):
+                earlier = pose_at(t, world, fixture, time - t.step_seconds)
+                # where the particle would have been, had the obstacle stood already where it is now
+                before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
+            place, outward, free = let_through(
                 t, fixture, wp.quat_rotate_inv(pose.turn, before), wp.quat_rotate_inv(pose.turn, arm), radius
             )
+            met.free = wp.max(met.free, free)
             if wp.length_sq(outward) > 0.0:
                 arm = wp.quat_rotate(pose.turn, place)
-                let = pose.center + arm
-                normal = wp.quat_rotate(pose.turn, outward)
-                moving = pose.velocity + wp.cross(pose.spin, arm)
-        return let, normal, moving
+                met.let = pose.center + arm
+                met.normal = wp.quat_rotate(pose.turn, outward)
+                met.moving = pose.velocity + wp.cross(pose.spin, arm)
+                met.free = 0.0
+        return met
 
     return meet
+
+
+@wp.func
+def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, point: wp.vec3):
+    """Whether there was nothing around the particle's last look, as far as to a point, and cannot be since."""
+    look = t.fixtures.looks[world, particle]
+    return wp.length(point - wp.vec3(look[0], look[1], look[2])) + t.fixtures.fastest * time < look[3]
+
+
+@wp.func
+def friction_of(t: Tables, world: wp.int32, fixture: wp.int32):
+    """Coulomb's coefficient."""
+    return t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
 
 
 @cache
@@ -208,38 +254,41 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     meet = meeting_function(traits)
 
     @wp.func
-    def leave_fixtures(t: Tables, world: wp.int32, time: float, point: wp.vec3, velocity: wp.vec3):
-        """A particle's point and velocity outside of all of them, at the end of a step."""
-        start = point - t.step_seconds * velocity
-        for fixture in range(t.fixtures.kinds.shape[0]):
-            let, normal, moving = meet(t, world, fixture, time, start, point, 0.0)
-            if wp.length_sq(normal) > 0.0:
-                friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
-                stood, slowed = stand_on(let, velocity, moving, normal, friction, t.step_seconds)
-                point = stood
-                velocity = slowed
+    def leave_fixtures(t: Tables, world: wp.int32, particle: wp.int32, time: float, point: wp.vec3, velocity: wp.vec3):
+        """A particle's point and velocity outside of all of them, at the end of a step. Distances are 1-Lipschitz: one
+        look tells for how far the particle need not look again."""
+        if not is_free(t, world, particle, time, point):
+            start = point - t.step_seconds * velocity
+            free = float(FAR_AWAY)
+            for fixture in range(t.fixtures.kinds.shape[0]):
+                met = meet(t, world, fixture, time, start, point, 0.0)
+                free = wp.min(free, met.free)
+                if wp.length_sq(met.normal) > 0.0:
+                    stood, slowed = stand_on(
+                        met.let, velocity, met.moving, met.normal, friction_of(t, world, fixture), t.step_seconds
+                    )
+                    point = stood
+                    velocity = slowed
+            t.fixtures.looks[world, particle] = wp.vec4(
+                point[0], point[1], point[2], SURELY * free + t.fixtures.fastest * time
+            )
         return point, velocity
 
     @wp.func
     def out_of_fixtures(
-        t: Tables,
-        world: wp.int32,
-        time: float,
-        start: wp.vec3,
-        end: wp.vec3,
-        velocity: wp.vec3,
-        last_normal: wp.vec3,
+        t: Tables, around: Around, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, last_normal: wp.vec3
     ):
         """Where they let a particle go, and the normal of the last one in the way; `last_normal` if none is."""
         outside = end
         outward = last_normal
-        for fixture in range(t.fixtures.kinds.shape[0]):
-            let, normal, moving = meet(t, world, fixture, time, start, outside, 0.0)
-            if wp.length_sq(normal) > 0.0:
-                friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
-                stood, _slowed = stand_on(let, velocity, moving, normal, friction, t.step_seconds)
-                outside = stood
-                outward = normal
+        if not is_free(t, around.world, around.particle, around.time, end):
+            for fixture in range(t.fixtures.kinds.shape[0]):
+                met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
+                if wp.length_sq(met.normal) > 0.0:
+                    friction = friction_of(t, around.world, fixture)
+                    stood, _slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, t.step_seconds)
+                    outside = stood
+                    outward = met.normal
         return outside, outward
 
     return leave_fixtures, out_of_fixtures

@@ -11,19 +11,9 @@ from balloon_warp.kernels.laws.contact import (
     out_of_sphere,
     penalty_force,
 )
-from balloon_warp.kernels.loops.fixtures import fixture_functions
+from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
 from balloon_warp.kernels.traits import Traits
-
-
-@wp.struct
-class Around:
-    """What a particle has around it at the end of a step."""
-
-    world: wp.int32
-    ground_height: float
-    ground_friction: float
-    time: float  # [s]
 
 
 @wp.func
@@ -55,26 +45,47 @@ def leave_one_sphere(
 
 
 @cache
+def around_function(traits: Traits) -> Any:
+    """The function that says what a particle has around it, of what it knows of itself."""
+    height_column = traits.columns.places["ground_height"]
+    friction_column = traits.columns.places["ground_friction"]
+
+    @wp.func
+    def around_own(own: Any, time: float):
+        """At the end of a step [s]."""
+        around = Around()
+        around.world = own.world
+        around.particle = own.number
+        around.ground_height = own.n[height_column]
+        around.ground_friction = own.n[friction_column]
+        around.time = time
+        return around
+
+    return around_own
+
+
+@cache
 def standing_function(traits: Traits) -> Any:
     """The function that lets a particle stand on the ground, and on obstacles that go where they are told."""
     leave_fixtures = fixture_functions(traits)[0] if traits.fixtures else None
 
     @wp.func
     def stand(
-        t: Tables, world: wp.int32, height: float, friction: float, time: float, point: wp.vec3, velocity: wp.vec3
+        t: Tables,
+        around: Around,
+        point: wp.vec3,
+        velocity: wp.vec3,
     ):
-        """Its point and velocity outside; most are above the ground and go on at once.
-
-        Args:
-            time: at the end of the step [s].
-        """
+        """Its point and velocity outside; most are above the ground and go on at once."""
         if wp.static(traits.fixtures):
-            left, slowed = leave_fixtures(t, world, time, point, velocity)
+            left, slowed = leave_fixtures(t, around.world, around.particle, around.time, point, velocity)
             point = left
             velocity = slowed
         if wp.static(traits.ground):
-            if wp.dot(point, t.up) < height:
-                stood, after = leave_ground(point, velocity, t.up, height, friction, t.step_seconds)
+            if wp.dot(point, t.up) < around.ground_height:
+                stood, after = leave_ground(
+                    point, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
+                )
                 point = stood
                 velocity = after
         return point, velocity
@@ -97,10 +108,7 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
         t: Tables,
         state: WorldState,
         forces: Any,
-        world: wp.int32,
-        height: float,
-        friction: float,
-        time: float,
+        around: Around,
         point: wp.vec3,
         velocity: wp.vec3,
         inflation: wp.vec3,
@@ -108,16 +116,16 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
         """Its point and velocity outside at the end of a step; each sphere gets its force."""
         if wp.static(traits.penalties):
             for sphere in range(state.sphere_positions.shape[1]):
-                center, motion, radius = sphere_in_state(t, state, world, sphere)
+                center, motion, radius = sphere_in_state(t, state, around.world, sphere)
                 if wp.length_sq(point - center) < radius * radius:
                     out, after, push = leave_one_sphere(
-                        t, world, sphere, center, motion, radius, point, velocity, inflation
+                        t, around.world, sphere, center, motion, radius, point, velocity, inflation
                     )
                     point = out
                     velocity = after
-                    add_force(forces, world, sphere, push)
+                    add_force(forces, around.world, sphere, push)
         if wp.static(traits.stands):
-            stood, slowed = stand(t, world, height, friction, time, point, velocity)
+            stood, slowed = stand(t, around, point, velocity)
             point = stood
             velocity = slowed
         return point, velocity
@@ -154,7 +162,7 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
                 outside = out
                 normal = outward
         if wp.static(traits.fixtures):
-            out, outward = out_of_fixtures(t, around.world, around.time, point, outside, velocity, normal)
+            out, outward = out_of_fixtures(t, around, point, outside, velocity, normal)
             outside = out
             normal = outward
         if wp.static(traits.ground):

@@ -22,11 +22,11 @@ def rolling_function(traits: Traits) -> Any:
         """A sphere out of obstacles, which it leaves at the speed it came with times their restitution."""
         start = position - t.step_seconds * velocity
         for fixture in range(t.fixtures.kinds.shape[0]):
-            let, normal, moving = meet(t, world, fixture, time, start, position, radius)
-            if wp.length_sq(normal) > 0.0:
+            met = meet(t, world, fixture, time, start, position, radius)
+            if wp.length_sq(met.normal) > 0.0:
                 row = row_of_world(world, t.fixtures.restitutions.shape[0])
-                position = let
-                velocity = bounced(velocity, moving, normal, t.fixtures.restitutions[row, fixture])
+                position = met.let
+                velocity = bounced(velocity, met.moving, met.normal, t.fixtures.restitutions[row, fixture])
         return position, velocity
 
     @wp.func

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, aim_of
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
-from balloon_warp.kernels.loops.obstacles import Around, leave_one_sphere, standing_function
+from balloon_warp.kernels.loops.obstacles import around_function, leave_one_sphere, standing_function
 from balloon_warp.kernels.loops.touching import is_near_sphere
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
@@ -59,9 +59,8 @@ def pieces_of(
     stand_of_particle = standing_function(traits)
     spheres, two = traits.spheres, layout.two
     rolls = board.rolls_by_warps
-    height_column = traits.columns.places["ground_height"]
+    around_own = around_function(traits)
     molar_mass_column = traits.columns.places["molar_mass"]
-    friction_column = traits.columns.places["ground_friction"]
 
     @wp.func
     def inertia(member: Member):
@@ -98,11 +97,7 @@ def pieces_of(
     def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
         part = Swelling()
         if member.active and member.own.kind != NORMAL_FORCE:
-            around = Around()
-            around.world = seat.world
-            around.ground_height = member.own.n[height_column]
-            around.ground_friction = member.own.n[friction_column]
-            around.time = seat.time + t.step_seconds
+            around = around_own(member.own, seat.time + t.step_seconds)
             part = swell_of_particle(
                 t, seat.substep, around, member.own.share, member.inertia,
                 member.load, member.point - origin, member.point, member.free_velocity,
@@ -200,10 +195,8 @@ def pieces_of(
     @wp.func
     def stand(t: Tables, seat: Seat, member: Member):
         if member.own.mass > 0.0:
-            stood, slowed = stand_of_particle(
-                t, seat.world, member.own.n[height_column], member.own.n[friction_column],
-                seat.time + t.step_seconds, member.point, member.velocity,
-            )  # fmt: skip
+            around = around_own(member.own, seat.time + t.step_seconds)
+            stood, slowed = stand_of_particle(t, around, member.point, member.velocity)
             member.point = stood
             member.velocity = slowed
         return member

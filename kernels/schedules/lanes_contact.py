@@ -16,7 +16,7 @@ from balloon_warp.kernels.algebra import (
     squared_length,
 )
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
-from balloon_warp.kernels.loops.fixtures import center_function
+from balloon_warp.kernels.loops.fixtures import Around, center_function
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
 from balloon_warp.kernels.loops.rolling import rolling_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
@@ -126,14 +126,37 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
 
 
 @cache
+def around_in_lanes(traits: Traits, layout: Layout) -> Any:
+    """The function that says what a lane's particle has around it."""
+    LaneTables, _, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+    height_column = traits.columns.places["ground_height"]
+    friction_column = traits.columns.places["ground_friction"]
+
+    @wp.func
+    def around_lane(t: LaneTables, own: LaneOwn, lane: wp.int32, time: float):
+        """At the end of a step [s]."""
+        around = Around()
+        around.world = places.world(own.group, lane, t.world_count)
+        around.particle = own.item
+        if wp.static(not layout.worlds):
+            around.particle = t.particles[LANE_COUNT * own.item + lane]
+        around.ground_height = own.n[height_column][lane]
+        around.ground_friction = own.n[friction_column][lane]
+        around.time = time
+        return around
+
+    return around_lane
+
+
+@cache
 def leave_function(traits: Traits, layout: Layout) -> Any:
     """The function by which an item leaves obstacles."""
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
     touches_any = touch_function(traits, layout)
     leave_obstacles = obstacle_loop(traits, add_to_state)
-    height_column = traits.columns.places["ground_height"]
-    friction_column = traits.columns.places["ground_friction"]
+    around_lane = around_in_lanes(traits, layout)
 
     @wp.func
     def leave_one_by_one(
@@ -146,14 +169,11 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
         push: Lanes3,
     ):
         """Points and velocities outside."""
-        heights = own.n[height_column]
-        frictions = own.n[friction_column]
         for lane in range(t.lane_count):
             share = of_lane(own.share, lane)
             if share > 0.0 and places.is_other(own.group, lane, t.world_count):
-                world = places.world(own.group, lane, t.world_count)
                 out, after = leave_obstacles(
-                    t.all, state, state.sphere_forces, world, heights[lane], frictions[lane], time,
+                    t.all, state, state.sphere_forces, around_lane(t, own, lane, time),
                     of_lane(point, lane), of_lane(velocity, lane), of_lane(push, lane),
                 )  # fmt: skip
                 point = set_lane(point, lane, out)

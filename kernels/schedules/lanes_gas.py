@@ -8,9 +8,9 @@ import warp as wp
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, reach_along, scaled, set_lane, times
 from balloon_warp.kernels.laws.gas import Swelling, memory_of_rate, swelling_of_particle
 from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function, tubes_function
-from balloon_warp.kernels.loops.obstacles import Around, course_function, sphere_in_state
+from balloon_warp.kernels.loops.obstacles import course_function, sphere_in_state
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.lanes_contact import touch_function
+from balloon_warp.kernels.schedules.lanes_contact import around_in_lanes, touch_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, places_of
 from balloon_warp.kernels.substep import load_function, note_function, ramp_at, response
@@ -50,11 +50,9 @@ def pump_in_lanes(traits: Traits, layout: Layout) -> Any:
 def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
     """The function that gives the parts of an item in its balloon's swelling, as `substep.swell` does of a particle."""
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
-    places = places_of(layout)
     course_beside_obstacles = course_function(traits, sphere_in_state)
     touches_any = touch_function(traits, layout)
-    height_column = traits.columns.places["ground_height"]
-    friction_column = traits.columns.places["ground_friction"]
+    around_lane = around_in_lanes(traits, layout)
     damping_column = traits.columns.places["breathing_damping"]
 
     @wp.func
@@ -62,16 +60,11 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
         """The velocities at which obstacles let particles move in a step, and their normals, zero where there are
         none."""
         normals = Lanes3()
-        heights = own.n[height_column]
-        frictions = own.n[friction_column]
-        around = Around()
-        around.time = time
         for lane in range(t.lane_count):
             if of_lane(own.share, lane) > 0.0:
-                around.world = places.world(own.group, lane, t.world_count)
-                around.ground_height = heights[lane]
-                around.ground_friction = frictions[lane]
-                let, away = course_beside_obstacles(t.all, state, around, of_lane(point, lane), of_lane(course, lane))
+                let, away = course_beside_obstacles(
+                    t.all, state, around_lane(t, own, lane, time), of_lane(point, lane), of_lane(course, lane)
+                )
                 course = set_lane(course, lane, let)
                 normals = set_lane(normals, lane, away)
         return course, normals

@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.loops.obstacles import obstacle_loop
+from balloon_warp.kernels.loops.obstacles import around_function, obstacle_loop
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
 from balloon_warp.kernels.schedules.near import noting_function
@@ -53,8 +53,7 @@ def leaving_function(traits: Traits) -> Any:
     `launched_touch`."""
     leave_obstacles = obstacle_loop(traits, add_quanta)
     is_noted = noting_function(traits)
-    height_column = traits.columns.places["ground_height"]
-    friction_column = traits.columns.places["ground_friction"]
+    around_own = around_function(traits)
 
     @wp.func
     def leave(
@@ -71,10 +70,8 @@ def leaving_function(traits: Traits) -> Any:
         if wp.static(traits.impulses):
             if is_noted(t, state, working.near, own.world, own.number, point, velocity):
                 return point, velocity
-        out, after = leave_obstacles(
-            t, state, working.sphere_quanta, own.world, own.n[height_column], own.n[friction_column],
-            end_of_step(t, state.frame, time_in_frame), point, velocity, inflation,
-        )  # fmt: skip
+        around = around_own(own, end_of_step(t, state.frame, time_in_frame))
+        out, after = leave_obstacles(t, state, working.sphere_quanta, around, point, velocity, inflation)
         return out, after
 
     return leave

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function, tubes_function
-from balloon_warp.kernels.loops.obstacles import Around, sphere_in_state
+from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state
 from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.substep import (
@@ -80,8 +80,7 @@ def summing_function(traits: Traits) -> Any:
     swell = swell_function(traits, sphere_in_state)
     remembered = memory_function(traits)
     inertia = inertia_function(traits)
-    height_column = traits.columns.places["ground_height"]
-    friction_column = traits.columns.places["ground_friction"]
+    around_own = around_function(traits)
 
     @wp.func
     def swelling_of_thread(
@@ -101,16 +100,12 @@ def summing_function(traits: Traits) -> Any:
         part = Swelling()
         if t.inflation_kind[balloon] != NORMAL_FORCE:
             origin = points[world, volume_origin(t, balloon)]
-            around = Around()
-            around.world = world
-            around.time = end_of_step(t, state.frame, time_in_frame)
+            time = end_of_step(t, state.frame, time_in_frame)
             for particle in range(begin, end, wp.block_dim()):
                 own = read_own(t, world, particle)
                 point = points[world, particle]
-                around.ground_height = own.n[height_column]
-                around.ground_friction = own.n[friction_column]
                 part += swell(
-                    t, state, around, own.share, inertia(working, own),
+                    t, state, around_own(own, time), own.share, inertia(working, own),
                     state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
                     remembered(velocities[world, particle], own.n), working.area_vectors[world, particle],
                 )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
-from balloon_warp.kernels.loops.obstacles import sphere_in_state, standing_function
+from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state, standing_function
 from balloon_warp.kernels.loops.touching import (
     answer_of_ball,
     answer_to_ball,
@@ -31,8 +31,7 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stand = standing_function(traits)
-    height_column = traits.columns.places["ground_height"]
-    friction_column = traits.columns.places["ground_friction"]
+    around_own = around_function(traits)
 
     @wp.func
     def end_of_mark(mark: wp.int32, count: wp.int32):
@@ -87,10 +86,7 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
         for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
             own = read_own(t, world, particle)
             if own.share > 0.0:
-                point, velocity = stand(
-                    t, world, own.n[height_column], own.n[friction_column], time, points[particle],
-                    velocities[particle],
-                )  # fmt: skip
+                point, velocity = stand(t, around_own(own, time), points[particle], velocities[particle])
                 points[particle] = point
                 velocities[particle] = velocity
 
