@@ -136,22 +136,13 @@ def in_air_by_forward_euler() -> Scene:
 
 
 STILL = [
-    Obstacle(size=(1.0, 0.1, 1.0), position=(0.3, 0.05, 0.0), rotation=(0.0, 0.0, 20.0), friction=0.2),
-    Obstacle(radius=0.3, length=0.6, position=(3.4, 0.2, 0.5), rotation=(30.0, 0.0, 0.0)),
+    Obstacle(size=(0.2, 1.0, 1.0), position=(0.6, 0.49, 0.0), friction=0.2),
+    Obstacle(radius=0.3, length=0.6, position=(2.95, -0.1, 0.1), rotation=(0.0, 0.0, 90.0)),
 ]
 MOVING = [
     *STILL,
-    Obstacle(
-        shape="plane",
-        position=(0.0, -0.1, 0.0),
-        rotation=(5.0, 0.0, 0.0),
-        motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 1.0, 0.0))],
-    ),
-    Obstacle(
-        mesh=quad_sphere(3, 0.4),
-        position=(-0.7, 0.4, 0.0),
-        motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (2.0, 0.0, 0.0), (0.0, 90.0, 0.0))],
-    ),
+    Obstacle(shape="plane", position=(0, -0.5, 0), rotation=(1, 0, 0), motion=[(0, (0, 0, 0)), (0.1, (0, 0.7, 0))]),
+    Obstacle(mesh=quad_sphere(3, 0.4), position=(-0.95, 0.4, 0), motion=[(0, (0, 0, 0)), (1, (2, 0, 0), (0, 90, 0))]),
     Obstacle(mesh=grid(3, 3), position=(2.4, 1.2, -0.4), rotation=(-70.0, 0.0, 0.0), thickness=0.05),
 ]
 

@@ -101,7 +101,9 @@ def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: 
         if odd.name == "a hub of 5,000 quads":
             continue
         path.write_bytes(odd.content())
-        overrides = [("gravity", 0.0), ("balloon.fixed", []), ("balloon.inflation.k_normal", 3.0), *odd.overrides]
+        # In free air: whether a particle stands on the ground in a substep hangs on rounding, and so how far it slides.
+        free = [("gravity", 0.0), ("ground.height", -9.0), ("balloon.fixed", [])]
+        overrides = [*free, ("balloon.inflation.k_normal", 3.0), *odd.overrides]
         simulators = [Simulator(load_scene(path, overrides), device, schedule=name) for name in ("scatter", schedule)]
         start = simulators[0].read_frame().points[0]
         if odd.name in ("no winding fits", "an edge of 100 faces"):
