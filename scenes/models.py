@@ -12,9 +12,10 @@ from balloon_warp.scenes.model_ball import ball
 from balloon_warp.scenes.model_bowl import bowl
 from balloon_warp.scenes.model_pillow import pillow
 from balloon_warp.scenes.model_squirrel import squirrel
+from balloon_warp.scenes.model_table import table
 from balloon_warp.scenes.model_turtle import turtle
 
-MODELS = {"squirrel": squirrel, "turtle": turtle, "pillow": pillow, "bowl": bowl, "ball": ball}
+MODELS = {"squirrel": squirrel, "turtle": turtle, "pillow": pillow, "bowl": bowl, "ball": ball, "table": table}
 
 
 def make_model(name: str) -> PolygonMesh:

@@ -65,4 +65,7 @@ def test_the_page_moves_what_moves(tmp_path: Path):
     np.testing.assert_allclose(capsule.position, (3.0, 1.0, 0.0))
     np.testing.assert_allclose(capsule.wxyz, np.sqrt([0.5, 0.5, 0.0, 0.0]))
     assert tuple(box.position) == (0.0, -3.0, 0.0)
+    ball = quad_sphere(3).points
+    expected = [(ball[:, 0].min() + 3.1) / 2, (ball[:, 1].max() - 3.5) / 2, 0.0]  # from ball to capsule and to box
+    np.testing.assert_allclose(page.layers.home[1], expected, atol=0.01)
     page.stop()

@@ -12,14 +12,22 @@ from balloon_warp import InputError, Scene, bundled_scenes, load_scene
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Sphere
 from balloon_warp.scene.reference import as_markdown
+from balloon_warp.scene.schema import MESHED
 from balloon_warp.scene.write import scene_toml, write_scene
 
 PAGE = Path(__file__).parent.parent / "docs" / "SCENE.md"
 
 
 def without_meshes(scene: Scene) -> Scene:
-    balloons = [balloon.model_copy(update={"mesh": Path()}) for balloon in scene.balloon]
-    return scene.model_copy(update={"balloon": balloons})
+    tables = {
+        name: [table.model_copy(update={"mesh": table.mesh and Path()}) for table in getattr(scene, name)]
+        for name in MESHED
+    }
+    return scene.model_copy(update=tables)
+
+
+def mesh_files(scene: Scene) -> list[Path]:
+    return [Path(str(table.mesh)) for name in MESHED for table in getattr(scene, name) if table.mesh]
 
 
 @pytest.mark.parametrize("name", bundled_scenes())
@@ -30,9 +38,9 @@ def test_a_bundled_scene_is_written_with_its_meshes_and_can_be_moved(tmp_path: P
     assert sorted(written) == sorted((tmp_path / "here").iterdir())
     moved = load_scene(shutil.move(tmp_path / "here", tmp_path / "there") / "mine.toml")
     assert without_meshes(moved) == without_meshes(scene)
-    for balloon, own in zip(moved.balloon, scene.balloon, strict=True):
-        assert Path(str(balloon.mesh)).parent == tmp_path / "there"
-        assert Path(str(balloon.mesh)).read_bytes() == Path(str(own.mesh)).read_bytes()
+    for mesh, own in zip(mesh_files(moved), mesh_files(scene), strict=True):
+        assert mesh.parent == tmp_path / "there"
+        assert mesh.read_bytes() == own.read_bytes()
     printed = tmp_path / "printed.toml"
     printed.write_text(scene_toml(scene, tmp_path))
     assert load_scene(printed) == scene

@@ -86,7 +86,9 @@ class Layers:
         scene.set_up_direction("+y" if picture.scene.up_axis == "Y" else "+z")
         side = np.array([0.55, 0.0, 1.0]) if picture.scene.up_axis == "Y" else np.array([0.55, -1.0, 0.0])
         center = (low + high) / 2
-        self.home = _home(np.concatenate([start, string_reach(picture.model, self.size, center, up)]), up, side)
+        self._obstacles = ObstacleLayer(self.server, picture, center, self.size)
+        around = [start, string_reach(picture.model, self.size, center, up), self._obstacles.seen]
+        self.home = _home(np.concatenate(around), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
             camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)
         self._balloons, self._bands = [], []
@@ -117,7 +119,6 @@ class Layers:
             "/strings", nothing, np.zeros((1, 2, 3), np.uint8), thickness=0.008 * self.size
         )
         self._spheres: dict[int, viser.IcosphereHandle] = {}
-        self._obstacles = ObstacleLayer(self.server, picture, center, self.size)
         if picture.scene.ground:
             self._add_ground(picture.scene.ground.height, center, up)
 

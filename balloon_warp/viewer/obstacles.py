@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.outputs.render.framing import BACKDROP
 from balloon_warp.outputs.usd.planes import SIZES
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.picture import Picture
@@ -33,7 +34,7 @@ class ObstacleLayer:
 
     def __init__(self, server: viser.ViserServer, picture: Picture, center: NDArray[np.floating], size: float):
         server.scene.add_frame(ROOT, show_axes=False)
-        self._meshes = []
+        self._meshes, seen = [], [np.zeros((0, 3))]
         for number, shape in enumerate(picture.model.obstacles):
             pose = picture.frame.obstacle_poses[number]
             below = Rotation.from_quat(pose[3:]).inv().apply(center - pose[:3])
@@ -43,6 +44,10 @@ class ObstacleLayer:
                 f"{ROOT}/{number}", points, triangles, color=color, flat_shading=shape.kind != "capsule", side="double"
             )
             self._meshes.append(mesh)
+            if np.ptp(points, axis=0).max() <= BACKDROP * size:
+                seen.append(Rotation.from_quat(pose[3:]).apply(points) + pose[:3])
+        self.seen = np.concatenate(seen)
+        """points of those that are to be seen as a whole, where they are at first [m], shape (n, 3)"""
         self._shown: list[NDArray[np.float64] | None] = [None] * len(self._meshes)
 
     def draw(self, picture: Picture) -> None:
