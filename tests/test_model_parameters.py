@@ -24,7 +24,7 @@ def everything() -> Scene:
         sphere=[Sphere(position=(0.0, 5.0, 0.0))],
         string=[String(anchor=(0.0, -3.0, 0.0))],
         tube=[Tube(balloons=(0, 1), conductance=0.1)],
-        obstacle=[Obstacle(position=(0.0, -20.0, 0.0))],
+        obstacle=[Obstacle(position=(50.0, -20.0, 0.0))],
         ground=Ground(height=-5.0),
         water=Water(level=-4.0),
     )

@@ -131,11 +131,9 @@ def carry_over(state: State, before: State, spheres: Sequence[int | None]) -> No
 
 
 def world_bytes(model: Model) -> int:
-    """Device memory of one world's state, and of what its particles have seen of obstacles."""
+    """Device memory of one world's state."""
     room = Counting()
     new_state(replace(model, world_count=1), room)
-    if model.obstacles:
-        room.array((1, model.particle_count), wp.vec4)
     return room.bytes
 
 

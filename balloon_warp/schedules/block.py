@@ -14,7 +14,7 @@ from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.fixtures import forget_looks
+from balloon_warp.schedules.fixtures import forget_looks, look_array
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
@@ -70,6 +70,7 @@ class BlockSchedule:
         """Device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
         _working_arrays(model, traits, _layout(model, traits, spring_ends(model))[0], room)
+        look_array(model, room)
         return room.bytes // model.world_count
 
     @property

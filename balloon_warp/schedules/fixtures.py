@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.laws.fixture import SHAPES
 from balloon_warp.kernels.tables import FixtureTable
 from balloon_warp.model import Model
+from balloon_warp.model.memory import Allocating, Room
 
 NOWHERE = 1.0e18
 """reach of what has no end [m], whose square is a float32"""
@@ -49,9 +50,13 @@ def fixture_table(model: Model) -> Any:
     table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
     table.fastest = fastest(model.obstacle_motion.numpy(), table.reaches.numpy(), model.frame_seconds)
-    looks = (model.world_count, model.particle_count if shapes else 0)
-    table.looks = wp.zeros(looks, dtype=wp.vec4, device=model.device)
+    table.looks = look_array(model, Allocating(model.device))
     return table
+
+
+def look_array(model: Model, room: Room) -> Any:
+    """Memory for what particles have seen of obstacles, where there are any."""
+    return room.array((model.world_count, model.particle_count if model.obstacles else 0), wp.vec4)
 
 
 def forget_looks(tables: Any) -> None:

@@ -16,7 +16,7 @@ from balloon_warp.kernels.schedules.layouts import OCTETS, WORLDS, Layout
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.fixtures import forget_looks
+from balloon_warp.schedules.fixtures import forget_looks, look_array
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
@@ -76,6 +76,7 @@ class LanesSchedule:
         """Device memory that it keeps for each world, beside the state."""
         room = Counting()
         _working_arrays(model, model_traits(model), cls.layout, room)
+        look_array(model, room)
         return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:
