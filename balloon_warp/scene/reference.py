@@ -10,6 +10,7 @@ import textwrap
 import typing
 from collections.abc import Iterator
 from functools import cache
+from threading import Lock
 from typing import Any
 
 from pydantic import BaseModel
@@ -23,6 +24,8 @@ from balloon_warp.scene.schema import Scene
 from balloon_warp.scene.toml import toml_value
 
 Tables = type[BaseModel]
+PARSING = Lock()
+"""Python 3.11 fails where two threads parse at once, as when two recordings are written"""
 
 
 def meaning_of(table: Tables, field: str) -> str:
@@ -36,7 +39,8 @@ def meaning_of(table: Tables, field: str) -> str:
 def _docstrings(table: Tables) -> dict[str, str]:
     """Of the fields, as they stand below them in the source. Pydantic would read it for each process that has scenes,
     which takes it as long as to load them."""
-    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(table))).body
+    with PARSING:
+        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(table))).body
     assert isinstance(definition, ast.ClassDef)
     said = {}
     for field, below in itertools.pairwise(definition.body):
