@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from balloon_warp.model import Model, State, copy_of, overwrite
@@ -74,7 +75,7 @@ class WorldReader:
         self._shown = {"inflation_forces": self._own.points} if forces else {}
         if net_forces:
             self._shown["net_forces"] = self._own.points
-        self._obstacle_motion = model.obstacle_motion.numpy()
+        self._obstacle_motion = np.asarray(model.obstacle_motion.numpy(), dtype=np.float32)
         self._buffers: dict[int, HostBuffer] = {}
         self._last: HostBuffer | None = None
 

@@ -28,6 +28,7 @@ def box_distances(model: Model, frame: Frame, number: int) -> np.ndarray:
 def test_no_balloon_goes_through_the_table():
     model, frames = played("table")
     table = model.obstacles[0]
+    assert table.mesh
     distance = MeshDistance(table.mesh.points, table.triangles, thickness=0.0)
     for frame in frames[::5]:
         for balloon in range(4):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
 
-from balloon_warp import InputError, Obstacle, Scene, load_scene, run_batch
+from balloon_warp import InputError, Obstacle, PolygonMesh, Scene, load_scene, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
 from balloon_warp.provenance import describe_simulation, hash_of_file, without_folders
@@ -52,7 +52,7 @@ def test_a_written_scene_has_the_same_obstacles(tmp_path: Path):
     (tmp_path / "elsewhere").mkdir()
     (written,) = write_scene(before, tmp_path / "elsewhere" / "mine.toml")
     after = load_scene(written)
-    assert after.obstacle[0].mesh.resolve() == before.obstacle[0].mesh
+    assert Path(str(after.obstacle[0].mesh)).resolve() == before.obstacle[0].mesh
     there = [obstacle.model_copy(update={"mesh": None}) for obstacle in after.obstacle]
     assert there == [obstacle.model_copy(update={"mesh": None}) for obstacle in before.obstacle]
 
@@ -60,6 +60,7 @@ def test_a_written_scene_has_the_same_obstacles(tmp_path: Path):
 def test_overrides_keep_a_mesh_that_came_from_python():
     made = Scene(balloon=[Balloon(mesh=quad_sphere(2))], obstacle=[Obstacle(mesh=grid(2, 2), position=(0, -3, 0))])
     changed = override_scene(made, {"obstacle.0.friction": 0.1, "obstacle.position": (0.0, -2.0, 0.0)}.items())
+    assert isinstance(changed.obstacle[0].mesh, PolygonMesh)
     np.testing.assert_array_equal(changed.obstacle[0].mesh.points, grid(2, 2).points)
     assert (changed.obstacle[0].friction, changed.obstacle[0].position) == (0.1, (0.0, -2.0, 0.0))
 

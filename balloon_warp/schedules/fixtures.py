@@ -49,9 +49,13 @@ def fixture_table(model: Model) -> Any:
     table.positions = model.parameters["obstacle_position"]
     table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
-    table.fastest = fastest(model.obstacle_motion.numpy(), table.reaches.numpy(), model.frame_seconds)
+    table.fastest = fastest(_floats(model.obstacle_motion), _floats(table.reaches), model.frame_seconds)
     table.looks = look_array(model, Allocating(model.device))
     return table
+
+
+def _floats(array: wp.array) -> NDArray[np.float32]:
+    return np.asarray(array.numpy(), dtype=np.float32)
 
 
 def look_array(model: Model, room: Room) -> Any:

@@ -53,7 +53,8 @@ class ObstacleLayer:
     def draw(self, picture: Picture) -> None:
         """Move them to where they are; only what moves is told to the page."""
         for number, (mesh, pose) in enumerate(zip(self._meshes, picture.frame.obstacle_poses, strict=True)):
-            if not np.array_equal(self._shown[number], pose):
+            shown = self._shown[number]
+            if shown is None or not np.array_equal(shown, pose):
                 mesh.position, mesh.wxyz = tuple(pose[:3].tolist()), tuple(pose[[6, 3, 4, 5]].tolist())
                 self._shown[number] = pose
 

@@ -78,7 +78,7 @@ class ObstaclePrim:
         points = np.concatenate([shape.mesh.points for shape in model.shapes])
         middle, half = 0.5 * (points.min(axis=0) + points.max(axis=0)), SIZES * float(np.ptp(points, axis=0).max())
         positions = model.parameters["obstacle_position"].numpy()[0]
-        pose = obstacle_poses(positions, model.obstacle_motion.numpy(), 0)[number]
+        pose = obstacle_poses(positions, np.asarray(model.obstacle_motion.numpy(), dtype=np.float32), 0)[number]
         self.prim = define_obstacle(
             stage,
             path,
