@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         Change,
         Ground,
         Inflation,
+        Obstacle,
         Scene,
         Sphere,
         Stiffness,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
-from balloon_warp.model.obstacles import obstacle_poses
+from balloon_warp.model.obstacle_motion import obstacle_poses
 
 
 class Recorded:

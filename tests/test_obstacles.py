@@ -232,3 +232,14 @@ def test_a_sphere_bounces_on_an_obstacle_and_rests(contact: str, schedule: str, 
     slid = frames[30].sphere_positions[1] - on_ramp
     assert -slid @ [np.sqrt(0.75), 0.5, 0.0] == pytest.approx(0.5 * GRAVITY * 0.5 * 0.25, rel=0.01)
     assert slid @ up == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
+    """It rolls off a tilted table: no particle ever moves faster, beside the ball's own motion, than the ball fell."""
+    ball = Balloon(mesh=quad_sphere(6, 0.2), position=(0.3, 1.22, 0.0), inflation={"pressure": 2.0})
+    table = Obstacle(size=(1.2, 0.1, 1.2), position=(0.0, 0.93, 0.0), rotation=(0.0, 0.0, -12.0), friction=friction)
+    frames = list(Simulator(Scene(balloon=[ball], obstacle=[table], frames=120), device).run())
+    beside = [frame.velocities[0] - frame.velocities[0].mean(axis=0) for frame in frames]
+    assert frames[-1].points[0][:, 0].min() > 0.6  # it has gone over
+    assert np.linalg.norm(beside, axis=-1).max() < 5.0

@@ -24,10 +24,17 @@ def place_mesh(
     """
     points = mesh.points * (mesh.meters_per_unit * scale)
     if mesh.up_axis != up_axis:
-        points = points @ (_rotation(0, 90.0) if up_axis == "Z" else _rotation(0, -90.0)).T
+        points = points @ axes_matrix(mesh.up_axis, up_axis).T
     for axis, degrees in enumerate(rotation):
         points = points @ _rotation(axis, degrees).T
     return replace(mesh, points=points + np.array(position), up_axis=up_axis, meters_per_unit=1.0)
+
+
+def axes_matrix(mesh_up: str, up_axis: str) -> NDArray[np.float64]:
+    """The matrix that turns one up axis, "Y" or "Z", to another."""
+    if mesh_up == up_axis:
+        return np.eye(3)
+    return _rotation(0, 90.0 if up_axis == "Z" else -90.0)
 
 
 def rotation_matrix(rotation: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,16 +16,30 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 def read_stage(path: Path | str, prim_path: str | None) -> PolygonMesh:
     """See `read_usd`."""
-    _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        raise InputError(f"{path}: is not a USD stage that can be read") from error
-    prim, warnings = _choose_prim(stage, path, prim_path)
+    stage = open_stage(path)
+    prim, warnings = choose_prim(stage, path, prim_path)
     return _read_prim(stage, prim, f"{path}: {prim.GetPath()}", warnings)
 
 
-def _choose_prim(stage: Usd.Stage, path: Path | str, prim_path: str | None) -> tuple[Usd.Prim, tuple[str, ...]]:
+def open_stage(path: Path | str) -> Usd.Stage:
+    """The stage of a file.
+
+    Raises:
+        InputError: it is none.
+    """
+    _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
+    try:
+        return Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise InputError(f"{path}: is not a USD stage that can be read") from error
+
+
+def choose_prim(stage: Usd.Stage, path: Path | str, prim_path: str | None) -> tuple[Usd.Prim, tuple[str, ...]]:
+    """The mesh at a path, or the stage's first, and what is to be said of the choice.
+
+    Raises:
+        InputError: there is none.
+    """
     everything = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
     prims = [prim for prim in everything if UsdGeom.Mesh(prim)]
     if not prims:
@@ -49,7 +63,7 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, warnings: tuple[st
     if not 0.0 < unit < np.inf:
         raise InputError(f"{source}: the stage's metersPerUnit must be positive (got {unit})")
 
-    to_world = _world_matrix(prim)
+    to_world = world_matrix(prim)
     left_handed = geometry.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
     mesh = PolygonMesh(
         # USD multiplies row vectors from the left.
@@ -108,7 +122,7 @@ def _value(attribute: Usd.Attribute, source: str) -> Any:
     return value
 
 
-def _world_matrix(prim: Usd.Prim) -> NDArray[np.float64]:
+def world_matrix(prim: Usd.Prim) -> NDArray[np.float64]:
     """Local to world, shape (4, 4), row vectors; at the earliest sample where a transform has no default."""
     time = Usd.TimeCode.Default()
     ancestor = prim

@@ -11,7 +11,8 @@ from balloon_warp.device import pick_device
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.model.model import Model
-from balloon_warp.model.obstacles import obstacle_motion, warp_mesh
+from balloon_warp.model.obstacle_motion import obstacle_motion
+from balloon_warp.model.obstacles import warp_mesh
 from balloon_warp.model.packing import pack_balloons, pack_worlds, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.vary import Vary

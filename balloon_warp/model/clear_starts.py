@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.size import box_corners
-from balloon_warp.model.obstacles import ObstacleShape, obstacle_motion
+from balloon_warp.model.obstacle_motion import obstacle_motion
+from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.starts import start_of

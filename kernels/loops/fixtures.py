@@ -18,9 +18,12 @@ from balloon_warp.kernels.laws.fixture import (
     mesh_surface,
     toward,
 )
+from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
+OTHER_SIDE = wp.constant(-0.5)
+"""product of two normals, of which the one is on the other side of something, and not beyond an edge"""
 SURELY = wp.constant(0.999)
 """part of a distance that rounding leaves"""
 
@@ -34,70 +37,6 @@ class Around:
     ground_height: float
     ground_friction: float
     time: float  # [s]
-
-
-@wp.struct
-class Pose:
-    """Where an obstacle is, and how it moves."""
-
-    center: wp.vec3
-    turn: wp.quat
-    velocity: wp.vec3
-    spin: wp.vec3  # [rad/s]
-
-
-@wp.func
-def frame_at(t: Tables, time: float):
-    """The frame of a step that ends at a time, and what part of it has passed then; the last frame is one of rest."""
-    last = t.fixtures.motion.shape[0] - 2
-    frame = wp.clamp(int((time - 0.5 * t.step_seconds) / t.frame_seconds), 0, last)
-    return frame, wp.clamp(time / t.frame_seconds - float(frame), 0.0, 1.0)
-
-
-@cache
-def center_function(traits: Traits) -> Any:
-    """The function that says where an obstacle's origin is at a time."""
-
-    @wp.func
-    def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
-        """[m]; between two frames it goes along a line."""
-        shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
-        if wp.static(traits.fixtures_move):
-            frame, part = frame_at(t, time)
-            begin = wp.transform_get_translation(t.fixtures.motion[frame, fixture])
-            end = wp.transform_get_translation(t.fixtures.motion[frame + 1, fixture])
-            shift = begin + part * (end - begin)
-        return t.fixtures.positions[row_of_world(world, t.fixtures.positions.shape[0]), fixture] + shift
-
-    return center_at
-
-
-@cache
-def pose_function(traits: Traits) -> Any:
-    """The function that says where an obstacle is at a time."""
-    center_at = center_function(traits)
-
-    @wp.func
-    def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
-        """Between two frames it goes along a line, and turns about an axis."""
-        pose = Pose()
-        pose.center = center_at(t, world, fixture, time)
-        if wp.static(traits.fixtures_move):
-            frame, part = frame_at(t, time)
-            begin = t.fixtures.motion[frame, fixture]
-            end = t.fixtures.motion[frame + 1, fixture]
-            shift = wp.transform_get_translation(end) - wp.transform_get_translation(begin)
-            axis, angle = wp.quat_to_axis_angle(
-                wp.transform_get_rotation(end) * wp.quat_inverse(wp.transform_get_rotation(begin))
-            )
-            pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(begin)
-            pose.velocity = shift / t.frame_seconds
-            pose.spin = (angle / t.frame_seconds) * axis
-        else:
-            pose.turn = wp.transform_get_rotation(t.fixtures.motion[0, fixture])
-        return pose
-
-    return pose_at
 
 
 @cache
@@ -141,8 +80,9 @@ def way_function(traits: Traits) -> Any:
     def stopped_on_the_way(
         t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, radius: float, first: float, farthest: float
     ):
-        """Where a particle first came inside that may have gone through: its place on the surface there, and the
-        normal, zero if nowhere. As far as the surface is away, it may go unseen (Hart 1996, *Sphere tracing*)."""
+        """Where a particle first came inside that may have gone through: its place on the surface there, the normal,
+        zero if nowhere, and what part of its way that is. As far as the surface is away, it may go unseen (Hart 1996,
+        *Sphere tracing*)."""
         way = wp.length(end - start)
         least = LEAST_STEP * (way + wp.length(start))
         ahead = toward(end - start, t.up)
@@ -150,40 +90,45 @@ def way_function(traits: Traits) -> Any:
         stop = end
         outward = wp.vec3()
         looks = wp.int32(0)
+        reached = float(1.0)
         while gone < way and looks < MOST_LOOKS:
             here = start + gone * ahead
             distance, normal = surface_at(t, fixture, here, radius, farthest)
+            reached_here = gone / way
             gone += wp.max(distance, least / wp.max(-wp.dot(normal, ahead), 0.01))
             looks += 1
             if distance < 0.0:
                 stop = here - distance * normal
                 outward = normal
+                reached = reached_here
                 looks = MOST_LOOKS
-        return stop, outward
+        return stop, outward, wp.min(reached, 1.0)
 
     @wp.func
     def let_through(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, radius: float):
-        """The end of a particle's way, on the surface if that is in it; then the normal there, or else zero; and how
-        far from the end there is nothing for sure."""
+        """The end of a particle's way, on the surface if that is in it; then the normal there, or else zero; how far
+        from the end there is nothing for sure; and what part of its way it went."""
         way = wp.length(end - start)
         farthest = way + t.fixtures.thicknesses[fixture] + radius + 0.1 * t.fixtures.reaches[fixture]
         let = end
         outward = wp.vec3()
+        part = float(1.0)
         first, facing = surface_at(t, fixture, start, radius, farthest)
         free = wp.min(first, farthest) - way
         if first <= way:
             last, normal = surface_at(t, fixture, end, radius, farthest)
             free = wp.min(last, farthest)
-            if wp.dot(normal, facing) <= 0.0:
-                stop, there = stopped_on_the_way(t, fixture, start, end, radius, first, farthest)
+            if wp.dot(normal, facing) < OTHER_SIDE:
+                stop, there, reached = stopped_on_the_way(t, fixture, start, end, radius, first, farthest)
                 let = stop
                 outward = there
+                part = reached
             if wp.length_sq(outward) == 0.0 and last < 0.0:
                 let = end - last * normal
                 outward = normal
             if wp.length_sq(outward) > 0.0:
                 free = 0.0
-        return let, outward, free
+        return let, outward, free, part
 
     return let_through
 
@@ -196,6 +141,7 @@ class Meeting:
     normal: wp.vec3  # there, zero if it is not in the way
     moving: wp.vec3  # how fast its surface moves there [m/s]
     free: float  # how far from the end of the way there is nothing for sure [m]
+    part: float  # of the way that it lets the particle go
 
 
 @cache
@@ -220,7 +166,7 @@ def meeting_function(traits: Traits) -> Any:
                 earlier = pose_at(t, world, fixture, time - t.step_seconds)
                 # where the particle would have been, had the obstacle stood already where it is now
                 before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
-            place, outward, free = let_through(
+            place, outward, free, part = let_through(
                 t, fixture, wp.quat_rotate_inv(pose.turn, before), wp.quat_rotate_inv(pose.turn, arm), radius
             )
             met.free = wp.max(met.free, free)
@@ -230,6 +176,7 @@ def meeting_function(traits: Traits) -> Any:
                 met.normal = wp.quat_rotate(pose.turn, outward)
                 met.moving = pose.velocity + wp.cross(pose.spin, arm)
                 met.free = 0.0
+                met.part = part
         return met
 
     return meet
@@ -264,9 +211,9 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                 met = meet(t, world, fixture, time, start, point, 0.0)
                 free = wp.min(free, met.free)
                 if wp.length_sq(met.normal) > 0.0:
-                    stood, slowed = stand_on(
-                        met.let, velocity, met.moving, met.normal, friction_of(t, world, fixture), t.step_seconds
-                    )
+                    friction = friction_of(t, world, fixture)
+                    step = met.part * t.step_seconds
+                    stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
                     velocity = slowed
             t.fixtures.looks[world, particle] = wp.vec4(
@@ -286,7 +233,9 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                 met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_of(t, around.world, fixture)
-                    stood, _slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, t.step_seconds)
+                    stood, _slowed = stand_on(
+                        met.let, velocity, met.moving, met.normal, friction, met.part * t.step_seconds
+                    )
                     outside = stood
                     outward = met.normal
         return outside, outward

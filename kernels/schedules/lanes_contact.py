@@ -16,7 +16,8 @@ from balloon_warp.kernels.algebra import (
     squared_length,
 )
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
-from balloon_warp.kernels.loops.fixtures import Around, center_function
+from balloon_warp.kernels.loops.fixture_poses import center_function
+from balloon_warp.kernels.loops.fixtures import Around
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
 from balloon_warp.kernels.loops.rolling import rolling_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.mesh.size import box_corners
 from balloon_warp.model import ModelPlan
-from balloon_warp.model.obstacles import obstacle_motion
+from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.starts import start_of
 
 ROOM = 2.0

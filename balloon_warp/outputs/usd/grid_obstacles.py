@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf
 
 from balloon_warp.model import ModelPlan
-from balloon_warp.model.obstacles import moves, obstacle_poses
+from balloon_warp.model.obstacle_motion import moves, obstacle_poses
 from balloon_warp.outputs.usd.obstacle import as_gf
 
 PLACE, TURN = "xformOp:translate", "xformOp:orient"

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
-from balloon_warp.model.obstacles import ObstacleShape, moves, obstacle_poses
+from balloon_warp.model.obstacle_motion import moves, obstacle_poses
+from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, paint
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from balloon_warp.model import ModelPlan
-from balloon_warp.model.obstacles import obstacle_motion, obstacle_poses
+from balloon_warp.model.obstacle_motion import obstacle_motion, obstacle_poses
 from balloon_warp.outputs.usd.balloon import define_balloon
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, define_obstacle, obstacle_names

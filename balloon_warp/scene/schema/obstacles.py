@@ -53,7 +53,8 @@ class Obstacle(Table):
     """about x, then y, then z [degrees], before `position`"""
     motion: Annotated[list[Moved], Field(min_length=1)] | None = None
     """keyframes [[time, shift], ...] or [[time, shift, turn], ...]: shifts from `position` [m], turns on top of
-    `rotation` about x, then y, then z [degrees]; linear between them, and still before the first and after the last"""
+    `rotation` about x, then y, then z [degrees]; linear between them, and still before the first and after the last.
+    When missing, a mesh of a USD stage moves as the time samples there say"""
     friction: NonNegative = 0.5
     """Coulomb's coefficient, for balloons [1]"""
     restitution: UnitInterval = 0.3

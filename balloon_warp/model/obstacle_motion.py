@@ -1,0 +1,135 @@
+"""How obstacles move from frame to frame: by keyframes of the scene, or as a USD stage has them."""
+
+from collections.abc import Iterable, Mapping
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.placement import axes_matrix, rotation_matrix
+from balloon_warp.mesh.units import in_unit
+from balloon_warp.mesh.usd import LOADERS as STAGES
+from balloon_warp.scene import Obstacle, Scene
+
+MOST_TURN = 90.0
+"""[degrees] in a frame"""
+MOST_FRAMES = 1_000_000
+"""that a motion may take"""
+
+
+class Keyframes:
+    """The motion that the scene says."""
+
+    def __init__(self, obstacle: Obstacle):
+        keyframes = obstacle.motion or [(0.0, (0.0, 0.0, 0.0))]
+        self._times = [keyframe[0] for keyframe in keyframes]
+        self._shifts = np.array([keyframe[1] for keyframe in keyframes])
+        self._turns = np.array([keyframe[2] if len(keyframe) == 3 else (0.0, 0.0, 0.0) for keyframe in keyframes])
+        self._own = Rotation.from_matrix(rotation_matrix(obstacle.rotation))
+        self.seconds = self._times[-1] if obstacle.motion else 0.0
+
+    def at(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
+        """Shifts from the position [m], shape (n, 3), and n turns."""
+        turns = Rotation.from_euler("xyz", self._between(times, self._turns), degrees=True)
+        return self._between(times, self._shifts), turns * self._own
+
+    def fastest_turn(self, times: NDArray[np.float64]) -> float:
+        """From one of the times to the next, about any axis [degrees]."""
+        return float(np.abs(np.diff(self._between(times, self._turns), axis=0)).max(initial=0.0))
+
+    def _between(self, times: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.stack([np.interp(times, self._times, values[:, axis]) for axis in range(3)], axis=1)
+
+
+class Sampled:
+    """The motion that a USD stage has, beside the obstacle's own place and turn, which come after it."""
+
+    def __init__(self, obstacle: Obstacle, scene: Scene, motion: Any):
+        mesh = in_unit(load_mesh(motion.path), obstacle.unit)
+        self._motion, self.seconds = motion, motion.seconds
+        self._size = obstacle.scale * mesh.meters_per_unit
+        self._axes = axes_matrix(mesh.up_axis, scene.up_axis)
+        self._own = rotation_matrix(obstacle.rotation)
+
+    def at(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
+        """As of `Keyframes`."""
+        matrices = self._motion.matrices(times.clip(max=self.seconds))
+        into = self._own @ self._axes
+        shifts = self._size * matrices[:, :3, 3] @ into.T
+        return shifts, Rotation.from_matrix(into @ matrices[:, :3, :3] @ self._axes.T)
+
+    def fastest_turn(self, times: NDArray[np.float64]) -> float:
+        """As of `Keyframes`; no more than half a turn."""
+        _, turns = self.at(times)
+        return float(np.degrees((turns[1:] * turns[:-1].inv()).magnitude().max(initial=0.0)))
+
+
+def motion_of(obstacle: Obstacle, scene: Scene) -> Keyframes | Sampled:
+    """How an obstacle moves.
+
+    Raises:
+        InputError: its mesh cannot be read.
+    """
+    if not obstacle.motion and isinstance(obstacle.mesh, Path) and obstacle.mesh.suffix.lower() in STAGES:
+        from balloon_warp.mesh.usd_motion import read_motion  # loads USD
+
+        load_mesh(obstacle.mesh)  # or a file that is none gets another sentence
+        if motion := read_motion(obstacle.mesh):
+            return Sampled(obstacle, scene, motion)
+    return Keyframes(obstacle)
+
+
+def obstacle_poses(positions: NDArray[np.floating], motion: NDArray[np.floating], frame: int) -> NDArray[np.float64]:
+    """Where obstacles are at a frame: their origins [m], and quaternions (x, y, z, w), shape (..., obstacle_count, 7).
+
+    Args:
+        positions: as the scene or its worlds have them now [m], shape (..., obstacle_count, 3).
+        motion: as `obstacle_motion` makes it.
+    """
+    moved = motion[min(frame, len(motion) - 1)]
+    places = positions + moved[:, :3]
+    turns = np.broadcast_to(moved[:, 3:], (*places.shape[:-1], 4))
+    return np.concatenate([places, turns], axis=-1).astype(np.float64)
+
+
+def moves(scene: Scene, number: int, changing: Iterable[Mapping[str, tuple[NDArray[np.bool_], Any]]]) -> bool:
+    """Whether an obstacle is not at one place all the time.
+
+    Args:
+        changing: what each change of the scene changes, as `DueChange.values`.
+    """
+    changed = (values["obstacle_position"][0][number] for values in changing if "obstacle_position" in values)
+    return motion_of(scene.obstacle[number], scene).seconds > 0.0 or any(which.any() for which in changed)
+
+
+def obstacle_motion(scene: Scene) -> NDArray[np.float64]:
+    """Shifts of obstacles from their positions [m], and quaternions (x, y, z, w) of how they are turned, at the start
+    of each frame until all rest, shape (frames, obstacle_count, 7); of one frame where none moves.
+
+    Raises:
+        InputError: one turns by more than a quarter in a frame, so that it is not known which way, or moves for longer
+            than is kept, or does not keep its size.
+    """
+    courses = [motion_of(obstacle, scene) for obstacle in scene.obstacle]
+    for number, course in enumerate(courses):
+        if course.seconds * scene.frames_per_second > MOST_FRAMES:
+            most = MOST_FRAMES / scene.frames_per_second
+            raise InputError(f"obstacle.{number}.motion: ends after {course.seconds:g} s; expected {most:g} s at most")
+    longest = max((course.seconds for course in courses), default=0.0)
+    frames = ceil(longest * scene.frames_per_second) + 2 if longest > 0.0 else 1
+    times = np.arange(frames) / scene.frames_per_second
+    motion = np.zeros((frames, len(courses), 7))
+    for number, course in enumerate(courses):
+        shifts, turns = course.at(times)
+        fastest = course.fastest_turn(times) if frames > 1 else 0.0
+        if fastest > MOST_TURN:
+            raise InputError(
+                f"obstacle.{number}.motion: turns by {fastest:.3g} degrees in a frame; expected at most {MOST_TURN:g}"
+            )
+        motion[:, number, :3], motion[:, number, 3:] = shifts, turns.as_quat()
+    return motion

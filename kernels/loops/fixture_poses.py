@@ -1,0 +1,73 @@
+"""Where obstacles are that go where they are told, and how they move."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Pose:
+    """Where an obstacle is, and how it moves."""
+
+    center: wp.vec3
+    turn: wp.quat
+    velocity: wp.vec3
+    spin: wp.vec3  # [rad/s]
+
+
+@wp.func
+def frame_at(t: Tables, time: float):
+    """The frame of a step that ends at a time, and what part of it has passed then; the last frame is one of rest."""
+    last = t.fixtures.motion.shape[0] - 2
+    frame = wp.clamp(int((time - 0.5 * t.step_seconds) / t.frame_seconds), 0, last)
+    return frame, wp.clamp(time / t.frame_seconds - float(frame), 0.0, 1.0)
+
+
+@cache
+def center_function(traits: Traits) -> Any:
+    """The function that says where an obstacle's origin is at a time."""
+
+    @wp.func
+    def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
+        """[m]; between two frames it goes along a line."""
+        shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
+        if wp.static(traits.fixtures_move):
+            frame, part = frame_at(t, time)
+            begin = wp.transform_get_translation(t.fixtures.motion[frame, fixture])
+            end = wp.transform_get_translation(t.fixtures.motion[frame + 1, fixture])
+            shift = begin + part * (end - begin)
+        return t.fixtures.positions[row_of_world(world, t.fixtures.positions.shape[0]), fixture] + shift
+
+    return center_at
+
+
+@cache
+def pose_function(traits: Traits) -> Any:
+    """The function that says where an obstacle is at a time."""
+    center_at = center_function(traits)
+
+    @wp.func
+    def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
+        """Between two frames it goes along a line, and turns about an axis."""
+        pose = Pose()
+        pose.center = center_at(t, world, fixture, time)
+        if wp.static(traits.fixtures_move):
+            frame, part = frame_at(t, time)
+            begin = t.fixtures.motion[frame, fixture]
+            end = t.fixtures.motion[frame + 1, fixture]
+            shift = wp.transform_get_translation(end) - wp.transform_get_translation(begin)
+            axis, angle = wp.quat_to_axis_angle(
+                wp.transform_get_rotation(end) * wp.quat_inverse(wp.transform_get_rotation(begin))
+            )
+            pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(begin)
+            pose.velocity = shift / t.frame_seconds
+            pose.spin = (angle / t.frame_seconds) * axis
+        else:
+            pose.turn = wp.transform_get_rotation(t.fixtures.motion[0, fixture])
+        return pose
+
+    return pose_at
