@@ -57,7 +57,7 @@ def test_the_page_moves_what_moves(tmp_path: Path):
     page = Page(Session("ball", scene, "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
     picture = page.session.picture
     page.layers.draw(picture)
-    box, capsule = page.layers._obstacles._meshes
+    box, capsule = page.layers.obstacles._meshes
     assert (tuple(box.position), tuple(box.color)) == ((0.0, -3.0, 0.0), (255, 0, 0))
     later = picture.frame.obstacle_poses.copy()
     later[1] = (3.0, 1.0, 0.0, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
@@ -65,6 +65,11 @@ def test_the_page_moves_what_moves(tmp_path: Path):
     np.testing.assert_allclose(capsule.position, (3.0, 1.0, 0.0))
     np.testing.assert_allclose(capsule.wxyz, np.sqrt([0.5, 0.5, 0.0, 0.0]))
     assert tuple(box.position) == (0.0, -3.0, 0.0)
+    hits = [
+        page.layers.obstacles.hit_distance(np.array([place, 5.0, 0.0]), np.array([0.0, -1.0, 0.0]))
+        for place in (0.2, 3.0, 9.0)
+    ]
+    assert hits == [pytest.approx(7.5), pytest.approx(5.0 - 1.1, abs=1e-3), None]  # the capsule lies now
     ball = quad_sphere(3).points
     expected = [(ball[:, 0].min() + 3.1) / 2, (ball[:, 1].max() - 3.5) / 2, 0.0]  # from ball to capsule and to box
     np.testing.assert_allclose(page.layers.home[1], expected, atol=0.01)

@@ -63,7 +63,7 @@ class Layers:
             self._draw_balloons(picture)
             self._draw_lines(picture)
             self._draw_spheres(picture)
-            self._obstacles.draw(picture)
+            self.obstacles.draw(picture)
             self._draw_strings(picture)
         self._count += 1
         self.server.flush()
@@ -86,8 +86,8 @@ class Layers:
         scene.set_up_direction("+y" if picture.scene.up_axis == "Y" else "+z")
         side = np.array([0.55, 0.0, 1.0]) if picture.scene.up_axis == "Y" else np.array([0.55, -1.0, 0.0])
         center = (low + high) / 2
-        self._obstacles = ObstacleLayer(self.server, picture, center, self.size)
-        around = [start, string_reach(picture.model, self.size, center, up), self._obstacles.seen]
+        self.obstacles = ObstacleLayer(self.server, picture, center, self.size)
+        around = [start, string_reach(picture.model, self.size, center, up), self.obstacles.seen]
         self.home = _home(np.concatenate(around), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
             camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)

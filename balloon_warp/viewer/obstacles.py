@@ -14,6 +14,7 @@ from balloon_warp.outputs.render.framing import BACKDROP
 from balloon_warp.outputs.usd.planes import SIZES
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.picture import Picture
+from balloon_warp.viewer.rays import hit_distance
 
 Surface = tuple[NDArray[np.float64], NDArray[np.integer[Any]]]
 """points [m], shape (n, 3), and triangles, shape (m, 3)"""
@@ -34,7 +35,7 @@ class ObstacleLayer:
 
     def __init__(self, server: viser.ViserServer, picture: Picture, center: NDArray[np.floating], size: float):
         server.scene.add_frame(ROOT, show_axes=False)
-        self._meshes, seen = [], [np.zeros((0, 3))]
+        self._meshes, self._surfaces, seen = [], [], [np.zeros((0, 3))]
         for number, shape in enumerate(picture.model.obstacles):
             pose = picture.frame.obstacle_poses[number]
             below = Rotation.from_quat(pose[3:]).inv().apply(center - pose[:3])
@@ -44,6 +45,7 @@ class ObstacleLayer:
                 f"{ROOT}/{number}", points, triangles, color=color, flat_shading=shape.kind != "capsule", side="double"
             )
             self._meshes.append(mesh)
+            self._surfaces.append((points, triangles))
             if np.ptp(points, axis=0).max() <= BACKDROP * size:
                 seen.append(Rotation.from_quat(pose[3:]).apply(points) + pose[:3])
         self.seen = np.concatenate(seen)
@@ -57,6 +59,15 @@ class ObstacleLayer:
             if shown is None or not np.array_equal(shown, pose):
                 mesh.position, mesh.wxyz = tuple(pose[:3].tolist()), tuple(pose[[6, 3, 4, 5]].tolist())
                 self._shown[number] = pose
+
+    def hit_distance(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> float | None:
+        """How far along a ray the nearest of them is, where they were drawn last, or nothing if it meets none."""
+        hits = []
+        for (points, triangles), pose in zip(self._surfaces, self._shown, strict=True):
+            if pose is not None:
+                back = Rotation.from_quat(pose[3:]).inv()
+                hits.append(hit_distance(back.apply(origin - pose[:3]), back.apply(direction), points, triangles))
+        return min((hit for hit in hits if hit is not None), default=None)
 
 
 def surface_of(

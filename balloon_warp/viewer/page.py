@@ -139,7 +139,9 @@ class Page:
         """A sphere that flies from before the camera to what the click points at."""
         size, points, scene = playground.size, playground.points, playground.live
         radius = _within_its_range(self.controls.radius) * size
-        hit = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
+        on_balloon = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
+        on_obstacle = self.layers.obstacles.hit_distance(origin, direction)
+        hit = min((each for each in (on_balloon, on_obstacle) if each is not None), default=None)
         if hit is None and scene.ground:
             hit = ground_distance(origin, direction, scene.up, scene.ground.height)
         if hit is None:
