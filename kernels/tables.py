@@ -156,6 +156,35 @@ class TubeTable:
 
 
 @wp.struct
+class TouchTable:
+    """Surfaces as triangles, in patches of neighbors, for balloons that touch; empty where none do."""
+
+    triangles: wp.array[wp.vec3i]
+    """the particles of each, counter-clockwise from outside"""
+    patch_offsets: wp.array[wp.int32]
+    """where each patch's triangles begin, and after the last, where they end"""
+    balloon_patches: wp.array[wp.int32]
+    """where each balloon's patches begin, and after the last, where they end"""
+    closed: wp.array[wp.int32]
+    """of each balloon, whether it has an inside, out of which others are pushed"""
+    thickness: wp.array[float]
+    """of each balloon's skin, where the scene does not say it [m]"""
+    slack: wp.array[float]
+    """of each balloon, what its particles may gain on each other by accelerating, until they are looked for again
+    [m]"""
+    depth: wp.array[float]
+    """of each balloon, down to which what is inside is pushed out the nearest way [m]"""
+    stiffness: wp.array2d[float]
+    """of each balloon's contacts, where the scene does not say it [N/m]"""
+    rest_points: wp.array[wp.vec3]
+    """of particles, at the start [m]; empty unless balloons touch themselves"""
+    apart: wp.array[float]
+    """of each balloon, how far a particle must have been from a triangle of it at the start to touch it [m]"""
+    seconds: float
+    """between two searches"""
+
+
+@wp.struct
 class CorrectionTable:
     """The springs as the position correction takes them: color by color, no two of one color at one particle."""
 
@@ -181,6 +210,7 @@ class Tables:
     fans: FanTable
     spheres: SphereTable
     tubes: TubeTable
+    touch: TouchTable
     correction: CorrectionTable
     health: HealthTable
     balloon_numbers: wp.array3d[float]
@@ -208,6 +238,7 @@ class WorldState:
     gas_amounts: wp.array2d[wp.float64]
     free_volumes: wp.array2d[wp.float64]
     tube_flows: wp.array2d[float]
+    holds: wp.array2d[wp.vec4]
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]

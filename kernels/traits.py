@@ -43,6 +43,10 @@ class Traits(NamedTuple):
     impulses: bool = False
     """particles and spheres exchange momentum, once all have moved"""
     ground: bool = False
+    touches: bool = False
+    """balloons touch each other"""
+    touches_itself: bool = False
+    """or parts of a balloon do"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
         """The laws of a kind."""

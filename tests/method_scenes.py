@@ -13,6 +13,7 @@ from balloon_warp.scene import (
     Sphere,
     Stiffness,
     String,
+    Touch,
     Tube,
     Water,
 )
@@ -134,6 +135,14 @@ def in_air_by_forward_euler() -> Scene:
     return in_air().model_copy(update={"solver": "forward_euler"})
 
 
+def in_touch(itself: bool = False) -> Scene:
+    """All of that, with balloons that touch: one comes down on what floats."""
+    scene = in_air_with_rubber()
+    third = scene.balloon[2].model_copy(update={"position": (0.1, 0.85, 0.0), "helium": 0.0, "velocity": (0, -1, 0)})
+    balloons = [*scene.balloon[:2], third, *scene.balloon[3:]]
+    return scene.model_copy(update={"balloon": balloons, "touch": Touch(itself=itself), "substeps": "auto"})
+
+
 SCENES = {
     "everything": everything(),
     "fresh": everything("fresh"),
@@ -151,4 +160,6 @@ SCENES = {
     "impulse": everything().model_copy(update=IMPULSE),
     "impulse in air": in_air().model_copy(update=IMPULSE),
     "corrected impulse in air": in_air().model_copy(update=CORRECTED | IMPULSE),
+    "touch": in_touch(),
+    "touch itself": in_touch(itself=True),
 }

@@ -11,6 +11,7 @@ from balloon_warp.scene.schema import (
     Sphere,
     Stiffness,
     String,
+    Touch,
     Tube,
     Water,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "Sphere",
     "Stiffness",
     "String",
+    "Touch",
     "Tube",
     "Water",
     "bundled_scenes",

@@ -73,6 +73,7 @@ class LaunchedSchedule(ABC):
             if substep == 0 or self.traits.fresh_normals:
                 pieces.refresh(now[0])
             pieces.roll(state)
+            pieces.press(state, substep, *now)
             now = self.advance_substep(state, substep * self.model.step_seconds, now)
             pieces.touch(state, *now)
             yield substep

@@ -46,6 +46,8 @@ def model_traits(model: Model) -> Traits:
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
         ground=scene.ground is not None,
+        touches=scene.touches,
+        touches_itself=scene.touches_itself,
     )
 
 

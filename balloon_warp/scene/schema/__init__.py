@@ -4,6 +4,7 @@ scene          a scene as a whole: time, methods, and the lists of what is in it
 balloon        balloons, their springs and what fills them
 bodies         spheres and strings
 surroundings   air, water and ground
+touch          balloons that touch
 fields         what all of these are made of
 """
 
@@ -11,6 +12,7 @@ from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.scene import Change, Scene, Tube
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
+from balloon_warp.scene.schema.touch import Touch
 
 __all__ = [
     "Atmosphere",
@@ -22,6 +24,7 @@ __all__ = [
     "Sphere",
     "Stiffness",
     "String",
+    "Touch",
     "Tube",
     "Water",
 ]
