@@ -157,14 +157,25 @@ class TubeTable:
 
 @wp.struct
 class TouchTable:
-    """Surfaces as triangles, in patches of neighbors, for balloons that touch; empty where none do."""
+    """Surfaces as triangles, in a tree of parts, for balloons that touch; empty where none do.
+
+    A balloon's parts stand in the order in which one comes to them who looks into each: a part, and then those in it.
+    """
 
     triangles: wp.array[wp.vec3i]
     """the particles of each, counter-clockwise from outside"""
-    patch_offsets: wp.array[wp.int32]
-    """where each patch's triangles begin, and after the last, where they end"""
-    balloon_patches: wp.array[wp.int32]
-    """where each balloon's patches begin, and after the last, where they end"""
+    part_triangles: wp.array[wp.vec2i]
+    """where each part's triangles begin and end"""
+    particles: wp.array[wp.int32]
+    """of the parts that have no others in them, each once in a part"""
+    part_particles: wp.array[wp.vec2i]
+    """where each part's particles begin and end; nowhere, where it has others in it"""
+    part_ends: wp.array[wp.int32]
+    """after each part, the next that is not in it: the very next, where it has none in it"""
+    balloon_parts: wp.array[wp.int32]
+    """where each balloon's parts begin, and after the last, where they end"""
+    rest_boxes: wp.array2d[wp.vec3]
+    """around parts at the start: lower and upper corner [m]; empty unless balloons touch themselves"""
     closed: wp.array[wp.int32]
     """of each balloon, whether it has an inside, out of which others are pushed"""
     thickness: wp.array[float]

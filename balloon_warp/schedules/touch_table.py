@@ -1,6 +1,6 @@
 """Surfaces of balloons that touch, as kernels read them."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -22,8 +22,8 @@ DEPTH = 0.25
 """of the least extent of a balloon at the start, down to which what is inside is pushed out"""
 APART = 3.0
 """edges between parts of a balloon at the start that may touch"""
-TRIANGLES = 16
-"""of a patch, or as many as there are patches, over two, if that is more"""
+TRIANGLES = 8
+"""at most of a part that has no others in it"""
 
 
 def touch_table(model: Model, traits: Traits) -> Any:
@@ -32,49 +32,81 @@ def touch_table(model: Model, traits: Traits) -> Any:
     if not traits.touches:
         return table
     shapes, offsets = model.shapes, model.particle_offsets
-    triangles, patch_offsets, balloon_patches = [], [np.zeros(1, dtype=np.int64)], [0]
-    for shape, first in zip(shapes, offsets[:-1], strict=True):
-        own, ends = patches_of(shape.mesh)
-        patch_offsets.append(ends[1:] + patch_offsets[-1][-1])
-        balloon_patches.append(balloon_patches[-1] + len(ends) - 1)
-        triangles.append(own + first)
+    surfaces = [surface_of(shape.mesh) for shape in shapes]
+    triangles = [surface.triangles + first for surface, first in zip(surfaces, offsets[:-1], strict=True)]
+    first_triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
+    first_parts = np.cumsum([0, *(len(surface.ends) for surface in surfaces)])
+    own_triangles = [surface.ranges + first for surface, first in zip(surfaces, first_triangles[:-1], strict=True)]
+    ends = [surface.ends + first for surface, first in zip(surfaces, first_parts[:-1], strict=True)]
     edges = np.array([edge_length(shape.mesh) for shape in shapes])
 
     def array(values: Any, dtype: Any) -> wp.array:
         return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
     table.triangles = array(np.concatenate(triangles), wp.vec3i)
-    table.patch_offsets = array(np.concatenate(patch_offsets), wp.int32)
-    table.balloon_patches = array(balloon_patches, wp.int32)
+    whole = np.concatenate(ends) == np.arange(first_parts[-1]) + 1
+    own_particles = [
+        np.unique(np.concatenate(triangles)[begin:end]) if alone else np.zeros(0, dtype=np.int64)
+        for (begin, end), alone in zip(np.concatenate(own_triangles), whole, strict=True)
+    ]
+    places = np.cumsum([0, *(len(own) for own in own_particles)])
+    table.particles = array(np.concatenate(own_particles), wp.int32)
+    table.part_particles = array(np.stack([places[:-1], places[1:]], axis=1), wp.vec2i)
+    table.part_triangles = array(np.concatenate(own_triangles), wp.vec2i)
+    table.part_ends = array(np.concatenate(ends), wp.int32)
+    table.balloon_parts = array(first_parts, wp.int32)
     table.closed = array([shape.closed for shape in shapes], wp.int32)
     table.thickness = array(THICKNESS * edges, float)
     table.slack = array(SLACK * edges, float)
     extents = [np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).min() for shape in shapes]
     table.depth = array(DEPTH * np.array(extents), float)
     table.stiffness = model.parameters[STIFFNESSES]
-    rest = np.concatenate([shape.mesh.points for shape in shapes])
-    table.rest_points = array(rest if traits.touches_itself else np.zeros((0, 3)), wp.vec3)
+    rest, boxes = np.zeros((0, 3)), np.zeros((0, 2, 3))
+    if traits.touches_itself:
+        rest = np.concatenate([shape.mesh.points for shape in shapes])
+        corners = rest[np.concatenate(triangles)]
+        parts = [corners[begin:end].reshape(-1, 3) for begin, end in np.concatenate(own_triangles)]
+        boxes = np.array([(part.min(axis=0), part.max(axis=0)) for part in parts])
+    table.rest_points = array(rest, wp.vec3)
+    table.rest_boxes = wp.array(boxes.reshape(-1, 2, 3), dtype=wp.vec3, device=model.device)
     table.apart = array(APART * edges, float)
     table.seconds = substeps_of_search(model) * model.step_seconds
     return table
 
 
-def patches_of(mesh: PolygonMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """A mesh's triangles, patch by patch, shape (T, 3), and where each patch begins, and after the last, where they
-    end. A patch is what halving by the longest extent comes to."""
+class Surface(NamedTuple):
+    """A mesh as a tree of parts, each halved across its longest extent; numbers count from the mesh's first."""
+
+    triangles: NDArray[np.int64]
+    """their vertices, shape (T, 3)"""
+    ranges: NDArray[np.int64]
+    """where each part's triangles begin and end, shape (parts, 2)"""
+    ends: NDArray[np.int64]
+    """after each part, the next that is not in it, shape (parts,)"""
+
+
+def surface_of(mesh: PolygonMesh) -> Surface:
+    """The mesh's triangles, part by part; each part is followed by those in it."""
     triangles = triangles_of(mesh)
     centers = mesh.points[triangles].mean(axis=1)
-    most = max(TRIANGLES, int(0.5 * np.sqrt(len(triangles))))
-    patches, waiting = [], [np.arange(len(triangles))]
+    order = np.arange(len(triangles))
+    ranges, depths, waiting = [], [], [(0, len(triangles), 0)]
     while waiting:
-        some = waiting.pop()
-        if len(some) <= most:
-            patches.append(some)
-            continue
-        axis = int(np.ptp(centers[some], axis=0).argmax())
-        some = some[np.argsort(centers[some, axis], kind="stable")]
-        waiting += [some[len(some) // 2 :], some[: len(some) // 2]]
-    return triangles[np.concatenate(patches)], np.cumsum([0, *(len(patch) for patch in patches)])
+        begin, end, depth = waiting.pop()
+        ranges.append((begin, end))
+        depths.append(depth)
+        if end - begin > TRIANGLES:
+            own = order[begin:end]
+            axis = int(np.ptp(centers[own], axis=0).argmax())
+            order[begin:end] = own[np.argsort(centers[own, axis], kind="stable")]
+            middle = (begin + end) // 2
+            waiting += [(middle, end, depth + 1), (begin, middle, depth + 1)]
+    ends, after = np.empty(len(depths), dtype=np.int64), {}
+    for part in reversed(range(len(depths))):
+        # what comes next and is no deeper is not in it
+        ends[part] = min((after[d] for d in range(depths[part] + 1) if d in after), default=len(depths))
+        after = {d: p for d, p in after.items() if d < depths[part]} | {depths[part]: part}
+    return Surface(triangles[order], np.array(ranges), ends)
 
 
 def triangles_of(mesh: PolygonMesh) -> NDArray[np.int64]:

@@ -47,8 +47,8 @@ class Working:
     balloon_boxes: wp.array3d[wp.vec3]
     """around each balloon until the next search: lower and upper corner [m], and the highest speed, thrice [m/s]; this
     and what follows is empty unless balloons touch, see `touch_lists`"""
-    patch_boxes: wp.array3d[wp.vec3]
-    """the same around each patch of triangles, without the speed"""
+    part_boxes: wp.array3d[wp.vec3]
+    """the same around each part of their surfaces, without the speed"""
     near_balloons: wp.array2d[wp.int32]
     """whether each balloon may touch any, and last what there is to do in the world"""
     candidate_counts: wp.array2d[wp.int32]

@@ -1,4 +1,4 @@
-"""Boxes around what balloons, and patches of their triangles, sweep until the next search: which may touch at all."""
+"""Boxes around what balloons, and parts of them, sweep until the next search: which may touch at all."""
 
 from functools import cache
 from typing import Any
@@ -84,19 +84,14 @@ def meet_kernel(traits: Traits) -> Any:
     def meet_balloons(
         # model
         t: Tables,
-        begins: wp.int32,
         # in and out
         working: Working,
     ):
-        """A thread a world.
-
-        Args:
-            begins: whether this is a frame's first search, which others may have come before that are not known here.
-        """
+        """A thread a world."""
         world = wp.tid()
         balloons = working.balloon_boxes.shape[1]
         before = working.near_balloons[world, balloons]
-        now = wp.where(before == ARE_NEAR or begins == 1, WAS_NEAR, APART)
+        now = wp.where(before == ARE_NEAR, WAS_NEAR, APART)
         for balloon in range(balloons):
             near = bool(wp.static(traits.touches_itself))
             for other in range(balloons):
@@ -118,32 +113,49 @@ def meet_kernel(traits: Traits) -> Any:
     return meet_balloons
 
 
+@wp.func
+def is_whole(t: Tables, part: wp.int32):
+    """Whether there are no parts in a part."""
+    return t.touch.part_ends[part] == part + 1
+
+
 @wp.kernel(enable_backward=False)
-def box_patches(
+def box_parts(
     # model
     t: Tables,
     threads: wp.int32,
+    of_whole: wp.int32,
     # state in
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
     # out
     working: Working,
 ):
-    """Some threads a world: the boxes around the patches of balloons that may meet others."""
+    """Some threads a world: boxes around the parts of balloons that may meet others.
+
+    Args:
+        of_whole: whether of those that have no others in them, which come first: the others' are made of theirs.
+    """
     world, thread = wp.tid()
     balloons = working.balloon_boxes.shape[1]
     if working.near_balloons[world, balloons] == ARE_NEAR:
-        for patch in range(thread, t.touch.patch_offsets.shape[0] - 1, threads):
-            begin = t.touch.patch_offsets[patch]
-            if working.near_balloons[world, t.particles.balloon[t.touch.triangles[begin][0]]] == 1:
+        for part in range(thread, t.touch.part_ends.shape[0], threads):
+            first = t.touch.triangles[t.touch.part_triangles[part][0]][0]
+            near = working.near_balloons[world, t.particles.balloon[first]] == 1
+            if near and is_whole(t, part) == (of_whole == 1):
                 lower = wp.vec3(1.0e30)
                 upper = wp.vec3(-1.0e30)
-                for triangle in range(begin, t.touch.patch_offsets[patch + 1]):
-                    for corner in range(3):
-                        particle = t.touch.triangles[triangle][corner]
+                if of_whole == 1:
+                    for place in range(t.touch.part_particles[part][0], t.touch.part_particles[part][1]):
+                        particle = t.touch.particles[place]
                         here = points[world, particle]
                         way = t.touch.seconds * velocities[world, particle]
                         lower = wp.min(lower, wp.min(here, here + way))
                         upper = wp.max(upper, wp.max(here, here + way))
-                working.patch_boxes[world, patch, LOWER] = lower
-                working.patch_boxes[world, patch, UPPER] = upper
+                else:
+                    for inner in range(part + 1, t.touch.part_ends[part]):
+                        if is_whole(t, inner):
+                            lower = wp.min(lower, working.part_boxes[world, inner, LOWER])
+                            upper = wp.max(upper, working.part_boxes[world, inner, UPPER])
+                working.part_boxes[world, part, LOWER] = lower
+                working.part_boxes[world, part, UPPER] = upper

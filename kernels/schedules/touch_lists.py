@@ -16,6 +16,7 @@ from balloon_warp.kernels.schedules.touch_boxes import (
     SPEED,
     UPPER,
     boxes_meet,
+    is_whole,
     pad_function,
     squared_distance_to_box,
 )
@@ -37,14 +38,6 @@ def triangle_beside(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, po
 
 
 @wp.func
-def squared_distance_to_patch(working: Working, world: wp.int32, patch: wp.int32, point: wp.vec3):
-    """No more than that to any of its triangles until the next search [m^2]."""
-    return squared_distance_to_box(
-        point, working.patch_boxes[world, patch, LOWER], working.patch_boxes[world, patch, UPPER]
-    )
-
-
-@wp.func
 def squared_distance_to_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
     """No more than that to the triangle, and sooner found: to its box [m^2]."""
     corners = t.touch.triangles[triangle]
@@ -60,6 +53,21 @@ def relative_speed(t: Tables, velocities: wp.array[wp.vec3], triangle: wp.int32,
     corners = t.touch.triangles[triangle]
     mean = (velocities[corners[0]] + velocities[corners[1]] + velocities[corners[2]]) / 3.0
     return wp.length(velocity - mean)
+
+
+@wp.func
+def slot_for(working: Working, world: wp.int32, kept: Distances, squared: float, count: wp.int32, most: wp.int32):
+    """Where among a balloon's a triangle goes: after the others, or in the place of the farthest; -1 if that is it."""
+    slot = count
+    if count >= most:
+        wp.atomic_add(working.crowded, world, 1)
+        slot = wp.int32(-1)
+        farthest = squared
+        for held in range(most):
+            if kept[held] > farthest:
+                farthest = kept[held]
+                slot = held
+    return slot
 
 
 @cache
@@ -81,6 +89,29 @@ def finding_functions(traits: Traits) -> Any:
         return True
 
     @wp.func
+    def looks_into(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        own: wp.int32,
+        other: wp.int32,
+        part: wp.int32,
+        point: wp.vec3,
+        squared: float,
+    ):
+        """Whether a part may have triangles within a distance, given squared [m^2], that the particle may touch."""
+        lower = working.part_boxes[world, part, LOWER]
+        upper = working.part_boxes[world, part, UPPER]
+        looks = squared_distance_to_box(point, lower, upper) <= squared
+        if wp.static(traits.touches_itself):
+            if looks and own == other:
+                here = t.touch.rest_points[particle]
+                farthest = wp.max(here - t.touch.rest_boxes[part, LOWER], t.touch.rest_boxes[part, UPPER] - here)
+                looks = wp.length_sq(farthest) >= t.touch.apart[own] * t.touch.apart[own]
+        return looks
+
+    @wp.func
     def nearest_triangle(
         t: Tables,
         working: Working,
@@ -96,28 +127,20 @@ def finding_functions(traits: Traits) -> Any:
         best = Place()
         best.squared = within * within
         nearest = wp.int32(-1)
-        begin = t.touch.balloon_patches[other]
-        end = t.touch.balloon_patches[other + 1]
-        # the patch whose box is nearest comes first, after which most others are too far away
-        least = best.squared
-        first = wp.int32(-1)
-        for patch in range(begin, end):
-            away = squared_distance_to_patch(working, world, patch, point)
-            if away <= least:
-                least = away
-                first = patch
-        if first >= 0:
-            for turn in range(begin - 1, end):
-                patch = wp.where(turn < begin, first, turn)
-                done = turn == first
-                if not done and squared_distance_to_patch(working, world, patch, point) <= best.squared:
-                    for triangle in range(t.touch.patch_offsets[patch], t.touch.patch_offsets[patch + 1]):
+        part = t.touch.balloon_parts[other]
+        while part < t.touch.balloon_parts[other + 1]:
+            after = t.touch.part_ends[part]
+            if looks_into(t, working, world, particle, own, other, part, point, best.squared):
+                after = part + 1
+                if is_whole(t, part):
+                    for triangle in range(t.touch.part_triangles[part][0], t.touch.part_triangles[part][1]):
                         if squared_distance_to_triangle(t, points, triangle, point) <= best.squared:
                             if may_touch(t, particle, own, other, triangle):
                                 place = triangle_beside(t, points, triangle, point)
                                 if is_nearer(place, best):
                                     best = place
                                     nearest = triangle
+            part = after
         return nearest, best
 
     @wp.func
@@ -139,27 +162,23 @@ def finding_functions(traits: Traits) -> Any:
         first = count
         most = wp.min(MOST_OF_BALLOON, MOST_TRIANGLES - first)
         kept = Distances()
-        for patch in range(t.touch.balloon_patches[other], t.touch.balloon_patches[other + 1]):
-            if squared_distance_to_patch(working, world, patch, point) <= within * within:
-                for triangle in range(t.touch.patch_offsets[patch], t.touch.patch_offsets[patch + 1]):
-                    squared = squared_distance_to_triangle(t, points, triangle, point)
-                    if squared <= within * within:
-                        squared = triangle_beside(t, points, triangle, point).squared
-                    if squared <= within * within and may_touch(t, particle, own, other, triangle):
-                        slot = count - first
-                        if slot >= most:
-                            wp.atomic_add(working.crowded, world, 1)
-                            slot = wp.int32(-1)
-                            farthest = squared
-                            for held in range(most):
-                                if kept[held] > farthest:
-                                    farthest = kept[held]
-                                    slot = held
-                        else:
-                            count += 1
-                        if slot >= 0:
-                            kept[slot] = squared
-                            working.candidates[world, first + slot, particle] = 2 * triangle + behind
+        part = t.touch.balloon_parts[other]
+        while part < t.touch.balloon_parts[other + 1]:
+            after = t.touch.part_ends[part]
+            if looks_into(t, working, world, particle, own, other, part, point, within * within):
+                after = part + 1
+                if is_whole(t, part):
+                    for triangle in range(t.touch.part_triangles[part][0], t.touch.part_triangles[part][1]):
+                        squared = squared_distance_to_triangle(t, points, triangle, point)
+                        if squared <= within * within:
+                            squared = triangle_beside(t, points, triangle, point).squared
+                        if squared <= within * within and may_touch(t, particle, own, other, triangle):
+                            slot = slot_for(working, world, kept, squared, count - first, most)
+                            if slot >= 0:
+                                kept[slot] = squared
+                                working.candidates[world, first + slot, particle] = 2 * triangle + behind
+                                count = wp.max(count, first + slot + 1)
+            part = after
         return count
 
     @wp.func
