@@ -1,5 +1,6 @@
 """How deep particles are in other balloons, found on the host in another way than the simulation does."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +18,7 @@ def deepest(simulator: Simulator, world: int = 0) -> float:
     shapes, offsets = simulator.model.shapes, simulator.model.particle_offsets
     parts = [points[begin:end] for begin, end in pairwise(offsets)]
     depths = [
-        depth(parts[own], surface(shapes[other].mesh, parts[other]))
+        depth(parts[own], surface(replace(shapes[other].mesh, points=parts[other])))
         for own in range(len(parts))
         for other in range(len(parts))
         if own != other
@@ -25,12 +26,12 @@ def deepest(simulator: Simulator, world: int = 0) -> float:
     return max(depths, default=0.0)
 
 
-def surface(mesh: PolygonMesh, points: Points) -> Points:
+def surface(mesh: PolygonMesh) -> Points:
     """Its faces as fans about their centers, shape (triangles, 3, 3)."""
     triangles = []
     for face in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]):
-        center = points[face].mean(axis=0)
-        triangles += [(points[a], points[b], center) for a, b in zip(np.roll(face, 1), face, strict=True)]
+        center = mesh.points[face].mean(axis=0)
+        triangles += [(mesh.points[a], mesh.points[b], center) for a, b in zip(np.roll(face, 1), face, strict=True)]
     return np.array(triangles)
 
 

@@ -33,7 +33,7 @@ def add_pushes(
         wp.atomic_add(totals, world, corners[0], axis, first)
         wp.atomic_add(totals, world, corners[1], axis, second)
         wp.atomic_add(totals, world, corners[2], axis, third)
-        wp.atomic_sub(totals, world, particle, axis, first + second + third)
+        wp.atomic_add(totals, world, particle, axis, -(first + second + third))
 
 
 @wp.func
