@@ -22,6 +22,7 @@ from touching import (
 from trajectories import ROUNDING, advance_both, arrays, assert_close
 
 from balloon_warp.errors import InputError
+from balloon_warp.job import animate
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch, load_scene
 from balloon_warp.schedules.choose import TOUCHING
 from balloon_warp.simulator import Simulator
@@ -33,6 +34,11 @@ EPSILON = float(np.finfo(np.float32).eps)
 def way(request: pytest.FixtureRequest) -> str:
     """Each schedule in which balloons touch."""
     return request.param
+
+
+def require_the_same_sums(way: str, device: str) -> None:
+    if way == "scatter" and device != "cpu":
+        pytest.skip("adds springs' forces in another order every time")
 
 
 def run(scene: Scene, device: str, schedule: str, frames: int) -> Simulator:
@@ -110,8 +116,22 @@ def test_without_touch_they_do(device):
     assert centers(simulator)[1, 0] < centers(simulator)[0, 0]
 
 
+def test_what_has_no_place_in_a_list_is_told(device, tmp_path):
+    told: dict[str, list[str]] = {"fast": [], "slow": []}
+    for scene, name in ((fast(), "fast"), (pile(), "slow")):
+        animate(
+            load_scene(scene, {"frames": 4}), tmp_path / f"{name}.usdc", device=device, on_warning=told[name].append
+        )
+    (sentence,) = told["fast"]
+    assert re.match(
+        r"touch: [\d,]+ times a particle had more triangles of a balloon near than the 24 nearest", sentence
+    )
+    assert not told["slow"]
+
+
 def test_worlds_are_as_each_alone(way, device):
     """And never touch those at the same place, or they would fly apart."""
+    require_the_same_sums(way, device)
     places = [0.7, 0.72, 0.7, 5.0]
     block = Simulator(collision(), device, 4, {"balloon.1.position.0": places}, schedule=way)
     for _ in range(16):
@@ -135,11 +155,13 @@ def test_it_repeats_to_the_bit(device):
 def test_gather_does_what_scatter_does(device):
     found, expected, start = advance_both(collision(), "gather", device, settled=10, frames=2)
     assert (start["holds"][..., 3] != 0.0).any()
-    assert_close(found, expected, ROUNDING)
+    # which of two triangles is nearest may hang on rounding, and with it where it pushes
+    assert_close(found, expected, ROUNDING, outliers=0.02)
 
 
 def test_going_on_from_a_state_is_going_on(way, device):
     """What is kept of contacts is in the state."""
+    require_the_same_sums(way, device)
     on = run(collision(), device, way, 14)
     again = Simulator(collision(), device, schedule=way)
     again.restore(arrays(on))

@@ -14,7 +14,7 @@ from balloon_warp.model.touch import STIFFNESSES, THICKNESS, edge_length
 
 SEARCH_SECONDS = 1.0 / 480.0
 """between two searches: balloons that meet at 10 m/s come 2 cm nearer meanwhile"""
-LEAST_SUBSTEPS = 4
+LEAST_SUBSTEPS = 2
 """between two searches, however long they are"""
 SLACK = 0.1
 """of an edge, that each of two particles may gain on its way between two searches by accelerating"""
