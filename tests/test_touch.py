@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from conserved import angular_momentum, masses, momentum, motion, put
+from meshes import cube, prism, quad_sphere
 from overlaps import deepest
 from touching import (
     RADIUS,
@@ -16,15 +17,16 @@ from touching import (
     energy,
     horseshoe,
     pile,
-    ramp,
+    run,
     touching,
 )
 from trajectories import ROUNDING, advance_both, arrays, assert_close
 
-from balloon_warp.errors import InputError
+from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.job import animate
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch, load_scene
 from balloon_warp.schedules.choose import TOUCHING
+from balloon_warp.schedules.touch_table import part_count, surface_of
 from balloon_warp.simulator import Simulator
 
 EPSILON = float(np.finfo(np.float32).eps)
@@ -39,13 +41,6 @@ def way(request: pytest.FixtureRequest) -> str:
 def require_the_same_sums(way: str, device: str) -> None:
     if way == "scatter" and device != "cpu":
         pytest.skip("adds springs' forces in another order every time")
-
-
-def run(scene: Scene, device: str, schedule: str, frames: int) -> Simulator:
-    simulator = Simulator(scene, device, schedule=schedule)
-    for _ in range(frames):
-        simulator.step()
-    return simulator
 
 
 def test_momentum_and_angular_momentum_are_kept(way, device):
@@ -172,35 +167,6 @@ def test_going_on_from_a_state_is_going_on(way, device):
         np.testing.assert_array_equal(array, arrays(again)[name])
 
 
-@pytest.mark.parametrize("degrees", [20.0, 25.0])
-def test_below_the_angle_of_friction_a_block_stays(degrees, way, device):
-    """The tangent is below 0.5: it creeps by no more than the contacts give way."""
-    simulator = run(ramp(degrees, friction=0.5), device, way, 30)
-    before = centers(simulator)[1]
-    for _ in range(60):
-        simulator.step()
-    assert np.linalg.norm(centers(simulator)[1] - before) < 1e-3
-
-
-@pytest.mark.parametrize(("degrees", "friction"), [(35.0, 0.5), (20.0, 0.0), (30.0, 0.25)])
-def test_above_it_a_block_slides_as_coulomb_says(degrees, friction, way, device):
-    """At g (sin a - friction cos a), once it has come down on the plane."""
-    simulator = run(ramp(degrees, friction), device, way, 20)
-    before, speed = centers(simulator)[1], speed_of_block(simulator)
-    for _ in range(30):
-        simulator.step()
-    angle = np.radians(degrees)
-    expected = 9.81 * (np.sin(angle) - friction * np.cos(angle))
-    assert (speed_of_block(simulator) - speed) / 0.5 == pytest.approx(expected, rel=0.03)
-    moved = centers(simulator)[1] - before
-    assert moved @ (0.0, np.cos(angle), np.sin(angle)) == pytest.approx(0.0, abs=0.005)  # along the plane
-
-
-def speed_of_block(simulator: Simulator) -> float:
-    velocities = simulator.state.velocities.numpy()[0, simulator.model.particle_offsets[1] :].astype(np.float64)
-    return float(np.linalg.norm(velocities.mean(axis=0)))
-
-
 def test_what_overlaps_at_the_start_comes_apart_gently(way, device):
     """By ten times the overlap each second, and so no particle is faster for that than by ten times the deepest."""
     balls = [ball(x, 0.15 * x, 0.0, inflation=SLACK) for x in (0.0, 0.7)]
@@ -276,6 +242,29 @@ def test_large_steps_are_refused():
     said = 'solver: "projective" does not simulate balloons that touch; expected another solver'
     with pytest.raises(InputError, match=re.escape(said)):
         Simulator(load_scene(collision(), {"solver": "projective"}), "cpu")
+
+
+def test_a_blow_up_names_what_touched(device):
+    """A cube is blown up in a cube that it touches."""
+    boxes = [Balloon(mesh=cube(), position=(x, 0.0, 0.0), inflation=SLACK) for x in (0.0, -1.0001)]
+    simulator = Simulator(Scene(balloon=boxes, touch=Touch(), **VACUUM), device)
+    simulator.step()
+    assert touching(simulator) > 0
+    simulator.set_parameters({"gravity": [1e12 - 1e9]})
+    with pytest.raises(BlowUpError, match="it lay on a balloon"):
+        simulator.step()
+
+
+def test_the_parts_of_a_surface_are_as_many_as_memory_is_counted_for():
+    for mesh in (quad_sphere(1), quad_sphere(5), prism(7), cube()):
+        surface = surface_of(mesh)
+        assert part_count(mesh) == len(surface.ends)
+        whole = [part for part, after in enumerate(surface.ends) if after == part + 1]
+        found = np.concatenate([np.arange(*surface.ranges[part]) for part in whole])
+        np.testing.assert_array_equal(found, np.arange(len(surface.triangles)))  # each once, in order
+        for part, (begin, end) in enumerate(surface.ranges):
+            inner = [each for each in whole if part <= each < surface.ends[part]]
+            assert (surface.ranges[inner[0]][0], surface.ranges[inner[-1]][1]) == (begin, end)
 
 
 def test_stiff_contacts_ask_for_shorter_steps():

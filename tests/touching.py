@@ -113,3 +113,10 @@ def centers(simulator: Simulator, world: int = 0) -> NDArray[np.float64]:
 def touching(simulator: Simulator) -> int:
     """How many particles of all worlds touch anything."""
     return int((simulator.state.holds.numpy()[..., 3] != 0.0).sum())
+
+
+def run(scene: Scene, device: str, schedule: str, frames: int) -> Simulator:
+    simulator = Simulator(scene, device, schedule=schedule)
+    for _ in range(frames):
+        simulator.step()
+    return simulator

@@ -1,5 +1,6 @@
 """Surfaces of balloons that touch, as kernels read them."""
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,6 +108,17 @@ def surface_of(mesh: PolygonMesh) -> Surface:
         ends[part] = min((after[d] for d in range(depths[part] + 1) if d in after), default=len(depths))
         after = {d: p for d, p in after.items() if d < depths[part]} | {depths[part]: part}
     return Surface(triangles[order], np.array(ranges), ends)
+
+
+def part_count(mesh: PolygonMesh) -> int:
+    """Parts that a mesh has, without looking for them."""
+    return _parts_of(int(np.maximum(mesh.face_vertex_counts - 2, 0).sum()))
+
+
+@cache
+def _parts_of(triangles: int) -> int:
+    half = triangles // 2
+    return 1 if triangles <= TRIANGLES else 1 + _parts_of(half) + _parts_of(triangles - half)
 
 
 def triangles_of(mesh: PolygonMesh) -> NDArray[np.int64]:

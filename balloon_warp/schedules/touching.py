@@ -11,7 +11,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.tables import world_state
-from balloon_warp.schedules.touch_table import substeps_of_search, surface_of
+from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
 BOX_THREADS = 128
 """that go through the particles of a balloon on a GPU"""
@@ -59,7 +59,7 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     """What of `Working` is for balloons that touch."""
     worlds = model.world_count
     balloons, particles = (model.balloon_count, model.particle_count) if traits.touches else (0, 0)
-    parts = sum(len(surface_of(shape.mesh).ends) for shape in model.shapes) if traits.touches else 0
+    parts = sum(part_count(shape.mesh) for shape in model.shapes) if traits.touches else 0
     return {
         "balloon_boxes": room.array((worlds, balloons, 3), wp.vec3),
         "part_boxes": room.array((worlds, parts, 2), wp.vec3),
