@@ -190,6 +190,13 @@ def test_coincident_balloons_stay_finite(way, device):
     assert np.isfinite(arrays(simulator)["holds"]).all()
 
 
+def test_a_balloon_does_not_touch_what_it_hangs_together_with(way, device):
+    """A ball at rest, and as pressure swells it."""
+    for inflation in (SLACK, Inflation(pressure=10.0)):
+        scene = Scene(balloon=[ball(0.0, 0.0, 0.0, inflation=inflation)], touch=Touch(itself=True), **VACUUM)
+        assert touching(run(scene, device, way, 10)) == 0
+
+
 @pytest.mark.parametrize("itself", [True, False])
 def test_a_folded_balloon_touches_itself_if_it_is_to(itself, way, device):
     """A horseshoe whose ends come together at 4 m/s."""
