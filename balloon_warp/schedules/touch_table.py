@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.tables import TouchTable
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -67,7 +68,7 @@ def touch_table(model: Model, traits: Traits) -> Any:
         rest = np.concatenate([shape.mesh.points for shape in shapes])
         corners = rest[np.concatenate(triangles)]
         parts = [corners[begin:end].reshape(-1, 3) for begin, end in np.concatenate(own_triangles)]
-        boxes = np.array([(part.min(axis=0), part.max(axis=0)) for part in parts])
+        boxes = np.array([(part.min(axis=0, initial=FAR), part.max(axis=0, initial=-FAR)) for part in parts])
     table.rest_points = array(rest, wp.vec3)
     table.rest_boxes = wp.array(boxes.reshape(-1, 2, 3), dtype=wp.vec3, device=model.device)
     table.apart = array(APART * edges, float)

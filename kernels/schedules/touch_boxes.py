@@ -140,8 +140,11 @@ def box_parts(
     balloons = working.balloon_boxes.shape[1]
     if working.near_balloons[world, balloons] == ARE_NEAR:
         for part in range(thread, t.touch.part_ends.shape[0], threads):
-            first = t.touch.triangles[t.touch.part_triangles[part][0]][0]
-            near = working.near_balloons[world, t.particles.balloon[first]] == 1
+            own = t.touch.part_triangles[part]
+            near = bool(False)
+            if own[1] > own[0]:  # what has no faces, but edges, has no triangles
+                balloon = t.particles.balloon[t.touch.triangles[own[0]][0]]
+                near = working.near_balloons[world, balloon] == 1
             if near and is_whole(t, part) == (of_whole == 1):
                 lower = wp.vec3(1.0e30)
                 upper = wp.vec3(-1.0e30)
