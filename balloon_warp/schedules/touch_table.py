@@ -16,8 +16,9 @@ from balloon_warp.model.touch import STIFFNESSES, THICKNESS, edge_length
 
 SEARCH_SECONDS = 1.0 / 480.0
 """between two searches: balloons that meet at 10 m/s come 2 cm nearer meanwhile"""
-LEAST_SUBSTEPS = 2
-"""between two searches, however long they are"""
+LEAST_SUBSTEPS, LEAST_SUBSTEPS_ITSELF = 2, 4
+"""between two searches, however long they are; more where every particle has to look around on its own balloon, which
+takes as long as five substeps"""
 SLACK = 0.1
 """of an edge, that each of two particles may gain on its way between two searches by accelerating"""
 DEPTH = 0.25
@@ -137,4 +138,5 @@ def triangles_of(mesh: PolygonMesh) -> NDArray[np.int64]:
 
 def substeps_of_search(model: Model) -> int:
     """Substeps from one search to the next."""
-    return max(int(SEARCH_SECONDS / model.step_seconds), LEAST_SUBSTEPS)
+    least = LEAST_SUBSTEPS_ITSELF if model.scene.touches_itself else LEAST_SUBSTEPS
+    return max(int(SEARCH_SECONDS / model.step_seconds), least)
