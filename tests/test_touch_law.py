@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from overlaps import distances
 
 from balloon_warp.kernels.laws.touch import touch_energy, touch_friction, touch_push
-from balloon_warp.kernels.loops.meeting import Place, Touching, is_nearer, place_beside, touch
+from balloon_warp.kernels.loops.meeting import Place, Touching, faced, is_nearer, place_beside, touch
 
 
 @wp.kernel(enable_backward=False)
@@ -25,7 +25,7 @@ def find_gaps(
         a, b, c = corners[triangle, 0], corners[triangle, 1], corners[triangle, 2]
         place = place_beside(points[number], a, b, c)
         if is_nearer(place, best):
-            best = place
+            best = faced(place, a, b, c)
             nearest[number] = place.weights[0] * a + place.weights[1] * b + place.weights[2] * c
     gaps[number] = best.gap
     squares[number] = best.squared
@@ -127,7 +127,7 @@ def meet(
     c = wp.vec3(0.2, 0.9, 0.1)
     told = Touching()
     told.side = 1.0
-    place = place_beside(points[number], a, b, c)
+    place = faced(place_beside(points[number], a, b, c), a, b, c)
     told.thickness = 0.5
     told.overlap = 0.5 - place.gap
     told.stiffness = 100.0

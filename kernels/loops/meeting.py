@@ -29,28 +29,32 @@ APART_RATE = wp.constant(10.0)
 class Place:
     """Where a particle stands beside a triangle."""
 
+    weights: wp.vec3  # of the nearest point
+    arm: wp.vec3  # from there to the particle [m]
     squared: float  # distance [m^2]
-    steepness: float  # how much of the way to it is along the triangle's normal, from 0 to 1
-    gap: float  # [m], negative from behind
-    normal: wp.vec3
-    weights: wp.vec3
-    area_vector: wp.vec3  # twice its area along its normal [m^2]
+    area_vector: wp.vec3  # twice the triangle's area along its normal [m^2]
+    normal: wp.vec3  # n, and
+    gap: float  # [m], negative from behind: of the nearest triangle alone, see `faced`
 
 
 @wp.func
 def place_beside(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Of a particle beside a triangle."""
+    """Of a particle beside a triangle, without normal and gap."""
     place = Place()
     place.weights = nearest_weights(point, a, b, c)
-    arm = point - weighted(place.weights, a, b, c)
+    place.arm = point - weighted(place.weights, a, b, c)
+    place.squared = wp.length_sq(place.arm)
     place.area_vector = wp.cross(b - a, c - a)
-    place.squared = wp.length_sq(arm)
-    upright = wp.normalize(place.area_vector)
-    place.steepness = quotient(wp.abs(wp.dot(arm, upright)), wp.sqrt(place.squared))
-    place.normal = facing(arm, place.weights, place.area_vector)
-    place.gap = wp.dot(arm, place.normal)
+    return place
+
+
+@wp.func
+def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """The same with normal and gap."""
+    place.normal = facing(place.arm, place.weights, place.area_vector)
+    place.gap = wp.dot(place.arm, place.normal)
     # beside an edge, so near that it is taken along the normal: what is met is below it, a little beyond the edge
-    beyond = across(arm, place.normal)
+    beyond = across(place.arm, place.normal)
     place.weights += wp.vec3(
         wp.dot(reach_gradient(place.normal, c - b, place.area_vector), beyond),
         wp.dot(reach_gradient(place.normal, a - c, place.area_vector), beyond),
@@ -60,11 +64,18 @@ def place_beside(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 
 @wp.func
+def steepness(place: Place):
+    """How much of the arm is along the triangle's normal, from 0 to 1."""
+    rise = wp.abs(wp.dot(place.arm, place.area_vector))
+    return quotient(rise, wp.length(place.arm) * wp.length(place.area_vector))
+
+
+@wp.func
 def is_nearer(place: Place, other: Place):
     """Than another triangle; of two that share the nearest point, the one that faces the particle: it says on which
     side that is."""
     if wp.abs(place.squared - other.squared) <= AS_NEAR * other.squared:
-        return place.steepness > other.steepness
+        return steepness(place) > steepness(other)
     return place.squared < other.squared
 
 

@@ -10,7 +10,7 @@ from balloon_warp.kernels.loops.meeting import Place, Touching, is_nearer, skin_
 from balloon_warp.kernels.schedules.fixed_point import quanta, set_quanta, total_newtons
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
-from balloon_warp.kernels.schedules.touch_lists import triangle_beside
+from balloon_warp.kernels.schedules.touch_lists import faced_triangle, triangle_beside
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
@@ -150,6 +150,7 @@ def press_kernel(traits: Traits) -> Any:
                                 place = other
                                 nearest = candidate
                             at += 1
+                    place = faced_triangle(t, points[world], nearest // 2, place)
                     first = after[3] == 0.0
                     kept = press(
                         t, working, world, particle, nearest, place, points[world], velocities[world], first, hold

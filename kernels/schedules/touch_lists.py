@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.meeting import Place, is_nearer, place_beside, skin_functions
+from balloon_warp.kernels.loops.meeting import Place, faced, is_nearer, place_beside, skin_functions
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
     APART,
@@ -35,6 +35,13 @@ def triangle_beside(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, po
     """Where a particle stands beside it."""
     corners = t.touch.triangles[triangle]
     return place_beside(point, points[corners[0]], points[corners[1]], points[corners[2]])
+
+
+@wp.func
+def faced_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, place: Place):
+    """The same with normal and gap."""
+    corners = t.touch.triangles[triangle]
+    return faced(place, points[corners[0]], points[corners[1]], points[corners[2]])
 
 
 @wp.func
@@ -216,6 +223,7 @@ def finding_functions(traits: Traits) -> Any:
             within = wp.max(pad + swept, wp.where(one_sided and deep, t.touch.depth[other], 0.0))
             nearest, place = nearest_triangle(t, working, world, particle, own, other, points, within)
             if nearest >= 0:
+                place = faced_triangle(t, points, nearest, place)
                 side = float(1.0)
                 deepest = t.touch.depth[other]
                 if not one_sided:
