@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from touching import centers, ramp, run
 
+from balloon_warp.scene import Change
 from balloon_warp.schedules.choose import TOUCHING
 from balloon_warp.simulator import Simulator
 
@@ -41,3 +42,18 @@ def test_above_it_a_block_slides_as_coulomb_says(degrees, friction, way, device)
 def speed_of_block(simulator: Simulator) -> float:
     velocities = simulator.state.velocities.numpy()[0, simulator.model.particle_offsets[1] :].astype(np.float64)
     return float(np.linalg.norm(velocities.mean(axis=0)))
+
+
+def test_friction_may_differ_between_worlds_and_change(way, device):
+    """The block slides from the start in the first world, once there is no friction in the second."""
+    scene = ramp(20.0, friction=0.6, change=[Change(time=0.5, set={"touch.friction": 0.0})])
+    still = Simulator(ramp(20.0, friction=0.6), device, 2, {"touch.friction": [0.1, 0.6]}, schedule=way)
+    for _ in range(30):
+        still.step()
+    slid = [float(np.linalg.norm(centers(still, world)[1] - centers(still, 1)[1])) for world in (0, 1)]
+    assert slid[0] > 0.1
+    simulator = run(scene, device, way, 30)
+    np.testing.assert_array_equal(centers(simulator)[1], centers(still, 1)[1])
+    for _ in range(15):
+        simulator.step()
+    assert speed_of_block(simulator) == pytest.approx(0.25 * 9.81 * np.sin(np.radians(20.0)), rel=0.05)
