@@ -143,6 +143,8 @@ def _look_at_the_end(simulator: Simulator, on_warning: Callable[[str], None]) ->
     endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
     for sentence in ending_sentences(endings):
         on_warning(sentence)
+    for sentence in getattr(simulator.schedule, "remarks", ()):
+        on_warning(sentence)
     return endings
 
 

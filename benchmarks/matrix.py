@@ -101,6 +101,8 @@ METHODS = (
     Method("fixed particles", ("balloon.fixed=[0]",)),
     Method("faces of any size", meshes=(PYRAMID,)),
     Method("several balloons", meshes=(BALL, PYRAMID)),
+    Method("balloons that touch", ("touch={}",), (BALL, PYRAMID)),
+    Method("balloons that touch themselves", ("touch={itself=true}",)),
     Method("a particle law of one's own", laws=(particle_law(hold),)),
     Method("a spring law of one's own", laws=(spring_law(tighten),)),
     Method("a face law of one's own", laws=(face_law(blow),)),

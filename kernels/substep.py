@@ -2,6 +2,8 @@
 
     refresh      the aims of normal forces: once a frame, or every substep
     roll         spheres move under the contacts of the substep before             `loops.rolling`
+    search       now and then: which balloons may touch, and where                  `schedules.touch_lists`
+    press        balloons that touch push each other off                            `loops.meeting`, `laws.touch`
     pump         gas is pumped in, or let out                                       `loops.gas`
     pull         all forces on a particle but the inflation                         `loops.net_force`
     swell        where there is gas: how balloons would swell, and their pressure   `swell`, `load_of_balloon`
@@ -12,7 +14,8 @@
     touch        spheres and particles exchange momentum, if they do                `loops.touching`
     leave        particles leave spheres, by the paper's rule, obstacles and ground  `loops.obstacles`
 
-Without gas, a particle goes from `pull` to `leave` by itself; with it, all wait for the pressure in between.
+Where no balloons touch, there is neither `search` nor `press`. Without gas, a particle goes
+from `pull` to `leave` by itself; with it, all wait for the pressure in between.
 """
 
 from functools import cache

@@ -5,6 +5,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 
 import warp as wp
 
+from balloon_warp.kernels.contact_tables import FixtureTable, SphereTable, TouchTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
 
@@ -139,41 +140,6 @@ class FanTable:
 
 
 @wp.struct
-class SphereTable:
-    """What particles bump into."""
-
-    mass: wp.array2d[float]
-    radius: wp.array2d[float]
-    penalty: wp.array2d[float]
-
-
-@wp.struct
-class FixtureTable:
-    """Obstacles that go where they are told, see `laws.fixture`."""
-
-    kinds: wp.array[wp.int32]
-    sizes: wp.array[wp.vec3]
-    """half the edges of a box; radius and half the length of a capsule [m]"""
-    meshes: wp.array[wp.uint64]
-    closed: wp.array[wp.int32]
-    thicknesses: wp.array[float]
-    """how far from the surface particles are held [m]"""
-    reaches: wp.array[float]
-    """of the farthest point from the origin [m]"""
-    motion: wp.array2d[wp.transform]
-    """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
-    positions: wp.array2d[wp.vec3]
-    frictions: wp.array2d[float]
-    restitutions: wp.array2d[float]
-    """of spheres"""
-    fastest: float
-    """how fast a point of any of them may move [m/s]"""
-    looks: wp.array2d[wp.vec4]
-    """working memory, of each world and particle: where it was when it last looked at them, and up to which distance
-    there was nothing, plus how far `fastest` goes until then [m]; 0 at the start of a frame"""
-
-
-@wp.struct
 class TubeTable:
     """Tubes between balloons."""
 
@@ -208,6 +174,7 @@ class Tables:
     spheres: SphereTable
     fixtures: FixtureTable
     tubes: TubeTable
+    touch: TouchTable
     correction: CorrectionTable
     health: HealthTable
     balloon_numbers: wp.array3d[float]
@@ -235,6 +202,7 @@ class WorldState:
     gas_amounts: wp.array2d[wp.float64]
     free_volumes: wp.array2d[wp.float64]
     tube_flows: wp.array2d[float]
+    holds: wp.array2d[wp.vec4]
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]

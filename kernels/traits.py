@@ -49,6 +49,10 @@ class Traits(NamedTuple):
     """a mesh is among them"""
     fixtures_move: bool = False
     """one of them does not stay where it is"""
+    touches: bool = False
+    """balloons touch each other"""
+    touches_itself: bool = False
+    """or parts of a balloon do"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
         """The laws of a kind."""

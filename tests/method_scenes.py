@@ -14,6 +14,7 @@ from balloon_warp.scene import (
     Sphere,
     Stiffness,
     String,
+    Touch,
     Tube,
     Water,
 )
@@ -152,6 +153,14 @@ def among(obstacles: list[Obstacle], scene: Scene) -> Scene:
     return scene.model_copy(update={"obstacle": obstacles})
 
 
+def in_touch(itself: bool = False) -> Scene:
+    """All of that, with balloons that touch: one comes down on what floats."""
+    scene = in_air_with_rubber()
+    third = scene.balloon[2].model_copy(update={"position": (0.1, 0.85, 0.0), "helium": 0.0, "velocity": (0, -1, 0)})
+    balloons = [*scene.balloon[:2], third, *scene.balloon[3:]]
+    return scene.model_copy(update={"balloon": balloons, "touch": Touch(itself=itself), "substeps": "auto"})
+
+
 SCENES = {
     "everything": everything(),
     "fresh": everything("fresh"),
@@ -172,4 +181,6 @@ SCENES = {
     "obstacles": among(STILL, everything()),
     "obstacles in air": among(MOVING, in_air()),
     "corrected impulse among obstacles": among(MOVING, everything().model_copy(update=CORRECTED | IMPULSE)),
+    "touch": in_touch(),
+    "touch itself": in_touch(itself=True),
 }

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from overlaps import depth, surface
 from played import played, shape_at, stretches
 from wetness import displaced
 
@@ -230,6 +231,21 @@ def test_two_balloons_the_smaller_empties_into_the_larger():
     size = sizes[1]  # p = c (l - 1) / l^2 of both: alike, but for the shape's evenness
     curve = (size - 1.0) / size**2
     np.testing.assert_allclose(curve[0], curve[1], rtol=0.02)
+
+
+def test_balloon_bunch_pushes_apart_and_comes_to_rest():
+    """At the end each touches another, none is in any by a hundredth of its radius, and all pull at their strings."""
+    model, frames = played("balloon_bunch")
+    surfaces = [[surface(shape_at(model, frame, n)) for n in range(7)] for frame in (frames[60], frames[-1])]
+    for triangles in surfaces:
+        depths = [depth(a.reshape(-1, 3), b) for a in triangles for b in triangles if a is not b]
+        assert max(depths) < 0.01 * 0.14
+    centers = np.array([points.mean(axis=0) for points in frames[-1].points])
+    apart = np.linalg.norm(centers[:, None] - centers, axis=2) + 9.0 * np.eye(7)
+    diameters = [np.ptp(points[:, 1]) for points in frames[-1].points]
+    assert (apart.min(axis=1) < 1.02 * max(diameters)).all()
+    speeds = [np.linalg.norm(velocities.mean(axis=0)) for velocities in frames[-1].velocities]
+    assert max(speeds) < 0.1
 
 
 @pytest.mark.parametrize(

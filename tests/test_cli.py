@@ -131,7 +131,7 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["run", "zebra"], "zebra: no such scene or file; bundled scenes are bowl_to_sphere, "),
+        (["run", "zebra"], "zebra: no such scene or file; bundled scenes are balloon_bunch, "),
         (["run", "--fps"], "error: --fps: has no value; expected --fps RATE; balloon-warp run --help explains\n"),
         (["run", "ball.txt"], "ball.txt: "),
         (["scenes", "-o", "mine.toml"], "--output mine.toml: expected a scene to write"),

@@ -88,7 +88,7 @@ def test_it_lets_bundled_scenes_take_a_fifth_to_a_third_more_than_gershgorins_bo
         plan = plan_model(load_scene(name))
         network = Network(plan.shapes, plan.held, plan.laws)
         step = network.stable_step(plan.scene, plan.parameters)
-        bounds = [Bounds(plan.scene, plan.laws, number, plan.parameters) for number in range(len(plan.shapes))]
+        bounds = [network._bounds(plan.scene, number, plan.parameters) for number in range(len(plan.shapes))]
         steps = []
         for number, bound in enumerate(bounds):
             around = network._around(plan.scene, number, bound)

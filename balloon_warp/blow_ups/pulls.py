@@ -42,6 +42,7 @@ class Pulls:
         self.model = model
         self._points = _row(state.points)
         self._spheres = _row(state.sphere_positions)
+        self._holds = _row(state.holds)
         pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
         kinds = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
         rest = np.asarray(model.spring_rest_length.numpy(), dtype=np.float64)
@@ -92,12 +93,14 @@ class Pulls:
         return pulls
 
     def touched_by(self, particle: int) -> list[str]:
-        """The spheres that it lies on, and the ground, in words."""
+        """The spheres that it lies on, balloons, and the ground, in words."""
         model, point = self.model, self._points[particle]
         distances = np.linalg.norm(self._spheres - point, axis=1)
         spheres = np.flatnonzero(distances < TOUCH * _row(model.parameters["sphere_radius"])).tolist()
         on_ground = point @ np.array(model.scene.up) <= model.parameters["ground_height"].numpy()[0]
-        return [f"sphere {sphere}" for sphere in spheres] + ["the ground"] * bool(on_ground)
+        on_balloon = len(self._holds) > 0 and self._holds[particle, 3] != 0.0
+        named = [f"sphere {sphere}" for sphere in spheres] + ["a balloon"] * bool(on_balloon)
+        return named + ["the ground"] * bool(on_ground)
 
     def contact_at(self, sphere: int, newtons: float) -> Pull | None:
         """Of the particles that lie on a sphere the one that pushes hardest, or all where they exchange momentum; None

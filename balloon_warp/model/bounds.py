@@ -1,7 +1,7 @@
 """What the laws' bounds add up to around each particle of a balloon."""
 
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -37,16 +37,25 @@ class Bounds:
         laws: among which they are.
         number: the balloon.
         parameters: of all worlds.
+        touch: what contacts add to the sums of stiffness and of drag, shape (W,) each, see `model.touch`.
     """
 
-    def __init__(self, scene: Scene, laws: Sequence[Law], number: int, parameters: Parameters):
+    def __init__(
+        self,
+        scene: Scene,
+        laws: Sequence[Law],
+        number: int,
+        parameters: Parameters,
+        touch: Mapping[Bound, NDArray[np.float64]] | None = None,
+    ):
         columns = columns_of(laws)
         self._laws = [law for law in laws if law.wants is None or law.wants(scene)]
         self._told = {row.name: parameters[row.name][:, number, None] for row in columns.balloon}
         self._told |= {row.name: parameters[row.name][:, None] for row in columns.world}
         strings = [place for place, string in enumerate(scene.string) if string.balloon == number]
         self._strings = parameters["string_stiffness"][:, strings]
-        self._world_count = max(len(values) for values in (*self._told.values(), self._strings))
+        self._touch = touch or {}
+        self._world_count = max(len(v) for v in (*self._told.values(), self._strings, *self._touch.values()))
 
     @property
     def has_hinges(self) -> bool:
@@ -103,7 +112,7 @@ class Bounds:
                 yield kind, least, most - least
 
     def _other_sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
-        """The sum of the bounds of all laws but those of springs."""
+        """The sum of the bounds of all laws but those of springs, and of contacts."""
 
         def some(values: NDArray[np.float64]) -> NDArray[np.float64]:
             return values[worlds] if len(values) > 1 else values
@@ -121,6 +130,8 @@ class Bounds:
         for kind in ("particle", "face"):
             for of_one in self._of_kind(kind, bound):
                 total = total + 0.5 * of_one(**told | place | {"mass": told["mass"] * around.mass_share})
+        if bound in self._touch:
+            total = total + some(self._touch[bound][:, None])
         return total
 
     def _of_kind(self, kind: Kind, bound: Bound) -> Iterator[Callable[..., Any]]:

@@ -27,6 +27,7 @@ from balloon_warp.model.stability import Network, choose_substeps, names_of_the_
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
 from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
 from balloon_warp.model.timeline import DueChange, turns
+from balloon_warp.model.touch import settle_touch
 from balloon_warp.model.vary import Vary, vary_parameters
 from balloon_warp.scene import Scene
 
@@ -154,6 +155,7 @@ def _settled(
         require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
     parameters["string_length"] = string_lengths(scene, shapes, held, parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
+    parameters |= settle_touch(scene, shapes, parameters)
     return parameters | settle_gas(scene, shapes, parameters)
 
 

@@ -16,6 +16,7 @@ from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.spectrum import highest_squared_frequency
 from balloon_warp.model.surroundings import Surroundings, surroundings_of
+from balloon_warp.model.touch import bound_of_touch
 from balloon_warp.scene import Scene
 
 AUTO_MARGIN = 0.8
@@ -61,7 +62,7 @@ class Network:
         """
         steps = []
         for number in range(len(self.shapes)):
-            bounds = Bounds(scene, self.laws, number, parameters)
+            bounds = self._bounds(scene, number, parameters)
             around = self._around(scene, number, bounds, None if velocities is None else velocities[number])
             different = around.different()
             step = float(np.min(_steps(scene, number, parameters, bounds, different)))
@@ -91,13 +92,17 @@ class Network:
         whose springs are the stiffest for its mass."""
         limits = []
         for number, shape in enumerate(self.shapes):
-            bounds = Bounds(scene, self.laws, number, parameters)
+            bounds = self._bounds(scene, number, parameters)
             around = self._around(scene, number, bounds)
             if around.particle_count:
                 step = float(_steps(scene, number, parameters, bounds, around)[0])
                 stiffest = (bounds.sums("stiffness", around, slice(1))[0] / around.mass_share).argmax()
                 limits.append((step, number, int(np.flatnonzero(shape.mass_share)[stiffest])))
         return min(limits, default=(np.inf, 0, 0))[1:]
+
+    def _bounds(self, scene: Scene, number: int, parameters: Parameters) -> Bounds:
+        touch = bound_of_touch(scene, self.shapes, number, parameters)
+        return Bounds(scene, self.laws, number, parameters, touch)
 
     def _around(
         self, scene: Scene, number: int, bounds: Bounds, velocities: NDArray[np.float64] | None = None
@@ -109,7 +114,7 @@ class Network:
 
 def names_of_the_step(laws: Sequence[Law]) -> set[str]:
     """The parameters that the stable step depends on, and what else the bounds of these laws ask for."""
-    return {*(row.name for row in KINDS), "string_stiffness", "mass"} | names_of_bounds(laws)
+    return {*(row.name for row in KINDS), "string_stiffness", "mass", "touch_stiffness"} | names_of_bounds(laws)
 
 
 def _steps(

@@ -49,6 +49,10 @@ class State:
     tube_flows: wp.array
     """from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
     float32"""
+    holds: wp.array
+    """of particles where balloons touch: how far they have slipped from where they took hold of another surface [m],
+    and how much of the overlap is let be for now [m], negative if they are behind that surface, 0 if they touch none;
+    shape (world_count, particle_count), vec4, or (world_count, 0) where balloons do not touch"""
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
@@ -84,6 +88,7 @@ def new_state(model: Model, room: Room) -> State:
         gas_amounts=room.array(balloons, wp.float64),
         free_volumes=room.array(balloons, wp.float64),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
+        holds=room.array((worlds, model.particle_count if model.scene.touches else 0), wp.vec4),
         first_bad=room.array(worlds, wp.int32),
     )
 

@@ -21,7 +21,7 @@ SHAPING = re.compile(r"balloon\.(\d+\.)?(mesh|scale|stiffness\.(variation|seed|g
 """paths whose values make another model: batches group their worlds by them"""
 METHODS = ("substeps", "solver", "normals", "correction", "correction_sweeps", "contact")
 """fields of the scene that are no parameters, and may change during a simulation all the same"""
-SURROUNDINGS = ("ground", "water")
+SURROUNDINGS = ("ground", "water", "touch")
 """tables of which a scene has one or none"""
 
 

@@ -12,6 +12,7 @@ from balloon_warp.scene.schema import (
     Sphere,
     Stiffness,
     String,
+    Touch,
     Tube,
     Water,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "Sphere",
     "Stiffness",
     "String",
+    "Touch",
     "Tube",
     "Water",
     "bundled_scenes",

@@ -42,7 +42,8 @@ SCHEDULES = {
 }
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
-
+TOUCHING = ("scatter", "gather")
+"""those in which balloons touch"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -60,12 +61,14 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
     """The schedule of that name, or the fastest for the model, not made yet.
 
     Raises:
-        InputError: there is no such schedule.
+        InputError: there is no such schedule, or it cannot simulate this model.
     """
     if name == "auto":
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
+    if model.scene.touches and name not in TOUCHING:
+        raise InputError(f"--schedule {name}: cannot let balloons touch; auto, {' and '.join(TOUCHING)} can")
     module, schedule = SCHEDULES[name]
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
@@ -85,6 +88,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     sooner if it has few particles. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
+    if model.scene.touches:
+        return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
     from balloon_warp.schedules.block import fits_in_block

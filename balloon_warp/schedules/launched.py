@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import warp as wp
 
 from balloon_warp.kernels.schedules.advance import advance_kernel
+from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
@@ -43,6 +44,17 @@ class LaunchedSchedule(ABC):
         """Parameters that the kernels are chosen by."""
         return choosing_parameters(self.traits)
 
+    @property
+    def remarks(self) -> list[str]:
+        """What it could not do in full since it was made, in sentences."""
+        crowded = int(self.pieces.working.crowded.numpy().sum())
+        if not crowded:
+            return []
+        return [
+            f"touch: {crowded:,} times a particle had more triangles of a balloon near than the "
+            f"{int(MOST_OF_BALLOON)} nearest, which it keeps until the next search; more substeps help"
+        ]
+
     @staticmethod
     @abstractmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
@@ -76,6 +88,7 @@ class LaunchedSchedule(ABC):
             if substep == 0 or self.traits.fresh_normals:
                 pieces.refresh(now[0])
             pieces.roll(state, time_in_frame)
+            pieces.press(state, substep, *now)
             now = self.advance_substep(state, time_in_frame, now)
             pieces.touch(state, time_in_frame, *now)
             yield substep

@@ -30,6 +30,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.touching import TouchPieces, touch_arrays
 
 SUM_THREADS = 1024
 """that sum the faces of a balloon on a GPU"""
@@ -81,6 +82,7 @@ class Pieces:
         self.working = Working()
         for name, array in working_arrays(model, traits, room).items():
             setattr(self.working, name, array)
+        self._touching = TouchPieces(model, traits, tables, self.working) if traits.touches else None
         self._aims = AimRefresher(model, tables, room) if traits.aims else None
         places, split = model.columns.places, model.columns.balloon_width
         self._limit_column = places["correction_limit"] - split if traits.corrected else 0
@@ -158,6 +160,12 @@ class Pieces:
             moving = world_state(state), self.working, points, velocities
             self.over_particles(leave_kernel(self.traits), self.tables, time_in_frame, *moving)
 
+    def press(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Balloons that touch push each other off; now and then it is found which may."""
+        if self._touching:
+            self._touching.search(state, substep, points, velocities)
+            self._touching.press(state, points, velocities)
+
     def touch(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
         """Spheres and particles exchange momentum."""
         m = self.model
@@ -204,5 +212,6 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "inflations": vectors(traits.keeps_inflations),
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
+        **touch_arrays(model, traits, room),
         "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
     }

@@ -28,6 +28,7 @@ from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
+from balloon_warp.schedules.touch_table import touch_table
 from balloon_warp.springs.coloring import color_springs
 
 
@@ -51,6 +52,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.spheres = _spheres(model)
     t.fixtures = fixture_table(model)
     t.tubes = _tubes(model)
+    t.touch = touch_table(model, traits)
     t.correction = _correction(model, traits)
     t.health = health_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers

@@ -49,6 +49,8 @@ def model_traits(model: Model) -> Traits:
         fixtures=bool(scene.obstacle),
         fixture_meshes=any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
         fixtures_move=model.obstacle_motion.shape[0] > 1,
+        touches=scene.touches,
+        touches_itself=scene.touches_itself,
     )
 
 

@@ -72,6 +72,8 @@ class ProjectiveSolver(LaunchedSchedule):
 
 def _beyond(traits: Traits) -> str | None:
     """What it does not simulate, in words, or None."""
+    if traits.touches:
+        return "balloons that touch"
     if traits.pressures:
         return "pressure or gas"
     if traits.corrected:

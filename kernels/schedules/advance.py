@@ -14,6 +14,7 @@ from balloon_warp.kernels.loops.net_force import Loops, net_force_function, scal
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function, pushing_function
+from balloon_warp.kernels.schedules.launched_press import take_pushes
 from balloon_warp.kernels.substep import kick, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -92,6 +93,8 @@ def advance_kernel(
             pull, area, _facing = net_force(t, points[world], velocities[world], own, working, point, velocity, time)
             force = pull
             area_vector = area
+            if wp.static(traits.touches and until != "forces"):
+                force += take_pushes(working, world, particle)
         else:
             free_velocity = free_velocities[world, particle]
             if wp.static(traits.pressures):

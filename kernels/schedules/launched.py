@@ -45,6 +45,21 @@ class Working:
     """forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
+    balloon_boxes: wp.array3d[wp.vec3]
+    """around each balloon until the next search: lower and upper corner [m], and the highest speed, thrice [m/s]; this
+    and what follows is empty unless balloons touch, see `touch_lists`"""
+    part_boxes: wp.array3d[wp.vec3]
+    """the same around each part of their surfaces, without the speed"""
+    near_balloons: wp.array2d[wp.int32]
+    """whether each balloon may touch any, and last what there is to do in the world"""
+    candidate_counts: wp.array2d[wp.int32]
+    """triangles that each particle may touch"""
+    candidates: wp.array3d[wp.int32]
+    """those triangles, twice their number, and 1 more from behind: shape (world_count, most, particle_count)"""
+    touch_quanta: wp.array3d[wp.int64]
+    """forces of contacts on particles in this substep, see `fixed_point`"""
+    crowded: wp.array[wp.int32]
+    """how often a triangle had no place in a list"""
 
 
 @cache

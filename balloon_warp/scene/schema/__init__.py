@@ -5,6 +5,7 @@ balloon        balloons, their springs and what fills them
 bodies         spheres and strings
 obstacles      rigid things in the way
 surroundings   air, water and ground
+touch          balloons that touch
 fields         what all of these are made of
 """
 
@@ -13,6 +14,7 @@ from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
+from balloon_warp.scene.schema.touch import Touch
 
 __all__ = [
     "MESHED",
@@ -27,6 +29,7 @@ __all__ = [
     "Sphere",
     "Stiffness",
     "String",
+    "Touch",
     "Tube",
     "Water",
 ]

@@ -11,6 +11,7 @@ from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Table, Vector, field_of
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
+from balloon_warp.scene.schema.touch import Touch
 
 MESHED = ("balloon", "obstacle")
 """lists of the scene whose tables may have a mesh"""
@@ -79,6 +80,7 @@ class Scene(Table):
     ground: Ground | None = None
     water: Water | None = None
     tube: list[Tube] = []
+    touch: Touch | None = None
     atmosphere: Atmosphere = Atmosphere()
     law: LawTables = {}
     """parameters of laws of one's own that are the world's, by law and name"""
@@ -89,6 +91,16 @@ class Scene(Table):
     def up(self) -> Vector:
         """unit vector of the up axis"""
         return (0.0, 1.0, 0.0) if self.up_axis == "Y" else (0.0, 0.0, 1.0)
+
+    @property
+    def touches(self) -> bool:
+        """whether any surfaces can touch"""
+        return self.touches_itself or (self.touch is not None and self.touch.balloons and len(self.balloon) > 1)
+
+    @property
+    def touches_itself(self) -> bool:
+        """whether parts of a balloon can"""
+        return self.touch is not None and self.touch.itself
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -1,0 +1,142 @@
+"""Surfaces of balloons that touch, as kernels read them."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws.law import FAR
+from balloon_warp.kernels.tables import TouchTable
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.model import Model
+from balloon_warp.model.touch import STIFFNESSES, THICKNESS, edge_length
+
+SEARCH_SECONDS = 1.0 / 480.0
+"""between two searches: balloons that meet at 10 m/s come 2 cm nearer meanwhile"""
+LEAST_SUBSTEPS, LEAST_SUBSTEPS_ITSELF = 2, 4
+"""between two searches, however long they are; more where every particle has to look around on its own balloon, which
+takes as long as five substeps"""
+SLACK = 0.1
+"""of an edge, that each of two particles may gain on its way between two searches by accelerating"""
+DEPTH = 0.25
+"""of the least extent of a balloon at the start, down to which what is inside is pushed out"""
+APART = 3.0
+"""edges between parts of a balloon at the start that may touch"""
+TRIANGLES = 8
+"""at most of a part that has no others in it"""
+
+
+def touch_table(model: Model, traits: Traits) -> Any:
+    """The balloons' surfaces; empty where none touch."""
+    table = TouchTable()
+    if not traits.touches:
+        return table
+    shapes, offsets = model.shapes, model.particle_offsets
+    surfaces = [surface_of(shape.mesh) for shape in shapes]
+    triangles = [surface.triangles + first for surface, first in zip(surfaces, offsets[:-1], strict=True)]
+    first_triangles = np.cumsum([0, *(len(surface.triangles) for surface in surfaces)])
+    first_parts = np.cumsum([0, *(len(surface.ends) for surface in surfaces)])
+    own_triangles = [surface.ranges + first for surface, first in zip(surfaces, first_triangles[:-1], strict=True)]
+    ends = [surface.ends + first for surface, first in zip(surfaces, first_parts[:-1], strict=True)]
+    edges = np.array([edge_length(shape.mesh) for shape in shapes])
+
+    def array(values: Any, dtype: Any) -> wp.array:
+        return wp.array(np.asarray(values), dtype=dtype, device=model.device)
+
+    table.triangles = array(np.concatenate(triangles), wp.vec3i)
+    whole = np.concatenate(ends) == np.arange(first_parts[-1]) + 1
+    own_particles = [
+        np.unique(np.concatenate(triangles)[begin:end]) if alone else np.zeros(0, dtype=np.int64)
+        for (begin, end), alone in zip(np.concatenate(own_triangles), whole, strict=True)
+    ]
+    places = np.cumsum([0, *(len(own) for own in own_particles)])
+    table.particles = array(np.concatenate(own_particles), wp.int32)
+    table.part_particles = array(np.stack([places[:-1], places[1:]], axis=1), wp.vec2i)
+    table.part_triangles = array(np.concatenate(own_triangles), wp.vec2i)
+    table.part_ends = array(np.concatenate(ends), wp.int32)
+    table.balloon_parts = array(first_parts, wp.int32)
+    table.closed = array([shape.closed for shape in shapes], wp.int32)
+    table.thickness = array(THICKNESS * edges, float)
+    table.slack = array(SLACK * edges, float)
+    extents = [np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).min() for shape in shapes]
+    table.depth = array(DEPTH * np.array(extents), float)
+    table.stiffness = model.parameters[STIFFNESSES]
+    rest, boxes = np.zeros((0, 3)), np.zeros((0, 2, 3))
+    if traits.touches_itself:
+        rest = np.concatenate([shape.mesh.points for shape in shapes])
+        corners = rest[np.concatenate(triangles)]
+        parts = [corners[begin:end].reshape(-1, 3) for begin, end in np.concatenate(own_triangles)]
+        boxes = np.array([(part.min(axis=0, initial=FAR), part.max(axis=0, initial=-FAR)) for part in parts])
+    table.rest_points = array(rest, wp.vec3)
+    table.rest_boxes = wp.array(boxes.reshape(-1, 2, 3), dtype=wp.vec3, device=model.device)
+    table.apart = array(APART * edges, float)
+    table.seconds = substeps_of_search(model) * model.step_seconds
+    return table
+
+
+class Surface(NamedTuple):
+    """A mesh as a tree of parts, each halved across its longest extent; numbers count from the mesh's first."""
+
+    triangles: NDArray[np.int64]
+    """their vertices, shape (T, 3)"""
+    ranges: NDArray[np.int64]
+    """where each part's triangles begin and end, shape (parts, 2)"""
+    ends: NDArray[np.int64]
+    """after each part, the next that is not in it, shape (parts,)"""
+
+
+def surface_of(mesh: PolygonMesh) -> Surface:
+    """The mesh's triangles, part by part; each part is followed by those in it."""
+    triangles = triangles_of(mesh)
+    centers = mesh.points[triangles].mean(axis=1)
+    order = np.arange(len(triangles))
+    ranges, depths, waiting = [], [], [(0, len(triangles), 0)]
+    while waiting:
+        begin, end, depth = waiting.pop()
+        ranges.append((begin, end))
+        depths.append(depth)
+        if end - begin > TRIANGLES:
+            own = order[begin:end]
+            axis = int(np.ptp(centers[own], axis=0).argmax())
+            order[begin:end] = own[np.argsort(centers[own, axis], kind="stable")]
+            middle = (begin + end) // 2
+            waiting += [(middle, end, depth + 1), (begin, middle, depth + 1)]
+    ends, after = np.empty(len(depths), dtype=np.int64), {}
+    for part in reversed(range(len(depths))):
+        # what comes next and is no deeper is not in it
+        ends[part] = min((after[d] for d in range(depths[part] + 1) if d in after), default=len(depths))
+        after = {d: p for d, p in after.items() if d < depths[part]} | {depths[part]: part}
+    return Surface(triangles[order], np.array(ranges), ends)
+
+
+def part_count(mesh: PolygonMesh) -> int:
+    """Parts that a mesh has, without looking for them."""
+    return _parts_of(int(np.maximum(mesh.face_vertex_counts - 2, 0).sum()))
+
+
+@cache
+def _parts_of(triangles: int) -> int:
+    half = triangles // 2
+    return 1 if triangles <= TRIANGLES else 1 + _parts_of(half) + _parts_of(triangles - half)
+
+
+def triangles_of(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Faces in triangles: quads along their shorter diagonal, and others as fans from the first corner."""
+    corners = np.asarray(mesh.face_vertex_indices, dtype=np.int64)
+    triangles = []
+    for begin, count in zip(np.cumsum([0, *mesh.face_vertex_counts[:-1]]), mesh.face_vertex_counts, strict=True):
+        face = corners[begin : begin + count]
+        if count == 4:
+            across = np.linalg.norm(mesh.points[face[:2]] - mesh.points[face[2:]], axis=1)
+            face = np.roll(face, -1) if across[1] < across[0] else face
+        triangles += [(face[0], face[number], face[number + 1]) for number in range(1, count - 1)]
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def substeps_of_search(model: Model) -> int:
+    """Substeps from one search to the next."""
+    least = LEAST_SUBSTEPS_ITSELF if model.scene.touches_itself else LEAST_SUBSTEPS
+    return max(int(SEARCH_SECONDS / model.step_seconds), least)

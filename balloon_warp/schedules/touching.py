@@ -1,0 +1,71 @@
+"""Balloons that touch, in schedules that launch a kernel for each piece of a substep: memory and launches."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.launched_press import press_kernel
+from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, box_parts, meet_kernel
+from balloon_warp.kernels.schedules.touch_lists import MOST_TRIANGLES, find_kernel
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.touch_table import part_count, substeps_of_search
+
+BOX_THREADS = 128
+"""that go through the particles of a balloon on a GPU"""
+
+
+class TouchPieces:
+    """Launches what finds and presses balloons that touch."""
+
+    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any):
+        self.model, self._traits, self._tables, self._working = model, traits, tables, working
+        self._interval = substeps_of_search(model)
+        working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
+        # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
+        self._part_threads = tables.touch.part_ends.shape[0] if model.device.is_cuda else 1
+        self._particle_threads = model.particle_count if model.device.is_cuda else 1
+
+    def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Who may touch whom, at a frame's first substep and now and then after it."""
+        if substep % self._interval:
+            return
+        m, t, working = self.model, self._tables, self._working
+        wp.launch_tiled(
+            box_balloons,
+            dim=(m.world_count, m.balloon_count),
+            inputs=[t, points, velocities, working],
+            block_dim=BOX_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )
+        wp.launch(meet_kernel(self._traits), m.world_count, [t, working], device=m.device)
+        parts, particles = self._part_threads, self._particle_threads
+        for of_whole in (1, 0):
+            inputs = [t, parts, of_whole, points, velocities, working]
+            wp.launch(box_parts, (m.world_count, parts), inputs, device=m.device)
+        inputs = [t, particles, int(substep == 0), world_state(state), points, velocities, working]
+        wp.launch(find_kernel(self._traits), (m.world_count, particles), inputs, device=m.device)
+
+    def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
+        """Particles that touch push and are pushed, until the forces are taken."""
+        m, threads = self.model, self._particle_threads
+        inputs = [self._tables, threads, points, velocities, world_state(state), self._working]
+        wp.launch(press_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
+
+
+def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+    """What of `Working` is for balloons that touch."""
+    worlds = model.world_count
+    balloons, particles = (model.balloon_count, model.particle_count) if traits.touches else (0, 0)
+    parts = sum(part_count(shape.mesh) for shape in model.shapes) if traits.touches else 0
+    return {
+        "balloon_boxes": room.array((worlds, balloons, 3), wp.vec3),
+        "part_boxes": room.array((worlds, parts, 2), wp.vec3),
+        "near_balloons": room.array((worlds, balloons + 1 if traits.touches else 0), wp.int32),
+        "candidate_counts": room.array((worlds, particles), wp.int32),
+        "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),
+        "touch_quanta": room.array((worlds, particles, 3), wp.int64),
+        "crowded": room.array(worlds if traits.touches else 0, wp.int32),
+    }

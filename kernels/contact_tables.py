@@ -1,0 +1,78 @@
+"""What particles touch, as kernels read it: spheres, obstacles, and each other."""
+
+import warp as wp
+
+
+@wp.struct
+class SphereTable:
+    """What particles bump into."""
+
+    mass: wp.array2d[float]
+    radius: wp.array2d[float]
+    penalty: wp.array2d[float]
+
+
+@wp.struct
+class FixtureTable:
+    """Obstacles that go where they are told, see `laws.fixture`."""
+
+    kinds: wp.array[wp.int32]
+    sizes: wp.array[wp.vec3]
+    """half the edges of a box; radius and half the length of a capsule [m]"""
+    meshes: wp.array[wp.uint64]
+    closed: wp.array[wp.int32]
+    thicknesses: wp.array[float]
+    """how far from the surface particles are held [m]"""
+    reaches: wp.array[float]
+    """of the farthest point from the origin [m]"""
+    motion: wp.array2d[wp.transform]
+    """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
+    positions: wp.array2d[wp.vec3]
+    frictions: wp.array2d[float]
+    restitutions: wp.array2d[float]
+    """of spheres"""
+    fastest: float
+    """how fast a point of any of them may move [m/s]"""
+    looks: wp.array2d[wp.vec4]
+    """working memory, of each world and particle: where it was when it last looked at them, and up to which distance
+    there was nothing, plus how far `fastest` goes until then [m]; 0 at the start of a frame"""
+
+
+@wp.struct
+class TouchTable:
+    """Surfaces as triangles, in a tree of parts, for balloons that touch; empty where none do.
+
+    A balloon's parts stand in the order in which one comes to them who looks into each: a part, and then those in it.
+    """
+
+    triangles: wp.array[wp.vec3i]
+    """the particles of each, counter-clockwise from outside"""
+    part_triangles: wp.array[wp.vec2i]
+    """where each part's triangles begin and end"""
+    particles: wp.array[wp.int32]
+    """of the parts that have no others in them, each once in a part"""
+    part_particles: wp.array[wp.vec2i]
+    """where each part's particles begin and end; nowhere, where it has others in it"""
+    part_ends: wp.array[wp.int32]
+    """after each part, the next that is not in it: the very next, where it has none in it"""
+    balloon_parts: wp.array[wp.int32]
+    """where each balloon's parts begin, and after the last, where they end"""
+    rest_boxes: wp.array2d[wp.vec3]
+    """around parts at the start: lower and upper corner [m]; empty unless balloons touch themselves"""
+    closed: wp.array[wp.int32]
+    """of each balloon, whether it has an inside, out of which others are pushed"""
+    thickness: wp.array[float]
+    """of each balloon's skin, where the scene does not say it [m]"""
+    slack: wp.array[float]
+    """of each balloon, what its particles may gain on each other by accelerating, until they are looked for again
+    [m]"""
+    depth: wp.array[float]
+    """of each balloon, down to which what is inside is pushed out the nearest way [m]"""
+    stiffness: wp.array2d[float]
+    """of each balloon's contacts, where the scene does not say it [N/m]"""
+    rest_points: wp.array[wp.vec3]
+    """of particles, at the start [m]; empty unless balloons touch themselves"""
+    apart: wp.array[float]
+    """of each balloon, how far a particle must have been from a triangle of it at the start to touch it [m]"""
+    seconds: float
+    """between two searches"""

@@ -1,0 +1,181 @@
+"""Balloons that touch: one particle against one triangle of another surface, or of its own, across a thin skin.
+
+With y the point of the triangle that is nearest to the particle x, n the unit vector from y to x, turned outward where
+x is behind, and g = n . (x - y) the gap, the particle overlaps by o = thickness - g. It is pushed along n by
+
+    F = k o + c (approach speed)    but never pulled
+
+the same from outside and from behind: what has come in is pushed out where it came in. Its energy is k o^2 / 2, no
+more than what came in with it: the damping, c = 2 z root(k m) of the reduced mass m, acts against the motion, and where
+the sum would pull it is left out. The triangle's corners get the opposite force by the barycentric weights of y, so
+that both forces are on one line, and neither momentum nor angular momentum changes.
+
+Friction is Coulomb's, with one coefficient, by a spring along the surface (Cundall and Strack 1979): from where x took
+hold of the triangle, it stretches as they slide and pulls back as stiff as the contact, up to friction times F; from
+there on it slips. It acts at x, and on the triangle as if that reached rigidly to x: the weights w_i of the corners'
+forces have a part along n more,
+
+    F_i = -w_i F + g (G_i . F) n,    G_i the gradient of w_i across n,
+
+whose torque is that of the arm g n. What slides is measured with the same weights, so that friction takes as much
+energy as slides, and gives none.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.law import Parameter
+
+FROM_THE_MESH = -1.0
+"""a thickness or stiffness that the scene does not say"""
+TOUCH = (
+    Parameter(
+        "touch_friction",
+        "1",
+        0.3,
+        least=0.0,
+        of="world",
+        path="touch.friction",
+        meaning="Coulomb's coefficient, between balloons",
+    ),
+    Parameter(
+        "touch_thickness",
+        "m",
+        FROM_THE_MESH,
+        least=0.0,
+        of="world",
+        path="touch.thickness",
+        meaning="distance at which surfaces begin to push; a twentieth of an edge of their meshes when missing",
+    ),
+    Parameter(
+        "touch_stiffness",
+        "N/m",
+        FROM_THE_MESH,
+        least=0.0,
+        of="world",
+        path="touch.stiffness",
+        meaning="of each particle's contact; a quarter of all of a particle's springs when missing",
+    ),
+)
+DAMPING_RATIO = wp.constant(0.2)
+"""z, of what is critical: a particle that meets a wall leaves it with about half of its speed"""
+LEAST = wp.constant(1.0e-30)
+"""of what is divided by"""
+NEAR = wp.constant(1.0e-3)
+"""to a triangle's edge, over its size"""
+STEEPEST = wp.constant(0.3)
+"""cosine between n and a triangle's normal below which, beside an edge, there is no friction: its arm would need forces
+out of all proportion"""
+
+
+@wp.func
+def quotient(part: float, whole: float):
+    """part / whole; 0 where the whole is no more than nothing, as on an edge without length."""
+    return wp.where(whole > LEAST, part / wp.max(whole, LEAST), 0.0)
+
+
+@wp.func
+def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Barycentric weights of a triangle's point that is nearest to another (Ericson 2004, section 5.1.5)."""
+    ab = b - a
+    ac = c - a
+    d1 = wp.dot(ab, point - a)
+    d2 = wp.dot(ac, point - a)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return wp.vec3(1.0, 0.0, 0.0)
+    d3 = wp.dot(ab, point - b)
+    d4 = wp.dot(ac, point - b)
+    if d3 >= 0.0 and d4 <= d3:
+        return wp.vec3(0.0, 1.0, 0.0)
+    beside_c = d1 * d4 - d3 * d2
+    if beside_c <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        part = quotient(d1, d1 - d3)
+        return wp.vec3(1.0 - part, part, 0.0)
+    d5 = wp.dot(ab, point - c)
+    d6 = wp.dot(ac, point - c)
+    if d6 >= 0.0 and d5 <= d6:
+        return wp.vec3(0.0, 0.0, 1.0)
+    beside_b = d5 * d2 - d1 * d6
+    if beside_b <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        part = quotient(d2, d2 - d6)
+        return wp.vec3(1.0 - part, 0.0, part)
+    beside_a = d3 * d6 - d5 * d4
+    if beside_a <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        part = quotient(d4 - d3, (d4 - d3) + (d5 - d6))
+        return wp.vec3(0.0, 1.0 - part, part)
+    whole = beside_a + beside_b + beside_c
+    v = quotient(beside_b, whole)
+    w = quotient(beside_c, whole)
+    return wp.vec3(1.0 - v - w, v, w)
+
+
+@wp.func
+def weighted(weights: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """What the weights say of the corners'."""
+    return weights[0] * a + weights[1] * b + weights[2] * c
+
+
+@wp.func
+def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
+    """The unit vector n of the arm from the nearest point to the particle, outward. Inside the triangle it is the
+    normal, and so it is so near to an edge or a corner that the arm's direction is rounding; zero if there is none."""
+    distance = wp.length(arm)
+    if wp.min(weights) > 0.0 or distance * distance <= NEAR * NEAR * wp.length(area_vector):
+        return wp.normalize(area_vector)
+    return arm * (wp.where(wp.dot(arm, area_vector) < 0.0, -1.0, 1.0) / wp.max(distance, LEAST))
+
+
+@wp.func
+def touch_damping(stiffness: float, mass: float):
+    """c [N s/m] of a contact, of the reduced mass [kg]."""
+    return 2.0 * DAMPING_RATIO * wp.sqrt(stiffness * mass)
+
+
+@wp.func
+def touch_push(overlap: float, approach: float, stiffness: float, mass: float):
+    """F [N]
+
+    Args:
+        overlap: o [m].
+        approach: how fast it grows [m/s].
+        mass: reduced, of the particle and the point that it meets [kg].
+    """
+    return wp.max(stiffness * overlap + touch_damping(stiffness, mass) * approach, 0.0)
+
+
+@wp.func
+def touch_energy(overlap: float, stiffness: float):
+    """k o^2 / 2 [J]"""
+    return 0.5 * stiffness * wp.max(overlap, 0.0) * wp.max(overlap, 0.0)
+
+
+@wp.func
+def across(vector: wp.vec3, normal: wp.vec3):
+    """The part of a vector that is not along the normal."""
+    return vector - wp.dot(vector, normal) * normal
+
+
+@wp.func
+def touch_friction(slip: wp.vec3, slide: wp.vec3, most: float, stiffness: float, mass: float):
+    """The friction on the particle [N], no more than `most`, and what of the slip is left [m].
+
+    Args:
+        slip: across n, from where the particle took hold [m].
+        slide: how fast it grows [m/s].
+    """
+    pull = -(stiffness * slip + touch_damping(stiffness, mass) * slide)
+    pull *= wp.min(quotient(most, wp.length(pull)), 1.0)
+    slip *= wp.min(quotient(most, stiffness * wp.length(slip)), 1.0)
+    return pull, slip
+
+
+@wp.func
+def reach_gradient(normal: wp.vec3, edge: wp.vec3, area_vector: wp.vec3):
+    """G of a corner [1/m], from the edge opposite, counter-clockwise; nothing where the triangle is too steep.
+
+    Args:
+        area_vector: twice the triangle's area along its normal.
+    """
+    along = wp.dot(normal, area_vector)
+    if along <= STEEPEST * wp.length(area_vector):
+        return wp.vec3()
+    return wp.cross(normal, edge) / wp.max(along, LEAST)

@@ -1,0 +1,185 @@
+"""A particle beside triangles, of its own balloon or another: where it stands, and what it does to one that it touches.
+See `laws.touch`."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.touch import (
+    across,
+    facing,
+    nearest_weights,
+    quotient,
+    reach_gradient,
+    touch_friction,
+    touch_push,
+    weighted,
+)
+from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+AS_NEAR = wp.constant(1.0e-5)
+"""by which part two triangles are as near, at an edge that they share"""
+APART_RATE = wp.constant(10.0)
+"""at which what overlaps from the start comes apart [1/s]"""
+
+
+@wp.struct
+class Place:
+    """Where a particle stands beside a triangle."""
+
+    weights: wp.vec3  # of the nearest point
+    arm: wp.vec3  # from there to the particle [m]
+    squared: float  # distance [m^2]
+    area_vector: wp.vec3  # twice the triangle's area along its normal [m^2]
+    normal: wp.vec3  # n, and
+    gap: float  # [m], negative from behind: of the nearest triangle alone, see `faced`
+
+
+@wp.func
+def place_beside(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Of a particle beside a triangle, without normal and gap."""
+    place = Place()
+    place.weights = nearest_weights(point, a, b, c)
+    place.arm = point - weighted(place.weights, a, b, c)
+    place.squared = wp.length_sq(place.arm)
+    place.area_vector = wp.cross(b - a, c - a)
+    return place
+
+
+@wp.func
+def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """The same with normal and gap."""
+    place.normal = facing(place.arm, place.weights, place.area_vector)
+    place.gap = wp.dot(place.arm, place.normal)
+    # beside an edge, so near that it is taken along the normal: what is met is below it, a little beyond the edge
+    beyond = across(place.arm, place.normal)
+    place.weights += wp.vec3(
+        wp.dot(reach_gradient(place.normal, c - b, place.area_vector), beyond),
+        wp.dot(reach_gradient(place.normal, a - c, place.area_vector), beyond),
+        wp.dot(reach_gradient(place.normal, b - a, place.area_vector), beyond),
+    )
+    return place
+
+
+@wp.func
+def steepness(place: Place):
+    """How much of the arm is along the triangle's normal, from 0 to 1."""
+    rise = wp.abs(wp.dot(place.arm, place.area_vector))
+    return quotient(rise, wp.length(place.arm) * wp.length(place.area_vector))
+
+
+@wp.func
+def is_nearer(place: Place, other: Place):
+    """Than another triangle; of two that share the nearest point, the one that faces the particle: it says on which
+    side that is."""
+    if wp.abs(place.squared - other.squared) <= AS_NEAR * other.squared:
+        return steepness(place) > steepness(other)
+    return place.squared < other.squared
+
+
+@cache
+def skin_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that give thickness [m] and stiffness [N/m] between two balloons."""
+    split = traits.columns.balloon_width
+    thickness_column = traits.columns.places["touch_thickness"] - split
+    stiffness_column = traits.columns.places["touch_stiffness"] - split
+
+    @wp.func
+    def thickness_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
+        said = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), thickness_column]
+        own = 0.5 * (t.touch.thickness[first] + t.touch.thickness[second])
+        return wp.where(said < 0.0, own, said)
+
+    @wp.func
+    def stiffness_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
+        """Of one after the other, so that two alike are as stiff as each."""
+        said = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), stiffness_column]
+        row = row_of_world(world, t.touch.stiffness.shape[0])
+        a = t.touch.stiffness[row, first]
+        b = t.touch.stiffness[row, second]
+        return wp.where(said < 0.0, quotient(2.0 * a * b, a + b), said)
+
+    return thickness_between, stiffness_between
+
+
+@wp.struct
+class Touching:
+    """What a contact is told, beside where it is."""
+
+    side: float  # 1 in front of the triangle, -1 behind it
+    overlap: float  # [m]
+    thickness: float  # [m]
+    stiffness: float  # [N/m]
+    friction: float
+    masses: wp.vec4  # 1 over those of particle and corners [1/kg]
+    first: bool  # whether the particle's hold is of this contact
+    step_seconds: float
+
+
+@wp.struct
+class Pushes:
+    """The forces on a triangle's corners [N]; that on the particle makes their sum nothing. And its hold after."""
+
+    a: wp.vec3
+    b: wp.vec3
+    c: wp.vec3
+    hold: wp.vec4
+
+
+@wp.func
+def what_is_let_be(hold: wp.vec4, overlap: float, thickness: float, speed: float, step_seconds: float):
+    """How much of an overlap does not push for now [m]: of one that is new, what did not come about by moving."""
+    if hold[3] == 0.0:
+        return wp.max(overlap - step_seconds * speed - 0.1 * thickness, 0.0)
+    return wp.min(wp.abs(hold[3]), overlap) * wp.max(1.0 - APART_RATE * step_seconds, 0.0)
+
+
+@wp.func
+def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33):
+    """What a contact does.
+
+    Args:
+        hold: what the state keeps of the particle, before.
+        corners: of the triangle, row by row [m].
+        moving: their velocities [m/s].
+    """
+    normal = told.side * place.normal
+    gap = told.side * place.gap
+    area_vector = told.side * place.area_vector
+    first = reach_gradient(normal, corners[2] - corners[1], area_vector)
+    second = reach_gradient(normal, corners[0] - corners[2], area_vector)
+    third = reach_gradient(normal, corners[1] - corners[0], area_vector)
+    reaches = wp.length_sq(first) > 0.0
+    w = place.weights
+    rises = wp.vec3(wp.dot(moving[0], normal), wp.dot(moving[1], normal), wp.dot(moving[2], normal))
+    relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
+    approach = -wp.dot(relative, normal)
+    mass = 1.0 / (
+        told.masses[0] + w[0] * w[0] * told.masses[1] + w[1] * w[1] * told.masses[2] + w[2] * w[2] * told.masses[3]
+    )
+    slip = wp.vec3()
+    let = float(0.0)
+    overlap = told.overlap
+    if told.first:
+        let = what_is_let_be(hold, overlap, told.thickness, wp.length(relative), told.step_seconds)
+        overlap -= let
+        if hold[3] != 0.0:
+            slip = wp.vec3(hold[0], hold[1], hold[2])
+    else:
+        overlap = wp.min(overlap, told.thickness)
+    push = touch_push(overlap, approach, told.stiffness, mass)
+    force = push * normal
+    pushes = Pushes()
+    pull = wp.vec3()
+    if reaches:
+        slide = across(relative, normal)
+        slip = across(slip, normal) + told.step_seconds * slide
+        pull, slip = touch_friction(slip, slide, told.friction * push, told.stiffness, mass)
+        force += pull
+    pushes.a = -w[0] * force + (gap * wp.dot(first, pull)) * normal
+    pushes.b = -w[1] * force + (gap * wp.dot(second, pull)) * normal
+    pushes.c = -w[2] * force + (gap * wp.dot(third, pull)) * normal
+    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(let, 1.0e-20))
+    return pushes

@@ -1,0 +1,163 @@
+"""Balloons that touch push each other off, where each piece of a substep is a launch: a particle after the other, with
+forces as whole numbers, which add up to the same in any order."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.meeting import Place, Touching, is_nearer, skin_functions, touch
+from balloon_warp.kernels.schedules.fixed_point import quanta, set_quanta, total_newtons
+from balloon_warp.kernels.schedules.launched import Working
+from balloon_warp.kernels.schedules.touch_boxes import APART
+from balloon_warp.kernels.schedules.touch_lists import faced_triangle, triangle_beside
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def add_pushes(
+    totals: wp.array3d[wp.int64],
+    world: wp.int32,
+    particle: wp.int32,
+    corners: wp.vec3i,
+    a: wp.vec3,
+    b: wp.vec3,
+    c: wp.vec3,
+):
+    """Forces [N] on a triangle's corners, and on a particle what makes their sum nothing, to the last bit."""
+    for axis in range(3):
+        first = quanta(a[axis])
+        second = quanta(b[axis])
+        third = quanta(c[axis])
+        wp.atomic_add(totals, world, corners[0], axis, first)
+        wp.atomic_add(totals, world, corners[1], axis, second)
+        wp.atomic_add(totals, world, corners[2], axis, third)
+        wp.atomic_add(totals, world, particle, axis, -(first + second + third))
+
+
+@wp.func
+def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
+    """What contacts do to a particle [N], and nothing is left of it."""
+    force = wp.vec3()
+    if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
+        force = total_newtons(working.touch_quanta, world, particle)
+        set_quanta(working.touch_quanta, world, particle, wp.vec3())
+    return force
+
+
+@cache
+def press_function(traits: Traits) -> Any:
+    """The function by which a particle touches one triangle."""
+    thickness_between, stiffness_between = skin_functions(traits)
+    mass_column = traits.columns.places["mass"]
+    friction_column = traits.columns.places["touch_friction"] - traits.columns.balloon_width
+
+    @wp.func
+    def ease_of_moving(t: Tables, world: wp.int32, particle: wp.int32):
+        """1 over its mass [1/kg], 0 if it is fixed."""
+        share = t.particles.mass_share[particle]
+        row = row_of_world(world, t.balloon_numbers.shape[0])
+        mass = share * t.balloon_numbers[row, t.particles.balloon[particle], mass_column]
+        return wp.where(mass > 0.0, 1.0 / mass, 0.0)
+
+    @wp.func
+    def press(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        candidate: wp.int32,
+        place: Place,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+        first: bool,
+        hold: wp.vec4,
+    ):
+        """What the particle's hold is then; zero if it does not touch."""
+        corners = t.touch.triangles[candidate // 2]
+        own = t.particles.balloon[particle]
+        other = t.particles.balloon[corners[0]]
+        told = Touching()
+        told.side = 1.0 - 2.0 * float(candidate % 2)
+        told.thickness = thickness_between(t, world, own, other)
+        told.overlap = told.thickness - told.side * place.gap
+        told.masses = wp.vec4(
+            ease_of_moving(t, world, particle),
+            ease_of_moving(t, world, corners[0]),
+            ease_of_moving(t, world, corners[1]),
+            ease_of_moving(t, world, corners[2]),
+        )
+        kept = wp.vec4()
+        if told.overlap > 0.0 and wp.max(told.masses) > 0.0:
+            told.stiffness = stiffness_between(t, world, own, other)
+            told.friction = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), friction_column]
+            told.first = first
+            told.step_seconds = t.step_seconds
+            pushes = touch(
+                told,
+                place,
+                hold,
+                velocities[particle],
+                wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]]),
+                wp.matrix_from_rows(velocities[corners[0]], velocities[corners[1]], velocities[corners[2]]),
+            )
+            add_pushes(working.touch_quanta, world, particle, corners, pushes.a, pushes.b, pushes.c)
+            kept = pushes.hold
+        return kept
+
+    return press
+
+
+@cache
+def press_kernel(traits: Traits) -> Any:
+    """The kernel by which particles touch the triangles that were found near them."""
+    press = press_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def press_particles(
+        # model
+        t: Tables,
+        threads: wp.int32,
+        # state in
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # state in and out
+        state: WorldState,
+        # out
+        working: Working,
+    ):
+        """Some threads a world. Of each balloon that a particle is near to, it touches the nearest triangle."""
+        world, thread = wp.tid()
+        if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
+            for particle in range(thread, points.shape[1], threads):
+                count = working.candidate_counts[world, particle]
+                hold = state.holds[world, particle]
+                after = wp.vec4()
+                at = wp.int32(0)
+                while at < count:
+                    nearest = working.candidates[world, at, particle]
+                    balloon = t.particles.balloon[t.touch.triangles[nearest // 2][0]]
+                    place = triangle_beside(t, points[world], nearest // 2, points[world, particle])
+                    at += 1
+                    beside = bool(True)
+                    while at < count and beside:
+                        candidate = working.candidates[world, at, particle]
+                        beside = t.particles.balloon[t.touch.triangles[candidate // 2][0]] == balloon
+                        if beside:
+                            other = triangle_beside(t, points[world], candidate // 2, points[world, particle])
+                            if is_nearer(other, place):
+                                place = other
+                                nearest = candidate
+                            at += 1
+                    place = faced_triangle(t, points[world], nearest // 2, place)
+                    first = after[3] == 0.0
+                    kept = press(
+                        t, working, world, particle, nearest, place, points[world], velocities[world], first, hold
+                    )
+                    if first:
+                        after = kept
+                if count > 0 or hold[3] != 0.0:
+                    state.holds[world, particle] = after
+
+    return press_particles

@@ -1,0 +1,285 @@
+"""Which triangles each particle may touch, looked for every few substeps, where each piece of a substep is a launch.
+
+Boxes lead it to them, see `touch_boxes`, in the same order every time, and in each world by itself.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.meeting import Place, faced, is_nearer, place_beside, skin_functions
+from balloon_warp.kernels.schedules.launched import Working
+from balloon_warp.kernels.schedules.touch_boxes import (
+    APART,
+    LOWER,
+    SPEED,
+    UPPER,
+    boxes_meet,
+    is_whole,
+    pad_function,
+    squared_distance_to_box,
+)
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+MOST_TRIANGLES = wp.constant(40)
+"""that a particle keeps"""
+MOST_OF_BALLOON = wp.constant(24)
+"""of them, of one balloon"""
+Distances = wp.types.vector(length=24, dtype=wp.float32)
+
+
+@wp.func
+def triangle_beside(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
+    """Where a particle stands beside it."""
+    corners = t.touch.triangles[triangle]
+    return place_beside(point, points[corners[0]], points[corners[1]], points[corners[2]])
+
+
+@wp.func
+def faced_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, place: Place):
+    """The same with normal and gap."""
+    corners = t.touch.triangles[triangle]
+    return faced(place, points[corners[0]], points[corners[1]], points[corners[2]])
+
+
+@wp.func
+def squared_distance_to_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
+    """No more than that to the triangle, and sooner found: to its box [m^2]."""
+    corners = t.touch.triangles[triangle]
+    a = points[corners[0]]
+    b = points[corners[1]]
+    c = points[corners[2]]
+    return squared_distance_to_box(point, wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c))
+
+
+@wp.func
+def relative_speed(t: Tables, velocities: wp.array[wp.vec3], triangle: wp.int32, velocity: wp.vec3):
+    """Of a particle beside a triangle's center [m/s]."""
+    corners = t.touch.triangles[triangle]
+    mean = (velocities[corners[0]] + velocities[corners[1]] + velocities[corners[2]]) / 3.0
+    return wp.length(velocity - mean)
+
+
+@wp.func
+def slot_for(working: Working, world: wp.int32, kept: Distances, squared: float, count: wp.int32, most: wp.int32):
+    """Where among a balloon's a triangle goes: after the others, or in the place of the farthest; -1 if that is it."""
+    slot = count
+    if count >= most:
+        wp.atomic_add(working.crowded, world, 1)
+        slot = wp.int32(-1)
+        farthest = squared
+        for held in range(most):
+            if kept[held] > farthest:
+                farthest = kept[held]
+                slot = held
+    return slot
+
+
+@cache
+def finding_functions(traits: Traits) -> Any:
+    """The function that puts the triangles of a balloon that a particle may touch into its list."""
+    pad_between = pad_function(traits)
+    thickness_between, _ = skin_functions(traits)
+
+    @wp.func
+    def may_touch(t: Tables, particle: wp.int32, own: wp.int32, other: wp.int32, triangle: wp.int32):
+        """A particle touches its own balloon only where that was apart at the start."""
+        if wp.static(traits.touches_itself):
+            if own == other:
+                here = t.touch.rest_points[particle]
+                apart = t.touch.apart[own]
+                for corner in range(3):
+                    if wp.length_sq(t.touch.rest_points[t.touch.triangles[triangle][corner]] - here) < apart * apart:
+                        return False
+        return True
+
+    @wp.func
+    def looks_into(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        own: wp.int32,
+        other: wp.int32,
+        part: wp.int32,
+        point: wp.vec3,
+        squared: float,
+    ):
+        """Whether a part may have triangles within a distance, given squared [m^2], that the particle may touch."""
+        lower = working.part_boxes[world, part, LOWER]
+        upper = working.part_boxes[world, part, UPPER]
+        looks = squared_distance_to_box(point, lower, upper) <= squared
+        if wp.static(traits.touches_itself):
+            if looks and own == other:
+                here = t.touch.rest_points[particle]
+                farthest = wp.max(here - t.touch.rest_boxes[part, LOWER], t.touch.rest_boxes[part, UPPER] - here)
+                looks = wp.length_sq(farthest) >= t.touch.apart[own] * t.touch.apart[own]
+        return looks
+
+    @wp.func
+    def nearest_triangle(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        own: wp.int32,
+        other: wp.int32,
+        points: wp.array[wp.vec3],
+        within: float,
+    ):
+        """Of another balloon, or of its own; -1 if there is none within that distance [m]."""
+        point = points[particle]
+        best = Place()
+        best.squared = within * within
+        nearest = wp.int32(-1)
+        part = t.touch.balloon_parts[other]
+        while part < t.touch.balloon_parts[other + 1]:
+            after = t.touch.part_ends[part]
+            if looks_into(t, working, world, particle, own, other, part, point, best.squared):
+                after = part + 1
+                if is_whole(t, part):
+                    for triangle in range(t.touch.part_triangles[part][0], t.touch.part_triangles[part][1]):
+                        if squared_distance_to_triangle(t, points, triangle, point) <= best.squared:
+                            if may_touch(t, particle, own, other, triangle):
+                                place = triangle_beside(t, points, triangle, point)
+                                if is_nearer(place, best):
+                                    best = place
+                                    nearest = triangle
+            part = after
+        return nearest, best
+
+    @wp.func
+    def list_nearby(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        own: wp.int32,
+        other: wp.int32,
+        points: wp.array[wp.vec3],
+        within: float,
+        behind: wp.int32,
+        count: wp.int32,
+    ):
+        """How many there are in the list, with the triangles of a balloon within a distance [m]; of too many the
+        nearest."""
+        point = points[particle]
+        first = count
+        most = wp.min(MOST_OF_BALLOON, MOST_TRIANGLES - first)
+        kept = Distances()
+        part = t.touch.balloon_parts[other]
+        while part < t.touch.balloon_parts[other + 1]:
+            after = t.touch.part_ends[part]
+            if looks_into(t, working, world, particle, own, other, part, point, within * within):
+                after = part + 1
+                if is_whole(t, part):
+                    for triangle in range(t.touch.part_triangles[part][0], t.touch.part_triangles[part][1]):
+                        squared = squared_distance_to_triangle(t, points, triangle, point)
+                        if squared <= within * within:
+                            squared = triangle_beside(t, points, triangle, point).squared
+                        if squared <= within * within and may_touch(t, particle, own, other, triangle):
+                            slot = slot_for(working, world, kept, squared, count - first, most)
+                            if slot >= 0:
+                                kept[slot] = squared
+                                working.candidates[world, first + slot, particle] = 2 * triangle + behind
+                                count = wp.max(count, first + slot + 1)
+            part = after
+        return count
+
+    @wp.func
+    def find_of_balloon(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        own: wp.int32,
+        other: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+        deep: bool,
+        count: wp.int32,
+    ):
+        """How many there are in the list then.
+
+        Args:
+            deep: whether the particle may be deep in the other balloon.
+        """
+        point = points[particle]
+        velocity = velocities[particle]
+        pad = pad_between(t, world, own, other)
+        way = t.touch.seconds * velocity
+        if boxes_meet(
+            wp.min(point, point + way),
+            wp.max(point, point + way),
+            working.balloon_boxes[world, other, LOWER],
+            working.balloon_boxes[world, other, UPPER],
+            pad,
+        ):
+            one_sided = other != own and t.touch.closed[other] == 1
+            swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, SPEED][0])
+            within = wp.max(pad + swept, wp.where(one_sided and deep, t.touch.depth[other], 0.0))
+            nearest, place = nearest_triangle(t, working, world, particle, own, other, points, within)
+            if nearest >= 0:
+                place = faced_triangle(t, points, nearest, place)
+                side = float(1.0)
+                deepest = t.touch.depth[other]
+                if not one_sided:
+                    kept = state.holds[world, particle][3]
+                    side = wp.where(kept < 0.0 or (kept == 0.0 and place.gap < 0.0), -1.0, 1.0)
+                    deepest = thickness_between(t, world, own, other)
+                comes = t.touch.seconds * relative_speed(t, velocities, nearest, velocity)
+                if side * place.gap < pad + comes and side * place.gap > -deepest:
+                    beside = wp.sqrt(place.squared) + pad + 2.0 * comes
+                    count = list_nearby(
+                        t, working, world, particle, own, other, points, beside, wp.where(side < 0.0, 1, 0), count
+                    )
+        return count
+
+    return find_of_balloon
+
+
+@cache
+def find_kernel(traits: Traits) -> Any:
+    """The kernel that finds the triangles that each particle may touch."""
+    find_of_balloon = finding_functions(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_near_triangles(
+        # model
+        t: Tables,
+        threads: wp.int32,
+        begins: wp.int32,
+        # state in
+        state: WorldState,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # out
+        working: Working,
+    ):
+        """Some threads a world.
+
+        Args:
+            begins: whether it is a frame's first search: particles that touch nothing are then looked for in the depth
+                of others, too, where they may have started.
+        """
+        world, thread = wp.tid()
+        balloons = working.balloon_boxes.shape[1]
+        if working.near_balloons[world, balloons] != APART:
+            for particle in range(thread, points.shape[1], threads):
+                own = t.particles.balloon[particle]
+                count = wp.int32(0)
+                used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
+                deep = begins == 1 or state.holds[world, particle][3] != 0.0
+                if used and working.near_balloons[world, own] == 1:
+                    for other in range(balloons):
+                        if wp.static(traits.touches_itself) or other != own:
+                            count = find_of_balloon(
+                                t, state, working, world, particle, own, other,
+                                points[world], velocities[world], deep, count,
+                            )  # fmt: skip
+                working.candidate_counts[world, particle] = count
+
+    return find_near_triangles

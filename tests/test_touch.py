@@ -1,0 +1,285 @@
+"""Balloons that touch each other, and themselves."""
+
+import re
+
+import numpy as np
+import pytest
+from conserved import angular_momentum, masses, momentum, motion, put
+from meshes import cube, prism, quad_sphere
+from overlaps import deepest
+from touching import (
+    RADIUS,
+    SLACK,
+    VACUUM,
+    ball,
+    centers,
+    collision,
+    energy,
+    horseshoe,
+    pile,
+    run,
+    touching,
+)
+from trajectories import ROUNDING, advance_both, arrays, assert_close
+
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.job import animate
+from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch, load_scene
+from balloon_warp.schedules.choose import TOUCHING
+from balloon_warp.schedules.touch_table import part_count, surface_of
+from balloon_warp.simulator import Simulator
+
+EPSILON = float(np.finfo(np.float32).eps)
+
+
+@pytest.fixture(params=TOUCHING)
+def way(request: pytest.FixtureRequest) -> str:
+    """Each schedule in which balloons touch."""
+    return request.param
+
+
+def require_the_same_sums(way: str, device: str) -> None:
+    if way == "scatter" and device != "cpu":
+        pytest.skip("adds springs' forces in another order every time")
+
+
+def test_momentum_and_angular_momentum_are_kept(way, device):
+    """A substep rounds each velocity and place by up to half an epsilon to either side, at random."""
+    simulator = Simulator(collision(), device, schedule=way)
+    start, spin, kick, touched = momentum(simulator), angular_momentum(simulator), 0.0, 0
+    first = masses(simulator)[: simulator.model.particle_offsets[1]]
+    own = first @ motion(simulator)[1][: len(first)]
+    for frame in range(1, 41):
+        simulator.step()
+        touched = max(touched, touching(simulator))
+        rounding = EPSILON * np.sqrt(48 * frame) * 0.6 * 4.0
+        assert np.abs(momentum(simulator) - start).max() < rounding
+        assert np.abs(angular_momentum(simulator) - spin).max() < rounding
+        kick = max(kick, float(np.abs(first @ motion(simulator)[1][: len(first)] - own).max()))
+    assert touched > 20
+    assert kick > 0.5  # kg m/s, of 0.6
+
+
+def test_contact_gives_no_energy(way, device):
+    """Springs at rest and a push begin with nothing but motion: at every later time there is no more in motion and
+    springs together, but for the swing of explicit steps, half of h omega of what is in the springs' fastest modes."""
+    simulator = Simulator(collision(), device, schedule=way)
+    start, most = energy(simulator), 0.0
+    for _ in range(60):
+        simulator.step()
+        most = max(most, energy(simulator))
+    assert touching(simulator) == 0  # it is over
+    assert most < 1.001 * start
+    assert 0.5 * start < energy(simulator) < 0.99 * start
+
+
+def test_what_lies_on_another_is_hardly_in_it(way, device):
+    """While it bounces and when it lies, below 2 % of the radius, with nothing said of thickness or stiffness; and
+    there is no gap to be seen."""
+    simulator, deep = Simulator(pile(), device, schedule=way), 0.0
+    for frame in range(240):
+        simulator.step()
+        if frame % 4 == 0:
+            deep = max(deep, deepest(simulator))
+    assert deep < 0.02 * RADIUS
+    assert touching(simulator) > 10
+    points = motion(simulator)[0]
+    lower, upper = np.split(points, simulator.model.particle_offsets[1:-1])
+    assert 0.2 < centers(simulator)[1, 1] - centers(simulator)[0, 1] < 2.6 * RADIUS
+    gaps = np.linalg.norm(upper[:, None] - lower[None], axis=2).min()
+    assert gaps < 0.1 * RADIUS
+
+
+def fast() -> Scene:
+    """At 20 m/s towards each other, nearly along their centers, a twentieth of their radius in a substep, filled with
+    air."""
+    air = Inflation(kind="gas", start_pressure=30.0)
+    balls = [ball(x, 0.1 * x, 0.0, velocity=(-10.0 * x, 0.0, 0.0), inflation=air) for x in (-1, 1)]
+    return Scene(balloon=balls, touch=Touch(), **VACUUM)
+
+
+def test_fast_balloons_do_not_come_through_each_other(way, device):
+    simulator = Simulator(fast(), device, schedule=way)
+    for _ in range(30):
+        simulator.step()
+        assert centers(simulator)[1, 0] > centers(simulator)[0, 0]
+    assert touching(simulator) == 0
+
+
+def test_without_touch_they_do(device):
+    simulator = run(fast().model_copy(update={"touch": None}), device, "gather", 20)
+    assert centers(simulator)[1, 0] < centers(simulator)[0, 0]
+
+
+def test_what_has_no_place_in_a_list_is_told(device, tmp_path):
+    told: dict[str, list[str]] = {"fast": [], "slow": []}
+    for scene, name in ((fast(), "fast"), (pile(), "slow")):
+        animate(
+            load_scene(scene, {"frames": 4}), tmp_path / f"{name}.usdc", device=device, on_warning=told[name].append
+        )
+    (sentence,) = told["fast"]
+    assert re.match(
+        r"touch: [\d,]+ times a particle had more triangles of a balloon near than the 24 nearest", sentence
+    )
+    assert not told["slow"]
+
+
+def test_worlds_are_as_each_alone(way, device):
+    """And never touch those at the same place, or they would fly apart."""
+    require_the_same_sums(way, device)
+    places = [0.7, 0.72, 0.7, 5.0]
+    block = Simulator(collision(), device, 4, {"balloon.1.position.0": places}, schedule=way)
+    for _ in range(16):
+        block.step()
+    found = arrays(block)
+    for world, place in enumerate(places):
+        scene = load_scene(collision(), {"balloon.1.position.0": place})
+        alone = arrays(run(scene, device, way, 16))
+        for name in ("points", "velocities", "holds"):
+            np.testing.assert_array_equal(found[name][world], alone[name][0])
+    assert (found["holds"][:3, :, 3] != 0.0).any(axis=1).all()
+    assert not found["holds"][3].any()
+
+
+def test_it_repeats_to_the_bit(device):
+    first, second = (arrays(run(collision(), device, "gather", 20)) for _ in range(2))
+    for name, array in first.items():
+        np.testing.assert_array_equal(array, second[name])
+
+
+def test_gather_does_what_scatter_does(device):
+    found, expected, start = advance_both(collision(), "gather", device, settled=10, frames=2)
+    assert (start["holds"][..., 3] != 0.0).any()
+    # which of two triangles is nearest may hang on rounding, and with it where it pushes
+    assert_close(found, expected, ROUNDING, outliers=0.02)
+
+
+def test_going_on_from_a_state_is_going_on(way, device):
+    """What is kept of contacts is in the state."""
+    require_the_same_sums(way, device)
+    on = run(collision(), device, way, 14)
+    again = Simulator(collision(), device, schedule=way)
+    again.restore(arrays(on))
+    for simulator in (on, again):
+        for _ in range(4):
+            simulator.step()
+    for name, array in arrays(on).items():
+        np.testing.assert_array_equal(array, arrays(again)[name])
+
+
+def test_what_overlaps_at_the_start_comes_apart_gently(way, device):
+    """By ten times the overlap each second, and so no particle is faster for that than by ten times the deepest."""
+    balls = [ball(x, 0.15 * x, 0.0, inflation=SLACK) for x in (0.0, 0.7)]
+    scene = Scene(balloon=balls, touch=Touch(), **VACUUM)
+    simulator = Simulator(scene, device, schedule=way)
+    deep, fastest = deepest(simulator), 0.0
+    assert deep > 0.25
+    for _ in range(60):
+        simulator.step()
+        fastest = max(fastest, float(np.linalg.norm(motion(simulator)[1], axis=1).max()))
+    assert deepest(simulator) == 0.0
+    assert fastest < 10.0 * deep
+
+
+def test_coincident_balloons_stay_finite(way, device):
+    """Every particle at one of the other's; and one in the very center of another."""
+    grain = Balloon(mesh=ball(0.0, 0.0, 0.0).mesh, scale=1e-3, inflation=SLACK)
+    scene = Scene(balloon=[ball(0, 0, 0), ball(0, 0, 0), grain], touch=Touch(itself=True), **VACUUM)
+    simulator = run(scene, device, way, 20)
+    assert np.isfinite(arrays(simulator)["points"]).all()
+    assert np.isfinite(arrays(simulator)["holds"]).all()
+
+
+def test_a_balloon_does_not_touch_what_it_hangs_together_with(way, device):
+    """A ball at rest, and as pressure swells it."""
+    for inflation in (SLACK, Inflation(pressure=10.0)):
+        scene = Scene(balloon=[ball(0.0, 0.0, 0.0, inflation=inflation)], touch=Touch(itself=True), **VACUUM)
+        assert touching(run(scene, device, way, 10)) == 0
+
+
+@pytest.mark.parametrize("itself", [True, False])
+def test_a_folded_balloon_touches_itself_if_it_is_to(itself, way, device):
+    """A horseshoe whose ends come together at 4 m/s."""
+    mesh = horseshoe()
+    stiffness = Stiffness(structural=100.0, shear=50.0, flexion=50.0)
+    shoe = Balloon(mesh=mesh, mass=0.5, damping=0.0, inflation=SLACK, stiffness=stiffness)
+    lone = Balloon(mesh=mesh, mass=0.5, position=(9.0, 0.0, 0.0), inflation=SLACK)
+    scene = Scene(balloon=[shoe, lone], touch=Touch(itself=itself), **VACUUM)
+    simulator = Simulator(scene, device, schedule=way)
+    count = mesh.vertex_count
+    first, last = np.arange(8), np.arange(count - 8, count)
+    velocities = np.zeros((2 * count, 3))
+    bend = np.clip(mesh.points[:, 0], 0.0, None) * np.sign(mesh.points[:, 1])
+    velocities[:count, 1] = -4.0 * bend
+    put(simulator, velocities=velocities)
+    start, spin, gaps = momentum(simulator), angular_momentum(simulator), []
+    for _ in range(25):
+        simulator.step()
+        points = motion(simulator)[0]
+        gaps.append(float(points[first, 1].mean() - points[last, 1].mean()))
+    assert (min(gaps) > 0.0) == itself
+    assert np.abs(momentum(simulator) - start).max() < 1e-4
+    assert np.abs(angular_momentum(simulator) - spin).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"thickness": -1.0}, "touch.thickness: must be greater than or equal to 0 (got -1.0)"),
+        ({"stiffness": -1.0}, "touch.stiffness: must be greater than or equal to 0 (got -1.0)"),
+        ({"friction": -0.1}, "touch.friction: must be greater than or equal to 0 (got -0.1)"),
+        ({"balloons": False}, "touch.balloons: must be true, or `itself` must (got neither); without [touch] nothing"),
+        ({"frictoin": 0.1}, "touch.frictoin: unknown field; did you mean friction?"),
+    ],
+)
+def test_mistakes_are_named(fields, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        load_scene(collision(), {f"touch.{name}": value for name, value in fields.items()})
+
+
+@pytest.mark.parametrize("schedule", ["lanes", "octets", "block"])
+def test_a_schedule_that_cannot_says_which_can(schedule):
+    said = f"--schedule {schedule}: cannot let balloons touch; auto, scatter and gather can"
+    with pytest.raises(InputError, match=re.escape(said)):
+        Simulator(collision(), "cpu", schedule=schedule)
+    assert Simulator(collision(), "cpu").schedule.name == "gather"
+
+
+def test_large_steps_are_refused():
+    said = 'solver: "projective" does not simulate balloons that touch; expected another solver'
+    with pytest.raises(InputError, match=re.escape(said)):
+        Simulator(load_scene(collision(), {"solver": "projective"}), "cpu")
+
+
+def test_a_blow_up_names_what_touched(device):
+    """A cube is blown up in a cube that it touches."""
+    boxes = [Balloon(mesh=cube(), position=(x, 0.0, 0.0), inflation=SLACK) for x in (0.0, -1.0001)]
+    simulator = Simulator(Scene(balloon=boxes, touch=Touch(), **VACUUM), device)
+    simulator.step()
+    assert touching(simulator) > 0
+    simulator.set_parameters({"gravity": [1e12 - 1e9]})
+    with pytest.raises(BlowUpError, match="it lay on a balloon"):
+        simulator.step()
+
+
+def test_the_parts_of_a_surface_are_as_many_as_memory_is_counted_for():
+    for mesh in (quad_sphere(1), quad_sphere(5), prism(7), cube()):
+        surface = surface_of(mesh)
+        assert part_count(mesh) == len(surface.ends)
+        whole = [part for part, after in enumerate(surface.ends) if after == part + 1]
+        found = np.concatenate([np.arange(*surface.ranges[part]) for part in whole])
+        np.testing.assert_array_equal(found, np.arange(len(surface.triangles)))  # each once, in order
+        for part, (begin, end) in enumerate(surface.ranges):
+            inner = [each for each in whole if part <= each < surface.ends[part]]
+            assert (surface.ranges[inner[0]][0], surface.ranges[inner[-1]][1]) == (begin, end)
+
+
+def test_stiff_contacts_ask_for_shorter_steps():
+    def substeps(**fields: float) -> int:
+        return Simulator(collision(touch=Touch(**fields), substeps="auto"), "cpu").model.substeps
+
+    without = Simulator(collision(substeps="auto").model_copy(update={"touch": None}), "cpu").model.substeps
+    assert without < substeps() < 2 * without
+    assert substeps(stiffness=1e5) > 20 * without
+    with pytest.raises(InputError, match="substeps: 12 are too few"):
+        Simulator(collision(touch=Touch(stiffness=1e5), substeps=12), "cpu")

@@ -1,0 +1,163 @@
+"""What one particle does to one triangle: where they stand to each other, and with which forces they push."""
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from overlaps import distances
+
+from balloon_warp.kernels.laws.touch import touch_energy, touch_friction, touch_push
+from balloon_warp.kernels.loops.meeting import Place, Touching, faced, is_nearer, place_beside, touch
+
+
+@wp.kernel(enable_backward=False)
+def find_gaps(
+    points: wp.array[wp.vec3],
+    corners: wp.array2d[wp.vec3],
+    gaps: wp.array[float],
+    squares: wp.array[float],
+    nearest: wp.array[wp.vec3],
+):
+    """Of each point beside the nearest of all triangles."""
+    number = wp.tid()
+    best = Place()
+    best.squared = 1.0e30
+    for triangle in range(corners.shape[0]):
+        a, b, c = corners[triangle, 0], corners[triangle, 1], corners[triangle, 2]
+        place = place_beside(points[number], a, b, c)
+        if is_nearer(place, best):
+            best = faced(place, a, b, c)
+            nearest[number] = place.weights[0] * a + place.weights[1] * b + place.weights[2] * c
+    gaps[number] = best.gap
+    squares[number] = best.squared
+
+
+def beside(points: NDArray, corners: NDArray, device: str) -> tuple[NDArray, NDArray, NDArray]:
+    """Gaps [m], squared distances [m^2] and nearest points [m]."""
+    count = len(points)
+    found = [wp.zeros(count, dtype=dtype, device=device) for dtype in (float, float, wp.vec3)]
+    inputs = [wp.array(np.asarray(part), dtype=wp.vec3, device=device) for part in (points, corners)]
+    wp.launch(find_gaps, count, inputs, found, device=device)
+    gaps, squares, nearest = (array.numpy().astype(np.float64) for array in found)
+    return gaps, squares, nearest
+
+
+def test_the_nearest_point_of_a_triangle_is_found(device):
+    """From all around it, beside faces, edges and corners."""
+    random = np.random.default_rng(1)
+    triangle = random.normal(size=(1, 3, 3))
+    points = random.normal(size=(500, 3)) * 2.0
+    gaps, squares, nearest = beside(points, triangle, device)
+    expected = [float(distances(point, triangle)[0]) for point in points]
+    np.testing.assert_allclose(np.sqrt(squares), expected, rtol=1e-5)
+    np.testing.assert_allclose(np.abs(gaps), expected, rtol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(points - nearest, axis=1), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_a_sharp_edge_knows_on_which_side_a_particle_is(device):
+    """It stands over the edge of a wedge, of whose faces one sees it from behind; so it does in either order."""
+    left = [(0.0, 0.0, -1.0), (-0.2, -1.0, 0.0), (0.0, 0.0, 1.0)]
+    right = [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (0.2, -1.0, 0.0)]
+    points = [(0.05, 0.1, 0.0), (-0.05, 0.1, 0.0), (0.0, -0.1, 0.0)]
+    outward = np.cross(np.subtract(left[1], left[0]), np.subtract(left[2], left[0]))
+    assert outward[0] < 0.0
+    for corners in ([left, right], [right, left]):
+        gaps, _, _ = beside(points, corners, device)
+        assert (gaps[:2] > 0.1).all()
+        assert gaps[2] < 0.0
+
+
+def test_triangles_without_size_give_no_nan(device):
+    """All corners at one place, two of them, or all on a line; the particle there, too, or elsewhere."""
+    a, b, c = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)
+    for corners in ((a, a, a), (a, a, b), (a, b, a), (b, a, a), (a, b, c), (c, a, b)):
+        gaps, squares, nearest = beside([a, b, (0.5, 0.0, 0.0), (0.3, 0.4, 0.0), (9.0, 9.0, 9.0)], [corners], device)
+        assert np.isfinite([gaps, squares, *nearest.T]).all()
+
+
+@wp.kernel(enable_backward=False)
+def push_and_hold(overlaps: wp.array[float], pushes: wp.array[float], energies: wp.array[float]):
+    """At rest, of 100 N/m."""
+    number = wp.tid()
+    pushes[number] = touch_push(overlaps[number], 0.0, 100.0, 0.001)
+    energies[number] = touch_energy(overlaps[number], 100.0)
+
+
+def test_the_push_is_what_its_energy_loses(device):
+    overlaps = np.linspace(-0.01, 0.02, 61)
+    given = wp.array(overlaps, dtype=float, device=device)
+    pushes, energies = (wp.zeros(61, dtype=float, device=device) for _ in range(2))
+    wp.launch(push_and_hold, 61, [given], [pushes, energies], device=device)
+    slopes = np.gradient(energies.numpy().astype(np.float64), overlaps)
+    inner = np.abs(overlaps) > 1e-3  # it begins at 0
+    np.testing.assert_allclose(
+        np.where(inner, pushes.numpy(), 0.0)[1:-1], np.where(inner, slopes, 0.0)[1:-1], atol=1e-5
+    )
+
+
+@wp.kernel(enable_backward=False)
+def rub(slips: wp.array[wp.vec3], slides: wp.array[wp.vec3], pulls: wp.array[wp.vec3], left: wp.array[wp.vec3]):
+    """Pressed with 2 N, friction 0.5, 100 N/m."""
+    number = wp.tid()
+    pull, slip = touch_friction(slips[number], slides[number], 1.0, 100.0, 0.001)
+    pulls[number] = pull
+    left[number] = slip
+
+
+def test_friction_stays_in_its_cone(device):
+    """And pulls back; what has slipped further than the cone holds is let go."""
+    slips, slides = [(0.001, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, 0.0)], [(0, 0, 0), (0, 0, 0), (50.0, 0.0, 0.0)]
+    inputs = [wp.array(rows, dtype=wp.vec3, device=device) for rows in (slips, slides)]
+    outputs = [wp.zeros(3, dtype=wp.vec3, device=device) for _ in range(2)]
+    wp.launch(rub, 3, inputs, outputs, device=device)
+    pulls, left = (array.numpy() for array in outputs)
+    np.testing.assert_allclose(pulls[:, 0], [-0.1, -1.0, -1.0], rtol=1e-5)
+    np.testing.assert_allclose(left[:, 0], [0.001, 0.01, 0.0], rtol=1e-5)
+
+
+@wp.kernel(enable_backward=False)
+def meet(
+    points: wp.array[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    forces: wp.array2d[wp.vec3],
+):
+    """A particle beside one triangle, in a skin of 0.5 m, where it has slipped."""
+    number = wp.tid()
+    a = wp.vec3(0.0, 0.0, 0.0)
+    b = wp.vec3(1.0, 0.1, 0.0)
+    c = wp.vec3(0.2, 0.9, 0.1)
+    told = Touching()
+    told.side = 1.0
+    place = faced(place_beside(points[number], a, b, c), a, b, c)
+    told.thickness = 0.5
+    told.overlap = 0.5 - place.gap
+    told.stiffness = 100.0
+    told.friction = 0.7
+    told.masses = wp.vec4(1.0, 2.0, 3.0, 4.0)
+    told.first = True
+    told.step_seconds = 0.001
+    v = velocities[number]
+    pushes = touch(
+        told, place, wp.vec4(0.1, -0.2, 0.05, 1.0e-20), v[0],
+        wp.matrix_from_rows(a, b, c), wp.matrix_from_rows(v[1], v[2], v[3]),
+    )  # fmt: skip
+    forces[number, 0] = -(pushes.a + pushes.b + pushes.c)
+    forces[number, 1] = pushes.a
+    forces[number, 2] = pushes.b
+    forces[number, 3] = pushes.c
+
+
+def test_forces_of_a_contact_have_no_torque(device):
+    """Beside the face, its edges and its corners, with friction: about any point their torques add up to nothing."""
+    random = np.random.default_rng(2)
+    points = random.uniform((-0.3, -0.3, -0.3), (1.1, 1.1, 0.4), size=(400, 3))
+    velocities = random.normal(size=(400, 4, 3))
+    forces = wp.zeros((400, 4), dtype=wp.vec3, device=device)
+    given = [wp.array(rows, dtype=wp.vec3, device=device) for rows in (points, velocities)]
+    wp.launch(meet, 400, given, [forces], device=device)
+    found = forces.numpy().astype(np.float64)
+    corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.1, 0.0), (0.2, 0.9, 0.1)])
+    arms = np.concatenate([points[:, None], np.broadcast_to(corners, (400, 3, 3))], axis=1)
+    torques = np.cross(arms, found).sum(axis=1)
+    sizes = np.abs(found).max(axis=(1, 2))
+    assert (sizes > 1.0).sum() > 300
+    assert np.abs(torques).max() < 1e-5 * sizes.max()
