@@ -129,11 +129,15 @@ class Pushes:
 
 
 @wp.func
-def what_is_let_be(hold: wp.vec4, overlap: float, thickness: float, speed: float, step_seconds: float):
-    """How much of an overlap does not push for now [m]: of one that is new, what did not come about by moving."""
-    if hold[3] == 0.0:
-        return wp.max(overlap - step_seconds * speed - 0.1 * thickness, 0.0)
-    return wp.min(wp.abs(hold[3]), overlap) * wp.max(1.0 - APART_RATE * step_seconds, 0.0)
+def what_pushes(hold: wp.vec4, overlap: float, approach: float, step_seconds: float):
+    """How much of an overlap pushes [m]: what came about by moving, so that it has taken the energy that it gives.
+
+    The rest was there at the start, or is there because another triangle, or another side, has become the nearest. It
+    begins to push slowly.
+    """
+    before = wp.min(wp.abs(hold[3]), overlap)
+    come = before + step_seconds * approach + (APART_RATE * step_seconds) * (overlap - before)
+    return wp.clamp(come, 0.0, overlap)
 
 
 @wp.func
@@ -151,7 +155,8 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     first = reach_gradient(normal, corners[2] - corners[1], area_vector)
     second = reach_gradient(normal, corners[0] - corners[2], area_vector)
     third = reach_gradient(normal, corners[1] - corners[0], area_vector)
-    reaches = wp.length_sq(first) > 0.0
+    # an arm longer than the triangle would need forces out of all proportion
+    reaches = wp.length_sq(first) > 0.0 and gap * gap < 0.25 * wp.length(area_vector)
     w = place.weights
     rises = wp.vec3(wp.dot(moving[0], normal), wp.dot(moving[1], normal), wp.dot(moving[2], normal))
     relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
@@ -160,13 +165,10 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
         told.masses[0] + w[0] * w[0] * told.masses[1] + w[1] * w[1] * told.masses[2] + w[2] * w[2] * told.masses[3]
     )
     slip = wp.vec3()
-    let = float(0.0)
     overlap = told.overlap
     if told.first:
-        let = what_is_let_be(hold, overlap, told.thickness, wp.length(relative), told.step_seconds)
-        overlap -= let
-        if hold[3] != 0.0:
-            slip = wp.vec3(hold[0], hold[1], hold[2])
+        overlap = what_pushes(hold, overlap, approach, told.step_seconds)
+        slip = wp.vec3(hold[0], hold[1], hold[2])
     else:
         overlap = wp.min(overlap, told.thickness)
     push = touch_push(overlap, approach, told.stiffness, mass)
@@ -181,5 +183,5 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     pushes.a = -w[0] * force + (gap * wp.dot(first, pull)) * normal
     pushes.b = -w[1] * force + (gap * wp.dot(second, pull)) * normal
     pushes.c = -w[2] * force + (gap * wp.dot(third, pull)) * normal
-    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(let, 1.0e-20))
+    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(overlap, 1.0e-20))
     return pushes
