@@ -21,6 +21,8 @@ from balloon_warp.kernels.traits import Traits
 
 AS_NEAR = wp.constant(1.0e-5)
 """by which part two triangles are as near, at an edge that they share"""
+LITTLE = wp.constant(0.01)
+"""of a weight, by which what is met may be beyond an edge"""
 APART_RATE = wp.constant(10.0)
 """at which what overlaps from the start comes apart [1/s]"""
 
@@ -55,11 +57,13 @@ def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     place.gap = wp.dot(place.arm, place.normal)
     # beside an edge, so near that it is taken along the normal: what is met is below it, a little beyond the edge
     beyond = across(place.arm, place.normal)
-    place.weights += wp.vec3(
+    more = wp.vec3(
         wp.dot(reach_gradient(place.normal, c - b, place.area_vector), beyond),
         wp.dot(reach_gradient(place.normal, a - c, place.area_vector), beyond),
         wp.dot(reach_gradient(place.normal, b - a, place.area_vector), beyond),
     )
+    if wp.length_sq(more) < LITTLE * LITTLE:  # or the triangle has no height to speak of
+        place.weights += more
     return place
 
 
@@ -155,8 +159,13 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     first = reach_gradient(normal, corners[2] - corners[1], area_vector)
     second = reach_gradient(normal, corners[0] - corners[2], area_vector)
     third = reach_gradient(normal, corners[1] - corners[0], area_vector)
-    # an arm longer than the triangle would need forces out of all proportion
-    reaches = wp.length_sq(first) > 0.0 and gap * gap < 0.25 * wp.length(area_vector)
+    # an arm longer than the triangle is high would need forces out of all proportion
+    steepest = wp.max(wp.max(wp.length_sq(first), wp.length_sq(second)), wp.length_sq(third))
+    reaches = steepest > 0.0 and gap * gap * steepest < 1.0
+    if not reaches:
+        first = wp.vec3()
+        second = wp.vec3()
+        third = wp.vec3()
     w = place.weights
     rises = wp.vec3(wp.dot(moving[0], normal), wp.dot(moving[1], normal), wp.dot(moving[2], normal))
     relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
