@@ -168,7 +168,8 @@ def test_going_on_from_a_state_is_going_on(way, device):
 
 
 def test_what_overlaps_at_the_start_comes_apart_gently(way, device):
-    """By ten times the overlap each second, and so no particle is faster for that than by ten times the deepest."""
+    """Of what overlaps ten times as much begins to push each second, on either side: no particle gets faster by that
+    than by twice ten times the deepest overlap."""
     balls = [ball(x, 0.15 * x, 0.0, inflation=SLACK) for x in (0.0, 0.7)]
     scene = Scene(balloon=balls, touch=Touch(), **VACUUM)
     simulator = Simulator(scene, device, schedule=way)
@@ -178,7 +179,7 @@ def test_what_overlaps_at_the_start_comes_apart_gently(way, device):
         simulator.step()
         fastest = max(fastest, float(np.linalg.norm(motion(simulator)[1], axis=1).max()))
     assert deepest(simulator) == 0.0
-    assert fastest < 10.0 * deep
+    assert fastest < 20.0 * deep
 
 
 def test_coincident_balloons_stay_finite(way, device):

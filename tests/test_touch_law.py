@@ -137,7 +137,7 @@ def meet(
     told.step_seconds = 0.001
     v = velocities[number]
     pushes = touch(
-        told, place, wp.vec4(0.1, -0.2, 0.05, 1.0e-20), v[0],
+        told, place, wp.vec4(0.1, -0.2, 0.05, 9.0), v[0],
         wp.matrix_from_rows(a, b, c), wp.matrix_from_rows(v[1], v[2], v[3]),
     )  # fmt: skip
     forces[number, 0] = -(pushes.a + pushes.b + pushes.c)

@@ -51,7 +51,7 @@ class State:
     float32"""
     holds: wp.array
     """of particles where balloons touch: how far they have slipped from where they took hold of another surface [m],
-    and how much of the overlap is let be for now [m], negative if they are behind that surface, 0 if they touch none;
+    and how much of their overlap with it pushes [m], negative if they are behind it, 0 if they touch none;
     shape (world_count, particle_count), vec4, or (world_count, 0) where balloons do not touch"""
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or

@@ -21,6 +21,8 @@ from balloon_warp.kernels.traits import Traits
 
 AS_NEAR = wp.constant(1.0e-5)
 """by which part two triangles are as near, at an edge that they share"""
+LITTLE = wp.constant(0.01)
+"""of a weight, by which what is met may be beyond an edge"""
 APART_RATE = wp.constant(10.0)
 """at which what overlaps from the start comes apart [1/s]"""
 
@@ -55,11 +57,13 @@ def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     place.gap = wp.dot(place.arm, place.normal)
     # beside an edge, so near that it is taken along the normal: what is met is below it, a little beyond the edge
     beyond = across(place.arm, place.normal)
-    place.weights += wp.vec3(
+    more = wp.vec3(
         wp.dot(reach_gradient(place.normal, c - b, place.area_vector), beyond),
         wp.dot(reach_gradient(place.normal, a - c, place.area_vector), beyond),
         wp.dot(reach_gradient(place.normal, b - a, place.area_vector), beyond),
     )
+    if wp.length_sq(more) < LITTLE * LITTLE:  # or the triangle has no height to speak of
+        place.weights += more
     return place
 
 
@@ -129,11 +133,15 @@ class Pushes:
 
 
 @wp.func
-def what_is_let_be(hold: wp.vec4, overlap: float, thickness: float, speed: float, step_seconds: float):
-    """How much of an overlap does not push for now [m]: of one that is new, what did not come about by moving."""
-    if hold[3] == 0.0:
-        return wp.max(overlap - step_seconds * speed - 0.1 * thickness, 0.0)
-    return wp.min(wp.abs(hold[3]), overlap) * wp.max(1.0 - APART_RATE * step_seconds, 0.0)
+def what_pushes(hold: wp.vec4, overlap: float, approach: float, step_seconds: float):
+    """How much of an overlap pushes [m]: what came about by moving, so that it has taken the energy that it gives.
+
+    The rest was there at the start, or is there because another triangle, or another side, has become the nearest. It
+    begins to push slowly.
+    """
+    before = wp.min(wp.abs(hold[3]), overlap)
+    come = before + step_seconds * approach + (APART_RATE * step_seconds) * (overlap - before)
+    return wp.clamp(come, 0.0, overlap)
 
 
 @wp.func
@@ -151,7 +159,13 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     first = reach_gradient(normal, corners[2] - corners[1], area_vector)
     second = reach_gradient(normal, corners[0] - corners[2], area_vector)
     third = reach_gradient(normal, corners[1] - corners[0], area_vector)
-    reaches = wp.length_sq(first) > 0.0
+    # an arm longer than the triangle is high would need forces out of all proportion
+    steepest = wp.max(wp.max(wp.length_sq(first), wp.length_sq(second)), wp.length_sq(third))
+    reaches = steepest > 0.0 and gap * gap * steepest < 1.0
+    if not reaches:
+        first = wp.vec3()
+        second = wp.vec3()
+        third = wp.vec3()
     w = place.weights
     rises = wp.vec3(wp.dot(moving[0], normal), wp.dot(moving[1], normal), wp.dot(moving[2], normal))
     relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
@@ -160,13 +174,10 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
         told.masses[0] + w[0] * w[0] * told.masses[1] + w[1] * w[1] * told.masses[2] + w[2] * w[2] * told.masses[3]
     )
     slip = wp.vec3()
-    let = float(0.0)
     overlap = told.overlap
     if told.first:
-        let = what_is_let_be(hold, overlap, told.thickness, wp.length(relative), told.step_seconds)
-        overlap -= let
-        if hold[3] != 0.0:
-            slip = wp.vec3(hold[0], hold[1], hold[2])
+        overlap = what_pushes(hold, overlap, approach, told.step_seconds)
+        slip = wp.vec3(hold[0], hold[1], hold[2])
     else:
         overlap = wp.min(overlap, told.thickness)
     push = touch_push(overlap, approach, told.stiffness, mass)
@@ -181,5 +192,5 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     pushes.a = -w[0] * force + (gap * wp.dot(first, pull)) * normal
     pushes.b = -w[1] * force + (gap * wp.dot(second, pull)) * normal
     pushes.c = -w[2] * force + (gap * wp.dot(third, pull)) * normal
-    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(let, 1.0e-20))
+    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(overlap, 1.0e-20))
     return pushes
