@@ -53,7 +53,9 @@ def test_friction_may_differ_between_worlds_and_change(way, device):
     slid = [float(np.linalg.norm(centers(still, world)[1] - centers(still, 1)[1])) for world in (0, 1)]
     assert slid[0] > 0.1
     simulator = run(scene, device, way, 30)
-    np.testing.assert_array_equal(centers(simulator)[1], centers(still, 1)[1])
+    # on a GPU `scatter` adds in another order every time
+    most = 1e-6 if way == "scatter" and device != "cpu" else 0.0
+    np.testing.assert_allclose(centers(simulator)[1], centers(still, 1)[1], rtol=0.0, atol=most)
     for _ in range(15):
         simulator.step()
     assert speed_of_block(simulator) == pytest.approx(0.25 * 9.81 * np.sin(np.radians(20.0)), rel=0.05)

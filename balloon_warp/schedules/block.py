@@ -35,6 +35,8 @@ CAPACITY_STEP = 512
 THREADS_BESIDE = ((416, 72), (384, 80), (256, 80))
 """of a block whose threads go through many particles, and registers of each, where a multiprocessor has memory for two
 such blocks: those whose last turn is fullest"""
+THREADS_AMONG_OBSTACLES = 256, 128
+"""the same among obstacles, which take more registers"""
 THREADS_ALONE = 768, 80
 """where it has not"""
 WARP_THREADS = 32
@@ -138,7 +140,7 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
         )
         return layout, residing
     capacity = _round_up(model.particle_count, CAPACITY_STEP)
-    threads, registers = _streaming_threads(model)
+    threads, registers = _streaming_threads(model, traits)
     layout = Layout(
         threads,
         capacity,
@@ -157,11 +159,13 @@ def _room_for_velocities(model: Model, traits: Traits) -> bool:
     return model.particle_count <= (most if traits.corrected else most // 4)
 
 
-def _streaming_threads(model: Model) -> tuple[int, int]:
+def _streaming_threads(model: Model, traits: Traits) -> tuple[int, int]:
     """Of a block, and the registers of each."""
     threads, registers = THREADS_ALONE
     if 2 * model.particle_count <= _most_particles(model):
         threads, registers = min(THREADS_BESIDE, key=lambda each: _round_up(model.particle_count, each[0]))
+        if traits.fixtures:
+            threads, registers = THREADS_AMONG_OBSTACLES
     if model.device.is_cpu:
         return 1, registers
     return min(_round_up(model.particle_count, WARP_THREADS), threads), registers
