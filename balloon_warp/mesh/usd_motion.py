@@ -45,7 +45,7 @@ class StageMotion:
             raise InputError(
                 f"{self.path}: {self.prim.GetPath()} changes its size as it moves; expected an obstacle that is rigid"
             )
-        return columns
+        return np.asarray(columns, dtype=np.float64)
 
 
 def read_motion(path: Path) -> StageMotion | None:

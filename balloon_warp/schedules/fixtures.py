@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.contact_tables import FixtureTable
 from balloon_warp.kernels.laws.fixture import SHAPES
-from balloon_warp.kernels.tables import FixtureTable
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Allocating, Room
 

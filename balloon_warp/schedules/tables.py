@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.contact_tables import SphereTable
 from balloon_warp.kernels.tables import (
     CHUNK,
     CorrectionTable,
@@ -14,7 +15,6 @@ from balloon_warp.kernels.tables import (
     HingeTable,
     PairTable,
     ParticleTable,
-    SphereTable,
     SpringTable,
     StringTable,
     Tables,
