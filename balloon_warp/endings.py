@@ -11,7 +11,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
@@ -122,6 +121,8 @@ def _lands(
     radius, lowest = float(np.linalg.norm(sideways, axis=1).max()), float((points @ up).min())
     for shape, pose in zip(model.obstacles, frame.obstacle_poses, strict=True):
         if shape.kind == "plane":
+            from scipy.spatial.transform import Rotation  # takes long to load
+
             if Rotation.from_quat(pose[3:]).apply(up) @ up > 0.0:
                 return True
             continue

@@ -3,11 +3,10 @@
 from collections.abc import Iterable, Mapping
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.load import load_mesh
@@ -15,6 +14,9 @@ from balloon_warp.mesh.placement import axes_matrix, rotation_matrix
 from balloon_warp.mesh.units import in_unit
 from balloon_warp.mesh.usd import LOADERS as STAGES
 from balloon_warp.scene import Obstacle, Scene
+
+if TYPE_CHECKING:  # takes long to load, and most scenes have no obstacle
+    from scipy.spatial.transform import Rotation
 
 MOST_TURN = 90.0
 """[degrees] in a frame"""
@@ -26,6 +28,8 @@ class Keyframes:
     """The motion that the scene says."""
 
     def __init__(self, obstacle: Obstacle):
+        from scipy.spatial.transform import Rotation
+
         keyframes = obstacle.motion or [(0.0, (0.0, 0.0, 0.0))]
         self._times = [keyframe[0] for keyframe in keyframes]
         self._shifts = np.array([keyframe[1] for keyframe in keyframes])
@@ -33,8 +37,10 @@ class Keyframes:
         self._own = Rotation.from_matrix(rotation_matrix(obstacle.rotation))
         self.seconds = self._times[-1] if obstacle.motion else 0.0
 
-    def at(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
+    def at(self, times: NDArray[np.float64]) -> "tuple[NDArray[np.float64], Rotation]":
         """Shifts from the position [m], shape (n, 3), and n turns."""
+        from scipy.spatial.transform import Rotation
+
         turns = Rotation.from_euler("xyz", self._between(times, self._turns), degrees=True)
         return self._between(times, self._shifts), turns * self._own
 
@@ -56,8 +62,10 @@ class Sampled:
         self._axes = axes_matrix(mesh.up_axis, scene.up_axis)
         self._own = rotation_matrix(obstacle.rotation)
 
-    def at(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
+    def at(self, times: NDArray[np.float64]) -> "tuple[NDArray[np.float64], Rotation]":
         """As of `Keyframes`."""
+        from scipy.spatial.transform import Rotation
+
         matrices = self._motion.matrices(times.clip(max=self.seconds))
         into = self._own @ self._axes
         shifts = self._size * matrices[:, :3, 3] @ into.T
@@ -115,6 +123,8 @@ def obstacle_motion(scene: Scene) -> NDArray[np.float64]:
         InputError: one turns by more than a quarter in a frame, so that it is not known which way, or moves for longer
             than is kept, or does not keep its size.
     """
+    if not scene.obstacle:
+        return np.zeros((1, 0, 7))
     courses = [motion_of(obstacle, scene) for obstacle in scene.obstacle]
     for number, course in enumerate(courses):
         if course.seconds * scene.frames_per_second > MOST_FRAMES:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
-from balloon_warp.model.clear_starts import require_clear_starts
 from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
@@ -120,7 +119,10 @@ def plan_model(
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     parameters = _settled(scene, shapes, held, said)
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
-    require_clear_starts(scene, shapes, obstacles, parameters)
+    if obstacles:
+        from balloon_warp.model.clear_starts import require_clear_starts  # takes long to load
+
+        require_clear_starts(scene, shapes, obstacles, parameters)
     changes = list(turns(scene, rows))
     network = Network(shapes, held, (*LAWS, *laws))
     return ModelPlan(

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
-from scipy.spatial.transform import Rotation
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
@@ -131,6 +130,8 @@ def _define_capsule(
 def _define_plane(stage: Usd.Stage, path: Sdf.Path, pose: NDArray[np.float64], look: Look) -> UsdGeom.Mesh:
     """A square of it, below the middle at the start."""
     prim = UsdGeom.Mesh.Define(stage, path)
+    from scipy.spatial.transform import Rotation  # takes long to load
+
     below = Rotation.from_quat(pose[3:]).inv().apply(look.middle - pose[:3])
     square = level_square(below, look.half, 0.0, look.up_axis)
     prim.CreatePointsAttr(square)
