@@ -227,7 +227,8 @@ class Simulator(Running):
         self.frame_number = frame
         self._origins.forget()
         for name, array in vars(self.state).items():
-            array.assign(saved[name])
+            if array.size:  # what the scene does not have may not be among what was saved
+                array.assign(saved[name])
 
     def drop_turns(self) -> None:
         """What the scene would change from here on does not happen."""
