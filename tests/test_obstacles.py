@@ -243,3 +243,15 @@ def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
     beside = [frame.velocities[0] - frame.velocities[0].mean(axis=0) for frame in frames]
     assert frames[-1].points[0][:, 0].min() > 0.6  # it has gone over
     assert np.linalg.norm(beside, axis=-1).max() < 5.0
+
+
+def test_what_cuts_a_corner_is_stopped(device: str):
+    """From above a box to beside it in one substep, 1.4 m through it: it stays above, and keeps its speed along it."""
+    across = particles(
+        [(-0.4, 0.6, 0), (-0.4, 0.6, 0.1), (-0.3, 0.6, 0.1), (-0.3, 0.6, 0)], velocity=(70.0, -50.0, 0.0)
+    )
+    box = Obstacle(size=(1.0, 1.0, 1.0), friction=0.0)
+    scene = Scene(balloon=[across], obstacle=[box], gravity=0.0, substeps=1, frames=1)
+    *_, last = Simulator(scene, device).run()
+    np.testing.assert_allclose(last.points[0][:, 1], 0.5, atol=1e-5)
+    np.testing.assert_allclose(last.velocities[0], [[70.0, 0.0, 0.0]] * 4, atol=1e-3)

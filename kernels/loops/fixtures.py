@@ -22,8 +22,8 @@ from balloon_warp.kernels.loops.fixture_poses import center_function, pose_funct
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
-OTHER_SIDE = wp.constant(-0.5)
-"""product of two normals, of which the one is on the other side of something, and not beyond an edge"""
+OTHER_SIDE = wp.constant(0.1)
+"""product of two normals, of which the one may be on another side of something"""
 SURELY = wp.constant(0.999)
 """part of a distance that rounding leaves"""
 
@@ -120,9 +120,13 @@ def way_function(traits: Traits) -> Any:
             free = wp.min(last, farthest)
             if wp.dot(normal, facing) < OTHER_SIDE:
                 stop, there, reached = stopped_on_the_way(t, fixture, start, end, radius, first, farthest)
-                let = stop
                 outward = there
-                part = reached
+                if wp.length_sq(there) > 0.0:  # it slides on from where it came in, as its speed does
+                    let = end + wp.max(wp.dot(stop - end, there), 0.0) * there
+                    beyond, _side = surface_at(t, fixture, let, radius, farthest)
+                    if beyond < 0.0:
+                        let = stop
+                        part = reached
             if wp.length_sq(outward) == 0.0 and last < 0.0:
                 let = end - last * normal
                 outward = normal
