@@ -42,12 +42,16 @@ def depth(points: Points, triangles: Points) -> float:
     return max((float(distances(point, triangles).min()) for point in inside), default=0.0)
 
 
+def dot(u: Points, v: Points) -> Points:
+    """Of the last dimension."""
+    return (u * v).sum(axis=-1)
+
+
 def winding(points: Points, triangles: Points) -> Points:
     """How often the surface winds around each point: solid angles over 4 pi (van Oosterom and Strackee 1983)."""
     arms = triangles[None] - points[:, None, None]
     a, b, c = arms[:, :, 0], arms[:, :, 1], arms[:, :, 2]
     la, lb, lc = (np.linalg.norm(arm, axis=-1) for arm in (a, b, c))
-    dot = lambda u, v: (u * v).sum(axis=-1)  # noqa: E731
     volume = dot(a, np.cross(b, c))
     below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
     return np.arctan2(volume, below).sum(axis=1) / (2.0 * np.pi)
