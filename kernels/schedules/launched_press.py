@@ -110,9 +110,55 @@ def press_function(traits: Traits) -> Any:
 
 
 @cache
+def pressing_function(traits: Traits) -> Any:
+    """The function by which a particle touches the triangles that were found near it."""
+    press = press_function(traits)
+
+    @wp.func
+    def press_particle(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Of each balloon that it is near to, it touches the nearest triangle."""
+        count = working.candidate_counts[world, particle]
+        hold = state.holds[world, particle]
+        after = wp.vec4()
+        at = wp.int32(0)
+        while at < count:
+            nearest = working.candidates[world, at, particle]
+            balloon = t.particles.balloon[t.touch.triangles[nearest // 2][0]]
+            place = triangle_beside(t, points, nearest // 2, points[particle])
+            at += 1
+            beside = bool(True)
+            while at < count and beside:
+                candidate = working.candidates[world, at, particle]
+                beside = t.particles.balloon[t.touch.triangles[candidate // 2][0]] == balloon
+                if beside:
+                    other = triangle_beside(t, points, candidate // 2, points[particle])
+                    if is_nearer(other, place):
+                        place = other
+                        nearest = candidate
+                    at += 1
+            place = faced_triangle(t, points, nearest // 2, place)
+            first = after[3] == 0.0
+            kept = press(t, working, world, particle, nearest, place, points, velocities, first, hold)
+            if first:
+                after = kept
+        if count > 0 or hold[3] != 0.0:
+            state.holds[world, particle] = after
+
+    return press_particle
+
+
+@cache
 def press_kernel(traits: Traits) -> Any:
     """The kernel by which particles touch the triangles that were found near them."""
-    press = press_function(traits)
+    press_particle = pressing_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def press_particles(
@@ -127,37 +173,10 @@ def press_kernel(traits: Traits) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world. Of each balloon that a particle is near to, it touches the nearest triangle."""
+        """Some threads a world."""
         world, thread = wp.tid()
         if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
             for particle in range(thread, points.shape[1], threads):
-                count = working.candidate_counts[world, particle]
-                hold = state.holds[world, particle]
-                after = wp.vec4()
-                at = wp.int32(0)
-                while at < count:
-                    nearest = working.candidates[world, at, particle]
-                    balloon = t.particles.balloon[t.touch.triangles[nearest // 2][0]]
-                    place = triangle_beside(t, points[world], nearest // 2, points[world, particle])
-                    at += 1
-                    beside = bool(True)
-                    while at < count and beside:
-                        candidate = working.candidates[world, at, particle]
-                        beside = t.particles.balloon[t.touch.triangles[candidate // 2][0]] == balloon
-                        if beside:
-                            other = triangle_beside(t, points[world], candidate // 2, points[world, particle])
-                            if is_nearer(other, place):
-                                place = other
-                                nearest = candidate
-                            at += 1
-                    place = faced_triangle(t, points[world], nearest // 2, place)
-                    first = after[3] == 0.0
-                    kept = press(
-                        t, working, world, particle, nearest, place, points[world], velocities[world], first, hold
-                    )
-                    if first:
-                        after = kept
-                if count > 0 or hold[3] != 0.0:
-                    state.holds[world, particle] = after
+                press_particle(t, state, working, world, particle, points[world], velocities[world])
 
     return press_particles

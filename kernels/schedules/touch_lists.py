@@ -242,9 +242,46 @@ def finding_functions(traits: Traits) -> Any:
 
 
 @cache
+def listing_function(traits: Traits) -> Any:
+    """The function that makes a particle's list anew."""
+    find_of_balloon = finding_functions(traits)
+
+    @wp.func
+    def list_triangles(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+        begins: bool,
+    ):
+        """Of all balloons that it may touch.
+
+        Args:
+            begins: whether it is a frame's first search: particles that touch nothing are then looked for in the depth
+                of others, too, where they may have started.
+        """
+        own = t.particles.balloon[particle]
+        count = wp.int32(0)
+        used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
+        deep = begins or state.holds[world, particle][3] != 0.0
+        if used and working.near_balloons[world, own] == 1:
+            for other in range(working.balloon_boxes.shape[1]):
+                if wp.static(traits.touches_itself) or other != own:
+                    count = find_of_balloon(
+                        t, state, working, world, particle, own, other, points, velocities, deep, count
+                    )
+        working.candidate_counts[world, particle] = count
+
+    return list_triangles
+
+
+@cache
 def find_kernel(traits: Traits) -> Any:
     """The kernel that finds the triangles that each particle may touch."""
-    find_of_balloon = finding_functions(traits)
+    list_triangles = listing_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_near_triangles(
@@ -259,27 +296,10 @@ def find_kernel(traits: Traits) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world.
-
-        Args:
-            begins: whether it is a frame's first search: particles that touch nothing are then looked for in the depth
-                of others, too, where they may have started.
-        """
+        """Some threads a world."""
         world, thread = wp.tid()
-        balloons = working.balloon_boxes.shape[1]
-        if working.near_balloons[world, balloons] != APART:
+        if working.near_balloons[world, working.balloon_boxes.shape[1]] != APART:
             for particle in range(thread, points.shape[1], threads):
-                own = t.particles.balloon[particle]
-                count = wp.int32(0)
-                used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
-                deep = begins == 1 or state.holds[world, particle][3] != 0.0
-                if used and working.near_balloons[world, own] == 1:
-                    for other in range(balloons):
-                        if wp.static(traits.touches_itself) or other != own:
-                            count = find_of_balloon(
-                                t, state, working, world, particle, own, other,
-                                points[world], velocities[world], deep, count,
-                            )  # fmt: skip
-                working.candidate_counts[world, particle] = count
+                list_triangles(t, state, working, world, particle, points[world], velocities[world], begins == 1)
 
     return find_near_triangles
