@@ -18,7 +18,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.model import build_model
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.schedules.choose import TOUCHING, fastest_schedule, make_schedule
+from balloon_warp.schedules.choose import fastest_schedule, make_schedule
 
 WORLDS = (1, 64, 1024)
 MOST = 1.05
@@ -65,8 +65,6 @@ def measure(name: str, worlds: int, device: wp.Device) -> Choice:
     source, overrides = VARIANTS.get(name, (name, {}))
     model = build_model(load_scene(source, overrides), device, worlds)
     named = ON_CPU if device.is_cpu else ON_GPU
-    if model.scene.touches:
-        named = tuple(schedule for schedule in named if schedule in TOUCHING)
     schedules = [make_schedule(model, schedule) for schedule in named]
     work = model.world_count * model.particle_count * model.substeps
     frames = max(1, min(20, int(FRAME_SECONDS * (3e7 if device.is_cpu else 5e9) / work)))

@@ -207,6 +207,20 @@ def scaled(vector: Lanes3, factor: float):  # noqa: F811 - an overload
     return factor * vector
 
 
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    wp::vec_t<8, wp::float32> result;
+    *reinterpret_cast<eight*>(&result.c[0]) = __builtin_elementwise_max(
+        *reinterpret_cast<const eight*>(&a.c[0]), *reinterpret_cast<const eight*>(&b.c[0]));
+    return result;
+    """
+)
+def larger(a: Lanes, b: Lanes) -> Lanes:
+    """The larger number in each lane."""
+    ...
+
+
 @wp.func
 def squared_length(d: wp.vec3):
     """|d|^2, and a little more, so that its root can be divided by."""

@@ -1,6 +1,6 @@
 """What a scene has: kernels are made for it, so that what it does not have costs nothing."""
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from balloon_warp.kernels.compose import any_names, sum_of_laws, sum_of_laws_in_lane
 from balloon_warp.kernels.laws.columns import Columns
@@ -53,6 +53,9 @@ class Traits(NamedTuple):
     """balloons touch each other"""
     touches_itself: bool = False
     """or parts of a balloon do"""
+    frames: Literal["all", "free", "busy"] = "all"
+    """those in which the kernels advance a world: in a free one its particles are far from obstacles and each other,
+    see `schedules.free_frames`"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
         """The laws of a kind."""
@@ -110,6 +113,12 @@ class Traits(NamedTuple):
         return any_names(self.laws, "time") or self.fixtures_move
 
     @property
+    def always_busy(self) -> bool:
+        """Whether no frame is free: particles are near their own balloon, or are shifted once all have moved, so that
+        nobody knows how far they go."""
+        return self.touches_itself or self.corrected or self.impulses
+
+    @property
     def obstacles(self) -> bool:
         """Whether there is something to leave."""
         return self.stands or self.spheres > 0
@@ -117,7 +126,12 @@ class Traits(NamedTuple):
     @property
     def stands(self) -> bool:
         """Whether particles stand on the ground or on what goes where it is told, which feel nothing of it."""
-        return self.ground or self.fixtures
+        return self.ground or self.stands_on_fixtures
+
+    @property
+    def stands_on_fixtures(self) -> bool:
+        """Whether particles may come to what goes where it is told."""
+        return self.fixtures and self.frames != "free"
 
     @property
     def penalties(self) -> bool:

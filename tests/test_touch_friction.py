@@ -5,13 +5,15 @@ import pytest
 from touching import centers, ramp, run
 
 from balloon_warp.scene import Change
-from balloon_warp.schedules.choose import TOUCHING
+from balloon_warp.schedules import SCHEDULES
 from balloon_warp.simulator import Simulator
 
 
-@pytest.fixture(params=TOUCHING)
-def way(request: pytest.FixtureRequest) -> str:
-    """Each schedule in which balloons touch."""
+@pytest.fixture(params=SCHEDULES)
+def way(request: pytest.FixtureRequest, device: str) -> str:
+    """Each schedule."""
+    if request.param in ("lanes", "octets") and device != "cpu":
+        pytest.skip(f"{request.param} is for the CPU")
     return request.param
 
 

@@ -42,8 +42,6 @@ SCHEDULES = {
 }
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
-TOUCHING = ("scatter", "gather")
-"""those in which balloons touch"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -67,8 +65,6 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
-    if model.scene.touches and name not in TOUCHING:
-        raise InputError(f"--schedule {name}: cannot let balloons touch; auto, {' and '.join(TOUCHING)} can")
     module, schedule = SCHEDULES[name]
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
@@ -92,7 +88,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
-    from balloon_warp.schedules.block import fits_in_block
+    from balloon_warp.schedules.block_launch import fits_in_block
     from balloon_warp.schedules.residence import thread_a_particle
     from balloon_warp.schedules.traits import model_traits
 

@@ -19,6 +19,7 @@ from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.fixtures import forget_looks, look_array
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
+from balloon_warp.schedules.outlook import free_traits
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
@@ -47,6 +48,9 @@ class LanesSchedule:
                 f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU"
             )
         self.model, self._traits = model, model_traits(model)
+        self.busy = busy_worlds(model, self._traits, self.name) if self._traits.touches else None
+        if self.busy:
+            self._traits = free_traits(self._traits)
         self._tables = make_tables(model, self._traits)
         self._lane_tables = make_lane_tables(model, self._traits, self.layout, self._tables)
         self._lanes = lane_structs(self.layout)[1]()
@@ -54,6 +58,8 @@ class LanesSchedule:
         self._lane_tables.hinge_forces = arrays.pop("hinge_forces")
         for name, array in arrays.items():
             setattr(self._lanes, name, array)
+        if self.busy:
+            self._lanes.free = self.busy.outlook.table
         if self.layout == OCTETS and self._traits.aims:
             far_away = self._lanes.face_centers.numpy()
             far_away[:, -1] = FAR_AWAY
@@ -74,8 +80,13 @@ class LanesSchedule:
     @classmethod
     def world_bytes(cls, model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
-        room = Counting()
-        _working_arrays(model, model_traits(model), cls.layout, room)
+        room, traits = Counting(), model_traits(model)
+        if traits.touches:
+            from balloon_warp.schedules.busy_worlds import BusyWorlds
+
+            BusyWorlds.allot(model, traits, room)
+            traits = free_traits(traits)
+        _working_arrays(model, traits, cls.layout, room)
         look_array(model, room)
         return room.bytes // model.world_count
 
@@ -84,13 +95,17 @@ class LanesSchedule:
         refresh_ramp(self.model, state)
         forget_looks(self._tables)
         worlds = world_state(state)
+        if self.busy:
+            self.busy.find(state)
         if len(self._shares) == 1:
             self._advance_groups(worlds, self._shares[0])
         else:
             for done in [self._threads.submit(self._advance_groups, worlds, share) for share in self._shares]:
                 done.result()
+        if self.busy:
+            self.busy.advance(state)
         note_pressures(self.model, self._traits, state)
-        self._health.end_frame(state)
+        self._health.look(state) if self.busy else self._health.end_frame(state)
 
     def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:
         wp.launch(
@@ -99,6 +114,19 @@ class LanesSchedule:
             inputs=[self._lane_tables, int(groups[0]), worlds, self._lanes],
             device=self.model.device,
         )
+
+
+def busy_worlds(model: Model, traits: Traits, schedule: str) -> Any:
+    """Those in which balloons may touch; their kernels load only where they do.
+
+    Raises:
+        InputError: a world is too large for them.
+    """
+    from balloon_warp.schedules.block import require_block
+    from balloon_warp.schedules.busy_worlds import BusyWorlds
+
+    require_block(model, schedule)
+    return BusyWorlds(model, traits)
 
 
 class OctetsSchedule(LanesSchedule):
@@ -149,4 +177,5 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "sphere_motions": lanes(model.sphere_count, needed=traits.impulses),
         "near_items": lanes(items, wp.int32, needed=traits.impulses),
         "sphere_squared_radii": lanes(model.sphere_count, Lanes),
+        "farthest": room.array(groups if traits.frames == "free" else 0, Lanes),
     }

@@ -20,8 +20,8 @@ MOST_REGISTERS = 248
 """of a thread"""
 OWN_REGISTERS, GAS_REGISTERS = 12, 28
 """of a thread beside its particles, without and with gas"""
-FIXTURE_REGISTERS = 28
-"""more, where there are obstacles: with fewer, 4,096 balloons far from one are 12% slower on an H200"""
+CONTACT_REGISTERS = 28
+"""more, where there are obstacles, or balloons touch; with fewer, 4,096 balloons far from one were 12% slower on an H200"""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,9 @@ def _residence(
     """With as many blocks as leave registers for the springs, and for so many others of a thread."""
     threads = -(-model.particle_count // (WARP_THREADS * particles_a_thread)) * WARP_THREADS
     slots = sum(kind_slots(ends)) * (3 if traits.springs_vary else 2)
-    own = (GAS_REGISTERS if traits.gas else OWN_REGISTERS) + (FIXTURE_REGISTERS if traits.fixtures else 0)
+    own = GAS_REGISTERS if traits.gas else OWN_REGISTERS
+    if traits.stands_on_fixtures or traits.touches:
+        own += CONTACT_REGISTERS
     needed = own + particles_a_thread * (24 + slots)
     for blocks in range(_useful_blocks(model, threads), 0, -1):
         warps_of_quarter = -(-blocks * threads // WARP_THREADS // QUARTERS)

@@ -6,7 +6,7 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.launched_press import press_kernel
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, box_parts, meet_kernel
-from balloon_warp.kernels.schedules.touch_lists import MOST_TRIANGLES, find_kernel
+from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES, find_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -69,3 +69,14 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "touch_quanta": room.array((worlds, particles, 3), wp.int64),
         "crowded": room.array(worlds if traits.touches else 0, wp.int32),
     }
+
+
+def crowding_remarks(working: Any) -> list[str]:
+    """What lists of triangles could not hold, in sentences."""
+    crowded = int(working.crowded.numpy().sum())
+    if not crowded:
+        return []
+    return [
+        f"touch: {crowded:,} times a particle had more triangles of a balloon near than the "
+        f"{int(MOST_OF_BALLOON)} nearest, which it keeps until the next search; more substeps help"
+    ]

@@ -186,6 +186,31 @@ def meeting_function(traits: Traits) -> Any:
     return meet
 
 
+@cache
+def free_ball_function(traits: Traits) -> Any:
+    """The function that says how far a ball may go in any direction before it meets an obstacle."""
+    pose_at = pose_function(traits)
+    surface_at = surface_function(traits)
+
+    @wp.func
+    def free_ball(t: Tables, world: wp.int32, time: float, center: wp.vec3, radius: float):
+        """No less than that [m], negative where one is in the way already; it is looked for as far as the ball is
+        wide."""
+        free = float(FAR_AWAY)
+        for fixture in range(t.fixtures.kinds.shape[0]):
+            pose = pose_at(t, world, fixture, time)
+            place = wp.quat_rotate_inv(pose.turn, center - pose.center)
+            beyond = wp.length(place) - t.fixtures.reaches[fixture] - radius
+            if beyond < radius:
+                farthest = 3.0 * radius + t.fixtures.thicknesses[fixture]
+                distance, _normal = surface_at(t, fixture, place, radius, farthest)
+                beyond = wp.max(beyond, wp.min(distance, 2.0 * radius))
+            free = wp.min(free, beyond)
+        return SURELY * free
+
+    return free_ball
+
+
 @wp.func
 def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, point: wp.vec3):
     """Whether there was nothing around the particle's last look, as far as to a point, and cannot be since."""

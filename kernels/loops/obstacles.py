@@ -67,7 +67,7 @@ def around_function(traits: Traits) -> Any:
 @cache
 def standing_function(traits: Traits) -> Any:
     """The function that lets a particle stand on the ground, and on obstacles that go where they are told."""
-    leave_fixtures = fixture_functions(traits)[0] if traits.fixtures else None
+    leave_fixtures = fixture_functions(traits)[0] if traits.stands_on_fixtures else None
 
     @wp.func
     def stand(
@@ -77,7 +77,7 @@ def standing_function(traits: Traits) -> Any:
         velocity: wp.vec3,
     ):
         """Its point and velocity outside; most are above the ground and go on at once."""
-        if wp.static(traits.fixtures):
+        if wp.static(traits.stands_on_fixtures):
             left, slowed = leave_fixtures(t, around.world, around.particle, around.time, point, velocity)
             point = left
             velocity = slowed
@@ -140,7 +140,7 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
     """
-    out_of_fixtures = fixture_functions(traits)[1] if traits.fixtures else None
+    out_of_fixtures = fixture_functions(traits)[1] if traits.stands_on_fixtures else None
 
     @wp.func
     def course_beside_obstacles(
@@ -161,7 +161,7 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
                 out, outward = out_of_sphere(outside, normal, center, radius, t.up)
                 outside = out
                 normal = outward
-        if wp.static(traits.fixtures):
+        if wp.static(traits.stands_on_fixtures):
             out, outward = out_of_fixtures(t, around, point, outside, velocity, normal)
             outside = out
             normal = outward

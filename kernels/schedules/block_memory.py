@@ -7,6 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.own import own_beside_function, own_functions
+from balloon_warp.kernels.schedules.free_frames import FREE, FreeFrames
+from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -55,6 +57,10 @@ class BlockMemory:
     inflations: wp.array2d[wp.vec3]
     frame: wp.array[wp.int32]
     """as it was when the frame began, where a law asks for the time: the state's is counted while blocks still read"""
+    free: FreeFrames
+    """which worlds have a free frame, where that matters"""
+    contacts: Working
+    """who may touch whom, and with what force; empty unless balloons touch"""
 
 
 @wp.struct
@@ -100,11 +106,27 @@ def beginning_of_frame(traits: Traits) -> Any:
     return frame_begin
 
 
-@wp.func
-def count_frame(state: WorldState, world: wp.int32, thread: wp.int32):
-    """By one thread of all: the frame has passed."""
-    if world == 0 and thread == 0:
-        state.frame[0] = state.frame[0] + 1
+@cache
+def frame_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that say whether a world is to be advanced, and that count a frame, unless others do."""
+
+    @wp.func
+    def is_due(memory: BlockMemory, world: wp.int32):
+        if wp.static(traits.frames == "free"):
+            return memory.free.verdicts[world] == FREE
+        elif wp.static(traits.frames == "busy"):
+            return memory.free.verdicts[world] != FREE
+        else:
+            return True
+
+    @wp.func
+    def count_frame(state: WorldState, world: wp.int32, thread: wp.int32):
+        """By one thread of all: the frame has passed."""
+        if wp.static(traits.frames == "all"):
+            if world == 0 and thread == 0:
+                state.frame[0] = state.frame[0] + 1
+
+    return is_due, count_frame
 
 
 @cache
@@ -128,6 +150,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         velocity: wp.vec3
         aim: wp.vec3
         area_vector: wp.vec3
+        farthest: float  # squared way in a substep, the longest so far, in a free frame [m^2]
         free_velocity: wp.vec3  # with gas: without the inflation
         push: wp.vec3  # of the inflation [N]
 

@@ -24,14 +24,16 @@ from balloon_warp.kernels.schedules.block_memory import (
     Seat,
     at_substep,
     beginning_of_frame,
-    count_frame,
+    frame_functions,
     member_functions,
     pair_functions,
 )
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
+from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_springs import SlotTable, slot_functions
 from balloon_warp.kernels.schedules.block_touch import one_of_two, touching
+from balloon_warp.kernels.schedules.free_frames import note_hurry
 from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -60,6 +62,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     touch = touching(traits, board, one_of_two, layout)
     put_members, get_members = pair_functions(layout)
     begins = beginning_of_frame(traits)
+    is_due, count_frame = frame_functions(traits)
+    presses = presses_of(traits, layout) if traits.touches else None
 
     @wp.func
     def take_place(
@@ -145,9 +149,19 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         return left, other_left
 
     @wp.func
+    def show_member(state: WorldState, seat: Seat, member: Member, velocities: wp.array[wp.vec3]):
+        """Where others look for it in the next substep, beside the tile."""
+        if wp.static(traits.looks_at_velocities or traits.touches):
+            if member.active:
+                velocities[member.own.number] = member.velocity
+                if wp.static(traits.touches):
+                    state.points[seat.world, member.own.number] = member.point
+
+    @wp.func
     def substep(
         t: Tables,
         state: WorldState,
+        memory: BlockMemory,
         seat: Seat,
         mine: Member,
         also: Member,
@@ -159,6 +173,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         areas: Any,
     ):
         """One substep, from one tile of points to the other."""
+        if wp.static(traits.touches):
+            presses.press(t, state, memory, seat, velocities)
         area = float(0.0)
         if wp.static(traits.aims and traits.fresh_normals):
             area, aimed, other_aimed = aim_together(t, seat, mine, also, source, centers, areas)
@@ -177,6 +193,10 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             pull, other_pulled = pieces.pull(t, seat, source, velocities, also, area)
             other_force = pull
             also = other_pulled
+        if wp.static(traits.touches):
+            force += presses.take(memory, seat, mine)
+            if wp.static(two):
+                other_force += presses.take(memory, seat, also)
         if wp.static(traits.gas):
             mine.free_velocity = pieces.free(t, seat, mine, force)
             if wp.static(two):
@@ -202,12 +222,13 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             left, other_left = correct_together(t, seat, mine, also, target, new_velocities)
             mine = left
             also = other_left
-        if wp.static(traits.looks_at_velocities):
-            if mine.active:
-                new_velocities[mine.own.number] = mine.velocity
+        show_member(state, seat, mine, new_velocities)
+        if wp.static(two):
+            show_member(state, seat, also, new_velocities)
+        if wp.static(traits.frames == "free"):
+            mine.farthest = wp.max(mine.farthest, wp.length_sq(mine.point - in_tile(source, seat.thread)))
             if wp.static(two):
-                if also.active:
-                    new_velocities[also.own.number] = also.velocity
+                also.farthest = wp.max(also.farthest, wp.length_sq(also.point - in_tile(source, seat.thread + threads)))
         block_barrier()
         return mine, also
 
@@ -239,6 +260,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """A block a world, one or two particles a thread: one frame."""
         world, thread = wp.tid()
+        if not is_due(memory, world):
+            return
         even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         centers = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
@@ -268,16 +291,20 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             also = other_aimed
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
-            first, second = substep(t, state, now, mine, also, even, odd, velocities, other_velocities, centers, areas)
+            first, second = substep(
+                t, state, memory, now, mine, also, even, odd, velocities, other_velocities, centers, areas
+            )
             then = at_substep(t, seat, frame_begin, 2 * pair + 1)
             third, fourth = substep(
-                t, state, then, first, second, odd, even, other_velocities, velocities, centers, areas
+                t, state, memory, then, first, second, odd, even, other_velocities, velocities, centers, areas
             )
             mine = third
             also = fourth
         if wp.static(layout.odd_substeps):
             last = at_substep(t, seat, frame_begin, t.substeps - 1)
-            fifth, sixth = substep(t, state, last, mine, also, even, odd, velocities, other_velocities, centers, areas)
+            fifth, sixth = substep(
+                t, state, memory, last, mine, also, even, odd, velocities, other_velocities, centers, areas
+            )
             mine = fifth
             also = sixth
             end_member(t, state, seat, thread, mine, odd)
@@ -289,6 +316,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
                 end_member(t, state, seat, thread + threads, also, even)
         if wp.static(traits.spheres > 0):
             board.end(t, state, world, thread, t.substeps - 1)
+        if wp.static(traits.frames == "free"):
+            note_hurry(memory.free, world, wp.max(mine.farthest, also.farthest), t.substeps)
         count_frame(state, world, thread)
 
     return advance_resident

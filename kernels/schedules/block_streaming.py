@@ -19,14 +19,16 @@ from balloon_warp.kernels.schedules.block_memory import (
     Seat,
     at_substep,
     beginning_of_frame,
-    count_frame,
+    frame_functions,
     member_functions,
     velocity_functions,
 )
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
+from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_touch import touching
 from balloon_warp.kernels.schedules.block_turns import turns_of
+from balloon_warp.kernels.schedules.free_frames import note_hurry
 from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -50,6 +52,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     turns = turns_of(traits, pieces, gas, Member, seat_member, seat_beside, layout)
     correct = correcting(traits, layout)
     begins = beginning_of_frame(traits)
+    is_due, count_frame = frame_functions(traits)
+    presses = presses_of(traits, layout) if traits.touches else None
     velocity_at, put_velocity = velocity_functions(layout)
     threads, capacity = layout.threads, layout.capacity
     touch = touching(traits, board, turns.mass, layout)
@@ -94,6 +98,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         for turn in range(rounds):
             seated = turns.member(t, state, memory, seat, first, turn, source, velocities)
             force, member = pieces.pull(t, seat, source, velocities, seated, area)
+            if wp.static(traits.touches):
+                force += presses.take(memory, seat, member)
             member.free_velocity = pieces.free(t, seat, member, force)
             if member.active:
                 put_velocity(new_velocities, member.own.number, member.free_velocity)
@@ -124,7 +130,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         velocities: Any,
         new_velocities: Any,
     ):
-        """Every particle through the rest of the substep, which without gas is all of it."""
+        """Every particle through the rest of the substep, which without gas is all of it. The longest way of this
+        thread's, squared [m^2]."""
+        farthest = float(0.0)
         for turn in range(rounds):
             member = turns.member(t, state, memory, seat, first, turn, source, velocities)
             if wp.static(traits.gas):
@@ -134,13 +142,18 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             else:
                 force, pulled = pieces.pull(t, seat, source, velocities, member, area)
                 turns.keep_aim(memory, seat, pulled)
+                if wp.static(traits.touches):
+                    force += presses.take(memory, seat, pulled)
                 member = pieces.push(t, seat, pulled, member.velocity, force)
             if wp.static(traits.keeps_inflations and traits.pressures):
                 if member.active:
                     memory.inflations[seat.world, member.own.number] = member.push
             if wp.static(traits.leaves_at_once):
                 member = turns.leave(t, seat, member)
+            if wp.static(traits.frames == "free"):
+                farthest = wp.max(farthest, wp.length_sq(member.point - in_tile(source, member.own.number)))
             turns.put(seat, member, target, new_velocities)
+        return farthest
 
     @wp.func
     def touch_all(t: Tables, state: WorldState, seat: Seat, rounds: wp.int32, points: Any, velocities: Any):
@@ -184,7 +197,10 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         velocities: Any,
         new_velocities: Any,
     ):
-        """One substep, from one tile of points to the other."""
+        """One substep, from one tile of points to the other; the longest way of this thread's particles, squared
+        [m^2]."""
+        if wp.static(traits.touches):
+            presses.press(t, state, memory, seat, velocities)
         rounds = (seat.count + threads - 1) // threads
         area = float(0.0)
         if wp.static(traits.aims):
@@ -195,7 +211,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             block_barrier()
         if wp.static(traits.gas):
             pull_and_swell(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
-        push_and_move(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
+        farthest = push_and_move(
+            t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities
+        )
         if wp.static(traits.corrected):
             block_barrier()
             correct(t, seat, target, new_velocities)
@@ -203,7 +221,11 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             touch_all(t, state, seat, rounds, target, new_velocities)
         if wp.static(traits.leaves_together):
             leave_all(t, state, memory, seat, first, rounds, target, new_velocities)
+        if wp.static(traits.touches):
+            for particle in range(seat.thread, seat.count, wp.block_dim()):
+                state.points[seat.world, particle] = in_tile(target, particle)
         block_barrier()
+        return farthest
 
     @wp.func
     def end_world(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: Any, velocities: Any):
@@ -232,6 +254,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """A block a world: one frame."""
         world, thread = wp.tid()
+        if not is_due(memory, world):
+            return
         even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         seat = Seat()
@@ -257,19 +281,24 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             put_velocity(velocities, particle, state.velocities[world, number])
         first = seat_member(t, 0, state, seat, 0)
         block_barrier()
+        farthest = float(0.0)
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
-            substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
+            way = substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
             then = at_substep(t, seat, frame_begin, 2 * pair + 1)
-            substep(t, state, memory, then, first, odd, even, other_velocities, velocities)
+            next_way = substep(t, state, memory, then, first, odd, even, other_velocities, velocities)
+            farthest = wp.max(farthest, wp.max(way, next_way))
         if wp.static(layout.odd_substeps):
             last = at_substep(t, seat, frame_begin, t.substeps - 1)
-            substep(t, state, memory, last, first, even, odd, velocities, other_velocities)
+            last_way = substep(t, state, memory, last, first, even, odd, velocities, other_velocities)
+            farthest = wp.max(farthest, last_way)
             end_world(t, state, memory, seat, odd, other_velocities)
         else:
             end_world(t, state, memory, seat, even, velocities)
         if wp.static(traits.spheres > 0):
             board.end(t, state, world, thread, t.substeps - 1)
+        if wp.static(traits.frames == "free"):
+            note_hurry(memory.free, world, farthest, t.substeps)
         count_frame(state, world, thread)
 
     return advance_streaming

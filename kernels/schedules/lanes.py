@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes, Lanes3, times
+from balloon_warp.kernels.algebra import Lanes, Lanes3, larger, squared_length, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.schedules.lanes_contact import (
@@ -15,6 +15,7 @@ from balloon_warp.kernels.schedules.lanes_contact import (
     leave_function,
     roll_function,
 )
+from balloon_warp.kernels.schedules.lanes_free import free_functions
 from balloon_warp.kernels.schedules.lanes_gas import load_in_lanes, pump_in_lanes, swell_in_lanes
 from balloon_warp.kernels.schedules.lanes_hinges import bend_function
 from balloon_warp.kernels.schedules.lanes_loops import lane_loops
@@ -169,6 +170,9 @@ def particle_steps(traits: Traits, layout: Layout) -> Any:
                 out, after = leave(t, state, lanes, own, time + t.step_seconds, point, velocity, push)
                 point = out
                 velocity = after
+            if wp.static(traits.frames == "free"):
+                way = squared_length(point - of_item(points, item))
+                lanes.farthest[group] = larger(lanes.farthest[group], way)
             lanes.velocities[group, item] = velocity
             put_item(new_points, item, point)
 
@@ -191,6 +195,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     correct = correct_function(traits, layout) if traits.corrected else None
     touch = touch_function(traits, layout) if traits.impulses else None
     leave_all = leave_all_function(traits, layout) if traits.leaves_together else None
+    any_free, note_hurried_worlds = free_functions(layout) if traits.frames == "free" else (None, None)
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_lanes(
@@ -203,6 +208,9 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """A thread a group: one frame."""
         group = first_group + wp.tid()
+        if wp.static(traits.frames == "free"):
+            if not any_free(t, lanes, group):
+                return
         read_lanes(t, state, lanes, group)
         points = lanes.points[group]
         new_points = lanes.other_points[group]
@@ -236,5 +244,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.leaves_together):
                 leave_all(t, state, lanes, group, time + t.step_seconds, new_points)
         write_lanes(t, state, lanes, group, new_points)
+        if wp.static(traits.frames == "free"):
+            note_hurried_worlds(t, lanes, group)
 
     return advance_lanes

@@ -93,7 +93,7 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
     height_column = traits.columns.places["ground_height"]
     places = places_of(layout)
-    center_at = center_function(traits) if traits.fixtures else None
+    center_at = center_function(traits) if traits.stands_on_fixtures else None
 
     @wp.func
     def is_near_fixture(t: LaneTables, own: LaneOwn, fixture: wp.int32, time: float, point: Lanes3, velocity: Lanes3):
@@ -118,7 +118,7 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
             for sphere in range(lanes.sphere_centers.shape[1]):
                 gaps = squared_length(point - lanes.sphere_centers[own.group, sphere])
                 touches = touches or any_negative(gaps - lanes.sphere_squared_radii[own.group, sphere])
-        if wp.static(traits.fixtures):
+        if wp.static(traits.stands_on_fixtures):
             for fixture in range(t.all.fixtures.kinds.shape[0]):
                 touches = touches or is_near_fixture(t, own, fixture, time, point, velocity)
         return touches

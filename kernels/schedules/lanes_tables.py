@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes, Lanes3
+from balloon_warp.kernels.schedules.free_frames import FreeFrames
 from balloon_warp.kernels.schedules.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 
@@ -107,6 +108,10 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         near_items: wp.array2d[wp.int32]
         """the items that may touch a sphere"""
         sphere_squared_radii: wp.array2d[Lanes]
+        free: FreeFrames
+        """which worlds have a free frame; empty unless balloons touch"""
+        farthest: wp.array[Lanes]
+        """squared way in a substep, the longest so far in each lane [m^2]"""
 
     @wp.struct
     class LaneOwn:

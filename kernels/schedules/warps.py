@@ -84,6 +84,21 @@ def warp_sum(x: float) -> float:
 @wp.func_native(
     """
 #if defined(__CUDA_ARCH__)
+    for (int apart = 16; apart > 0; apart /= 2) {
+        x = fmaxf(x, __shfl_xor_sync(0xffffffffu, x, apart));
+    }
+#endif
+    return x;
+    """
+)
+def warp_max(x: float) -> float:
+    """The largest of the threads of the warp; called by all of them."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
     // Threads first share the components out among them, so that they add up one number instead of three.
     const bool upper_half = threadIdx.x & 16;
     const bool upper_quarter = threadIdx.x & 8;

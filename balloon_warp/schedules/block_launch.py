@@ -1,0 +1,200 @@
+"""A launch of a thread block a world, whose points stay in shared memory for all substeps of a frame."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout
+from balloon_warp.kernels.schedules.block_resident import resident_kernel
+from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
+from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.fixtures import forget_looks, look_array
+from balloon_warp.schedules.renumber import order_by_springs, renumbered
+from balloon_warp.schedules.residence import Residence, residence
+from balloon_warp.schedules.slots import kind_slots, slot_table
+from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
+from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.touching import crowding_remarks, touch_arrays
+
+BYTES_PER_PARTICLE = 24
+"""two buffers of points"""
+BYTES_WITH_VELOCITY = 36
+RESERVED_BYTES = 2048
+"""of shared memory, for spheres and the sums of areas and swellings of a balloon or two"""
+CPU_TILE_BYTES = 1 << 18
+"""the CPU stands in for a GPU here: a block of one thread, a tile of a GPU's size"""
+CAPACITY_STEP = 512
+"""capacities of the streaming kernel are multiples of this, so that few are compiled"""
+THREADS_BESIDE = ((416, 72), (384, 80), (256, 80))
+"""of a block whose threads go through many particles, and registers of each, where a multiprocessor has memory for two
+such blocks: those whose last turn is fullest"""
+THREADS_IN_CONTACT = 256, 128
+"""the same where particles meet obstacles or each other, which takes more registers"""
+THREADS_ALONE = 768, 80
+"""where it has not"""
+WARP_THREADS = 32
+
+
+class BlockLaunch:
+    """Advances worlds by a frame in one launch: all of them, or those that the traits are for."""
+
+    def __init__(self, model: Model, traits: Traits):
+        self.model, self._traits = model, traits
+        self._recipe = _recipe(model, traits)
+        self.tables = self._recipe.tables
+        self.memory = BlockMemory()
+        for name, array in _working_arrays(model, traits, self._recipe.layout, Allocating(model.device)).items():
+            setattr(self.memory, name, array)
+        for name, array in touch_arrays(model, traits, Allocating(model.device)).items():
+            setattr(self.memory.contacts, name, array)
+        self.memory.contacts.near_balloons.fill_(int(ARE_NEAR))  # they may have been, in another schedule
+        self.memory.numbers = wp.array(self._recipe.numbers, dtype=wp.int32, device=model.device)
+
+    @staticmethod
+    def allot(model: Model, traits: Traits, room: Room) -> None:
+        """Ask for all memory that it keeps."""
+        _working_arrays(model, traits, _layout(model, traits, spring_ends(model))[0], room)
+        touch_arrays(model, traits, room)
+        look_array(model, room)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What it could not do in full since it was made, in sentences."""
+        return crowding_remarks(self.memory.contacts)
+
+    def begin_frame(self, state: State) -> None:
+        """What is to be known of the state before anything changes it."""
+        if self._traits.stands_on_fixtures:
+            forget_looks(self.tables)
+        if self._traits.tells_time:
+            wp.copy(self.memory.frame, state.frame)
+
+    def advance(self, state: State) -> None:
+        """A frame."""
+        wp.launch_tiled(
+            self._recipe.kernel,
+            dim=[self.model.world_count],
+            inputs=[self.tables, *self._recipe.slots, world_state(state), self.memory],
+            block_dim=self._recipe.layout.threads,
+            device=self.model.device,
+        )
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A launch for a frame."""
+
+    kernel: Any
+    layout: Layout
+    tables: Any
+    slots: list[Any]
+    """the table of springs that stay in registers, if they do"""
+    numbers: NDArray[np.int64]
+    """of the particles in the tables, which may have them in another order"""
+
+
+def _recipe(model: Model, traits: Traits) -> Recipe:
+    ends = spring_ends(model)
+    layout, residing = _layout(model, traits, ends)
+    if residing:
+        slots = [slot_table(model, ends, residing.rings)]
+        own_order = np.arange(model.particle_count)
+        tables = make_tables(model, traits, in_block=traits.in_water)
+        return Recipe(resident_kernel(traits, layout), layout, tables, slots, own_order)
+    # where balloons touch, everyone finds everyone's points in the state, and in its order
+    order = np.arange(model.particle_count) if traits.touches else order_by_springs(model, ends)
+    tables = make_tables(renumbered(model, order), traits, in_block=True)
+    return Recipe(streaming_kernel(traits, layout), layout, tables, [], order)
+
+
+def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Residence | None]:
+    """How a world lies on a block, and, where its particles stay in registers, how."""
+    residing = residence(model, traits, ends)
+    odd = model.substeps % 2 == 1
+    if residing:
+        layout = Layout(
+            threads=residing.threads,
+            capacity=residing.threads * residing.particles_a_thread,
+            resident=True,
+            two=residing.particles_a_thread == 2,
+            faces=model.face_count if traits.aims and not traits.aims_on_the_way else 1,
+            kind_slots=kind_slots(ends),
+            rings=residing.rings is not None,
+            odd_substeps=odd,
+            registers=residing.registers,
+        )
+        return layout, residing
+    capacity = _round_up(model.particle_count, CAPACITY_STEP)
+    threads, registers = _streaming_threads(model, traits)
+    layout = Layout(
+        threads,
+        capacity,
+        resident=False,
+        odd_substeps=odd,
+        fast_velocities=not traits.keeps_velocities and not traits.touches and _room_for_velocities(model, traits),
+        registers=registers,
+    )
+    return layout, None
+
+
+def _room_for_velocities(model: Model, traits: Traits) -> bool:
+    """Whether velocities fit in shared memory, too, and leave half of it to the cache of what is read from tables, by
+    two blocks. A position correction reads and writes them so often that it wants them there all the same."""
+    most = most_particles(model, BYTES_WITH_VELOCITY)
+    return model.particle_count <= (most if traits.corrected else most // 4)
+
+
+def _streaming_threads(model: Model, traits: Traits) -> tuple[int, int]:
+    """Of a block, and the registers of each."""
+    threads, registers = THREADS_ALONE
+    if 2 * model.particle_count <= most_particles(model):
+        threads, registers = min(THREADS_BESIDE, key=lambda each: _round_up(model.particle_count, each[0]))
+        if traits.stands_on_fixtures or traits.touches:
+            threads, registers = THREADS_IN_CONTACT
+    if model.device.is_cpu:
+        return 1, registers
+    return min(_round_up(model.particle_count, WARP_THREADS), threads), registers
+
+
+def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:
+    """The memory of `BlockMemory`; arrays that a scene does not need are empty."""
+    worlds, streaming = model.world_count, not layout.resident
+
+    def vectors(needed: bool, count: int = model.particle_count) -> Any:
+        return room.array((worlds, count if needed else 0), wp.vec3)
+
+    return {
+        "face_centers": vectors(streaming and traits.aims and not traits.rings, model.face_count),
+        "face_area_vectors": vectors(streaming and traits.aims and not traits.rings, model.face_count),
+        "aims": vectors(streaming and traits.keeps_aims),
+        "velocities": vectors(streaming and not layout.fast_velocities),
+        "other_velocities": vectors(traits.looks_at_velocities or (streaming and traits.keeps_velocities)),
+        "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
+        "frame": room.array((1,), wp.int32),
+    }
+
+
+def fits_in_block(model: Model) -> bool:
+    """Whether a world's points, in two buffers, fit in the shared memory of a block."""
+    return model.particle_count <= most_particles(model)
+
+
+def most_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -> int:
+    """Of a world whose points fit in shared memory, with so many bytes of it each."""
+    if model.device.is_cpu:
+        return CPU_TILE_BYTES // bytes_per_particle
+    sums = 1 << 10  # bytes for each further balloon or sphere, of the most warps
+    presses = 1 << 13 if model.scene.contact == "impulse" else 0
+    reserved = RESERVED_BYTES + presses + sums * (model.balloon_count + model.sphere_count)
+    capacity = (model.device.max_shared_memory_per_block - reserved) // bytes_per_particle
+    return capacity // CAPACITY_STEP * CAPACITY_STEP
+
+
+def _round_up(count: int, step: int) -> int:
+    return -(-count // step) * step

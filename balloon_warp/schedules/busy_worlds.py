@@ -1,0 +1,33 @@
+"""Worlds whose particles may meet obstacles or each other in a frame: found as it begins, and advanced by a block each,
+after those that are free."""
+
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.block_launch import BlockLaunch
+from balloon_warp.schedules.outlook import Outlook, busy_traits, outlook_arrays
+
+
+class BusyWorlds:
+    """Beside a schedule that advances the others."""
+
+    def __init__(self, model: Model, traits: Traits):
+        self.launch = BlockLaunch(model, busy_traits(traits))
+        self.outlook = Outlook(model, traits, self.launch.tables)
+        self.launch.memory.free = self.outlook.table
+
+    @staticmethod
+    def allot(model: Model, traits: Traits, room: Room) -> None:
+        """Ask for all memory that it keeps."""
+        BlockLaunch.allot(model, busy_traits(traits), room)
+        outlook_arrays(model, room)
+
+    def find(self, state: State) -> None:
+        """Before the free worlds are advanced."""
+        self.launch.begin_frame(state)
+        self.outlook.look(state)
+
+    def advance(self, state: State) -> None:
+        """Once they are: with those that were not free after all. The frame is counted."""
+        self.outlook.put_back(state)
+        self.launch.advance(state)

@@ -1,0 +1,98 @@
+"""What lies before each world in a frame: whether its particles may meet obstacles or each other at all, so that those
+which cannot are advanced by kernels that know of neither. See `kernels.schedules.free_frames`."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.free_frames import (
+    FreeFrames,
+    judge_kernel,
+    put_worlds_back,
+    surround_kernel,
+)
+from balloon_warp.kernels.tables import WorldState
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.tables import world_state
+
+THREADS = 128
+"""of a block that looks around a balloon on a GPU"""
+
+
+def has_free_frames(traits: Traits) -> bool:
+    """Whether worlds may have frames that are free, and others."""
+    return (traits.fixtures or traits.touches) and not traits.always_busy
+
+
+def free_traits(traits: Traits) -> Traits:
+    """What kernels have to do in a free frame."""
+    return traits._replace(frames="free", touches=False, touches_itself=False)
+
+
+def busy_traits(traits: Traits) -> Traits:
+    """What kernels have to do in any other."""
+    return traits._replace(frames="busy")
+
+
+class Outlook:
+    """Launches what looks at all worlds as a frame begins, and what puts those back that were believed to be free."""
+
+    def __init__(self, model: Model, traits: Traits, tables: Any):
+        self.model, self._traits, self._tables = model, traits, tables
+        self.table, self._before = FreeFrames(), WorldState()
+        arrays, before = outlook_arrays(model, Allocating(model.device))
+        for name, array in arrays.items():
+            setattr(self.table, name, array)
+        for name, array in before.items():
+            setattr(self._before, name, array)
+
+    def look(self, state: State) -> None:
+        """Before the frame."""
+        m, threads = self.model, THREADS if self.model.device.is_cuda else 1
+        wp.launch_tiled(
+            surround_kernel(self._traits),
+            dim=(m.world_count, m.balloon_count),
+            inputs=[self._tables, world_state(state), self.table, self._before],
+            block_dim=threads,
+            device=m.device,
+        )
+        wp.launch(judge_kernel(self._traits), m.world_count, [self._tables, self.table], device=m.device)
+
+    def put_back(self, state: State) -> None:
+        """Once the free frames are over; the frame is counted."""
+        m, threads = self.model, THREADS if self.model.device.is_cuda else 1
+        wp.launch_tiled(
+            put_worlds_back,
+            dim=(m.world_count,),
+            inputs=[self.table, self._before, world_state(state)],
+            block_dim=threads,
+            device=m.device,
+        )
+
+
+def outlook_arrays(model: Model, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The memory of `FreeFrames`, and of what a world was before."""
+    worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
+    free = {
+        "boxes": room.array((worlds, balloons, 2), wp.vec3),
+        "alone": room.array((worlds, balloons, 2), wp.float32),
+        "ways": room.array(worlds, wp.float32),
+        "verdicts": room.array(worlds, wp.int32),
+    }
+    before = {
+        "points": room.array((worlds, model.particle_count), wp.vec3),
+        "velocities": room.array((worlds, model.particle_count), wp.vec3),
+        "inflation_loads": room.array((worlds, balloons), wp.vec2),
+        "pressures": room.array((worlds, balloons), wp.float32),
+        "pressure_slopes": room.array((worlds, balloons), wp.float32),
+        "gas_amounts": room.array((worlds, balloons), wp.float64),
+        "free_volumes": room.array((worlds, balloons), wp.float64),
+        "tube_flows": room.array((worlds, model.tube_count), wp.float32),
+        "sphere_positions": room.array((worlds, spheres), wp.vec3),
+        "sphere_velocities": room.array((worlds, spheres), wp.vec3),
+        "sphere_forces": room.array((worlds, spheres), wp.vec3),
+        "first_bad": room.array(worlds, wp.int32),
+    }
+    return free, before

@@ -1,0 +1,120 @@
+"""Balloons that touch push each other off, by the threads of a block: each has its own particles.
+
+They find each other's points and velocities in the state, where a substep leaves them."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat
+from balloon_warp.kernels.schedules.launched_press import pressing_function, take_pushes
+from balloon_warp.kernels.schedules.touch_boxes import (
+    APART,
+    LOWER,
+    SPEED,
+    UPPER,
+    box_part,
+    meet_function,
+    sweep_of,
+    what_to_do,
+)
+from balloon_warp.kernels.schedules.touch_lists import listing_function
+from balloon_warp.kernels.schedules.warps import WARP_THREADS, any_in_block, block_barrier, warp_max
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+class Presses(NamedTuple):
+    """What a block does where balloons touch."""
+
+    press: Any
+    """(t, state, memory, seat, velocities): as a substep begins; now and then it is found who may touch whom. A
+    barrier follows"""
+    take: Any
+    """(memory, seat, member): what contacts do to a particle then [N]"""
+
+
+@wp.func
+def warp_max_of_vectors(v: wp.vec3):
+    """Component by component, over the threads of the warp; called by all of them."""
+    return wp.vec3(warp_max(v[0]), warp_max(v[1]), warp_max(v[2]))
+
+
+@cache
+def presses_of(traits: Traits, layout: Layout) -> Presses:
+    """For the warps of a block."""
+    list_triangles, press_particle = listing_function(traits), pressing_function(traits)
+    may_meet = meet_function(traits)
+    warps = layout.warps
+
+    @wp.func
+    def box_balloons(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
+        """A warp a balloon: see the kernel of that name."""
+        boxes = memory.contacts.balloon_boxes[seat.world]
+        for balloon in range(seat.thread // WARP_THREADS, boxes.shape[0], warps):
+            lower, upper, fastest = sweep_of(
+                t, balloon, seat.thread % WARP_THREADS, wp.min(WARP_THREADS, wp.block_dim()),
+                state.points[seat.world], velocities,
+            )  # fmt: skip
+            first = -warp_max_of_vectors(-lower)
+            last = warp_max_of_vectors(upper)
+            speed = wp.sqrt(warp_max(fastest))
+            if seat.thread % WARP_THREADS == 0:
+                boxes[balloon, LOWER] = first
+                boxes[balloon, UPPER] = last
+                boxes[balloon, SPEED] = wp.vec3(speed)
+
+    @wp.func
+    def box_parts(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
+        """First of parts that have no others in them, of which the others' are made."""
+        points = state.points[seat.world]
+        for inner in range(2):
+            for part in range(seat.thread, t.touch.part_ends.shape[0], wp.block_dim()):
+                box_part(t, memory.contacts, seat.world, part, 1 - inner, points, velocities)
+            block_barrier()
+
+    @wp.func
+    def search(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
+        """Who may touch whom until the next search."""
+        near_balloons = memory.contacts.near_balloons[seat.world]
+        balloons = near_balloons.shape[0] - 1
+        box_balloons(t, state, memory, seat, velocities)
+        block_barrier()
+        near = bool(False)
+        for balloon in range(seat.thread, balloons, wp.block_dim()):
+            meets = may_meet(t, memory.contacts, seat.world, balloon)
+            near_balloons[balloon] = wp.where(meets, 1, 0)
+            near = near or meets
+        any_near = any_in_block(near)
+        if seat.thread == 0:
+            near_balloons[balloons] = what_to_do(near_balloons[balloons], any_near)
+        block_barrier()
+        if any_near:
+            box_parts(t, state, memory, seat, velocities)
+        if near_balloons[balloons] != APART:
+            for particle in range(seat.thread, seat.count, wp.block_dim()):
+                list_triangles(
+                    t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities,
+                    seat.substep == 0,
+                )  # fmt: skip
+
+    @wp.func
+    def press(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
+        between = wp.int32(t.touch.seconds / t.step_seconds + 0.5)
+        if seat.substep % between == 0:
+            search(t, state, memory, seat, velocities)
+        near_balloons = memory.contacts.near_balloons[seat.world]
+        if near_balloons[near_balloons.shape[0] - 1] != APART:
+            for particle in range(seat.thread, seat.count, wp.block_dim()):
+                press_particle(t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities)
+        block_barrier()
+
+    @wp.func
+    def take(memory: BlockMemory, seat: Seat, member: Any):
+        force = wp.vec3()
+        if member.active:
+            force = take_pushes(memory.contacts, seat.world, member.own.number)
+        return force
+
+    return Presses(press, take)

@@ -1,0 +1,109 @@
+"""Frames in which nothing can be met are simulated as if there were nothing, and again if that was wrong."""
+
+import numpy as np
+import pytest
+from meshes import mesh_of, quad_sphere
+
+from balloon_warp.kernels.schedules.free_frames import BUSY, FREE, HURRIED
+from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene, Sphere, Stiffness
+from balloon_warp.simulator import Simulator
+
+PLATE = Obstacle(size=(4.0, 1e-3, 4.0), position=(0.0, -0.5e-3, 0.0))
+FALL = 5000.0
+"""a gravity by which what is at rest falls 0.69 m in a frame, where it is believed to move 3 mm [m/s^2]"""
+
+
+def verdicts(simulator: Simulator) -> list[int]:
+    """Of the last frame, by world."""
+    return [int(verdict) for verdict in simulator.schedule.busy.outlook.table.verdicts.numpy()]
+
+
+def free_particles(height: float) -> Balloon:
+    """Four, without springs and air."""
+    corners = [(0.0, height, 0.0), (0.1, height, 0.0), (0.1, height, 0.1), (0.0, height, 0.1)]
+    nothing = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
+    return Balloon(
+        mesh=mesh_of(corners, [[0, 1, 2, 3]]), stiffness=nothing, inflation=Inflation(k_normal=0.0), damping=0.0
+    )
+
+
+def test_frames_are_free_until_a_balloon_may_meet_an_obstacle(device: str):
+    """A ball falls from 1.5 m: first the kernel without obstacles moves it, then the one with them."""
+    ball = Balloon(mesh=quad_sphere(3, 0.2), position=(0.0, 1.5, 0.0), inflation={"k_normal": 0.5})
+    scene = Scene(balloon=[ball], obstacle=[PLATE], frames=60)
+    simulator, peer = Simulator(scene, device, schedule="block"), Simulator(scene, device, schedule="gather")
+    seen, lowest = [], []
+    for _ in range(60):
+        simulator.step()
+        peer.step()
+        seen += verdicts(simulator)
+        lowest.append(simulator.read_frame().points[0][:, 1].min())
+        # schedules differ by rounding, which contact makes no larger in a second
+        np.testing.assert_allclose(simulator.read_frame().points[0], peer.read_frame().points[0], atol=1e-4)
+    assert set(seen) == {FREE, BUSY}
+    assert seen[0] == FREE
+    assert seen[int(np.argmin(lowest))] == BUSY
+    assert min(lowest) > -1e-6
+
+
+def test_what_goes_further_than_was_free_is_stopped_all_the_same(device: str):
+    """From rest to 83 m/s in the first frame, through a plate of 1 mm that is 0.3 m below."""
+    scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=FALL, substeps=16, frames=3)
+    simulator = Simulator(scene, device, schedule="block")
+    simulator.step()
+    assert verdicts(simulator) == [HURRIED]
+    assert simulator.read_frame().points[0][:, 1].min() >= -1e-6
+    simulator.step()
+    assert verdicts(simulator) == [BUSY]
+
+
+def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(device: str):
+    """Gas is not pumped twice, no sphere goes two ways, no frame is counted twice: as in a schedule that does not
+    try."""
+    ball = Balloon(
+        mesh=quad_sphere(3, 0.2),
+        position=(0.0, 0.5, 0.0),
+        inflation=Inflation(kind="gas", amount=1.0, pump=50.0),
+    )
+    sphere = Sphere(position=(1.0, 2.0, 0.0), radius=0.1, mass=0.1)
+    scene = Scene(balloon=[ball], obstacle=[PLATE], sphere=[sphere], gravity=300.0, frames=2, substeps=200)
+    simulator, peer = Simulator(scene, device, schedule="block"), Simulator(scene, device, schedule="gather")
+    for one in (simulator, peer):
+        one.step()
+    assert verdicts(simulator) == [HURRIED]
+    for name in ("gas_amounts", "free_volumes", "pressures", "sphere_positions", "sphere_velocities", "frame"):
+        found, expected = (getattr(one.state, name).numpy() for one in (simulator, peer))
+        rounding = 0.05 if name == "pressures" else 0.0  # [Pa], of which the air around has 101,325
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=rounding, err_msg=name)
+    np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=1e-5)
+
+
+def test_a_world_does_not_feel_how_free_another_is(device: str):
+    """Of three worlds one hurries, one is busy, and one is free: each is as it is alone, to the bit."""
+    scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=10.0, substeps=16, frames=1)
+    vary = {"gravity": [FALL, 10.0, 10.0], "obstacle.0.position.1": [0.0, 0.299, -0.1]}
+    batch = Simulator(scene, device, 3, vary, schedule="block")
+    batch.step()
+    assert verdicts(batch) == [HURRIED, BUSY, FREE]
+    for world in range(3):
+        mine = {name: values[world : world + 1] for name, values in vary.items()}
+        alone = Simulator(scene, device, 1, mine, schedule="block")
+        alone.step()
+        np.testing.assert_array_equal(batch.read_frame(world).points[0], alone.read_frame().points[0])
+
+
+@pytest.mark.parametrize("motion", ["moves", "turns"])
+def test_an_obstacle_that_comes_is_seen_in_time(motion: str, device: str):
+    """A racket that hits balls which hang in the air."""
+    keyframes = {
+        "moves": [(0.0, (0.0, 0.0, 0.0)), (0.5, (0.0, 1.0, 0.0))],
+        "turns": [(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), (0.5, (0.0, 0.0, 0.0), (0.0, 0.0, 60.0))],
+    }
+    racket = Obstacle(size=(4.0, 1e-3, 4.0), motion=keyframes[motion])
+    still = free_particles(0.5).model_copy(update={"position": (1.5, 0.0, 0.0)})
+    scene = Scene(balloon=[still], obstacle=[racket], gravity=0.0, substeps=8, frames=30)
+    simulator = Simulator(scene, device, schedule="block")
+    simulator.step()
+    assert verdicts(simulator) == [FREE]
+    *_, last = simulator.run()
+    assert last.points[0][:, 1].min() > 0.9  # the racket has passed 0.5 m, and has taken all along
