@@ -240,6 +240,19 @@ def test_mistakes_are_named(fields, said):
         load_scene(collision(), {f"touch.{name}": value for name, value in fields.items()})
 
 
+def test_a_world_that_fits_in_no_block_is_gathered():
+    """Blocks are what lets balloons touch in the other schedules."""
+    large = collision().model_copy(
+        update={
+            "balloon": [balloon.model_copy(update={"mesh": quad_sphere(32, 0.3)}) for balloon in collision().balloon]
+        }
+    )
+    assert Simulator(collision(), "cpu").schedule.name == "octets"
+    assert Simulator(large, "cpu").schedule.name == "gather"
+    with pytest.raises(InputError, match="is too large for a block's shared memory"):
+        Simulator(large, "cpu", schedule="lanes")
+
+
 def test_large_steps_are_refused():
     said = 'solver: "projective" does not simulate balloons that touch; expected another solver'
     with pytest.raises(InputError, match=re.escape(said)):

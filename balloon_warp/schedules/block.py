@@ -52,7 +52,7 @@ class BlockSchedule:
         """One frame, after the ramp of the inflation: in one launch, or the worlds that may meet something in one of
         their own."""
         refresh_ramp(self.model, state)
-        self._worlds.begin_frame(state)
+        self._worlds.keep_time(state)
         if self.busy:
             self.busy.find(state)
         self._worlds.advance(state)

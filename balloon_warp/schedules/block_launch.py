@@ -68,15 +68,15 @@ class BlockLaunch:
         """What it could not do in full since it was made, in sentences."""
         return crowding_remarks(self.memory.contacts)
 
-    def begin_frame(self, state: State) -> None:
-        """What is to be known of the state before anything changes it."""
-        if self._traits.stands_on_fixtures:
-            forget_looks(self.tables)
+    def keep_time(self, state: State) -> None:
+        """As it is when a frame begins."""
         if self._traits.tells_time:
             wp.copy(self.memory.frame, state.frame)
 
     def advance(self, state: State) -> None:
         """A frame."""
+        if self._traits.stands_on_fixtures:
+            forget_looks(self.tables)
         wp.launch_tiled(
             self._recipe.kernel,
             dim=[self.model.world_count],
@@ -165,6 +165,8 @@ def _streaming_threads(model: Model, traits: Traits) -> tuple[int, int]:
 def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:
     """The memory of `BlockMemory`; arrays that a scene does not need are empty."""
     worlds, streaming = model.world_count, not layout.resident
+    shows_velocities = traits.looks_at_velocities
+    keeps_velocities = not layout.fast_velocities if streaming else shows_velocities and traits.frames == "free"
 
     def vectors(needed: bool, count: int = model.particle_count) -> Any:
         return room.array((worlds, count if needed else 0), wp.vec3)
@@ -173,8 +175,8 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "face_centers": vectors(streaming and traits.aims and not traits.rings, model.face_count),
         "face_area_vectors": vectors(streaming and traits.aims and not traits.rings, model.face_count),
         "aims": vectors(streaming and traits.keeps_aims),
-        "velocities": vectors(streaming and not layout.fast_velocities),
-        "other_velocities": vectors(traits.looks_at_velocities or (streaming and traits.keeps_velocities)),
+        "velocities": vectors(keeps_velocities),
+        "other_velocities": vectors(shows_velocities or (streaming and traits.keeps_velocities)),
         "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
         "frame": room.array((1,), wp.int32),
     }

@@ -1,6 +1,8 @@
 """Worlds whose particles may meet obstacles or each other in a frame: found as it begins, and advanced by a block each,
 after those that are free."""
 
+import warp as wp
+
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -20,14 +22,21 @@ class BusyWorlds:
     def allot(model: Model, traits: Traits, room: Room) -> None:
         """Ask for all memory that it keeps."""
         BlockLaunch.allot(model, busy_traits(traits), room)
-        outlook_arrays(model, room)
+        outlook_arrays(model, traits, room)
 
     def find(self, state: State) -> None:
         """Before the free worlds are advanced."""
-        self.launch.begin_frame(state)
+        self.launch.keep_time(state)
         self.outlook.look(state)
 
     def advance(self, state: State) -> None:
-        """Once they are: with those that were not free after all. The frame is counted."""
+        """Once they are: with those that were not free after all; on a GPU in no time if there are none."""
+        any_busy, device = self.outlook.table.any_busy, self.launch.model.device
+        if device.is_cpu or wp.is_conditional_graph_supported():
+            wp.capture_if(any_busy, self._advance, state=state)
+        else:
+            self._advance(state)
+
+    def _advance(self, state: State) -> None:
         self.outlook.put_back(state)
         self.launch.advance(state)

@@ -84,11 +84,14 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     sooner if it has few particles. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
-    if model.scene.touches:
+    if model.device.is_cpu and not model.scene.touches:
+        return "lanes" if world_count > 1 else "octets"
+    from balloon_warp.schedules.block_launch import fits_in_block
+
+    if not fits_in_block(model):  # blocks are also what lets balloons touch beside lanes
         return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
-    from balloon_warp.schedules.block_launch import fits_in_block
     from balloon_warp.schedules.residence import thread_a_particle
     from balloon_warp.schedules.traits import model_traits
 
@@ -97,4 +100,4 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
     few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
     pays = few_particles or enough_worlds or many_launches
-    return "block" if fits_in_block(model) and pays else "gather"
+    return "block" if pays else "gather"

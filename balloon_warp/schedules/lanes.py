@@ -105,7 +105,7 @@ class LanesSchedule:
         if self.busy:
             self.busy.advance(state)
         note_pressures(self.model, self._traits, state)
-        self._health.look(state) if self.busy else self._health.end_frame(state)
+        self._health.end_frame(state)
 
     def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:
         wp.launch(
@@ -177,5 +177,5 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "sphere_motions": lanes(model.sphere_count, needed=traits.impulses),
         "near_items": lanes(items, wp.int32, needed=traits.impulses),
         "sphere_squared_radii": lanes(model.sphere_count, Lanes),
-        "farthest": room.array(groups if traits.frames == "free" else 0, Lanes),
+        "fastest": room.array(groups if traits.frames == "free" else 0, Lanes),
     }

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.schedules.free_frames import (
     FreeFrames,
     judge_kernel,
-    put_worlds_back,
+    put_bodies_back,
     surround_kernel,
 )
 from balloon_warp.kernels.tables import WorldState
@@ -42,7 +42,7 @@ class Outlook:
     def __init__(self, model: Model, traits: Traits, tables: Any):
         self.model, self._traits, self._tables = model, traits, tables
         self.table, self._before = FreeFrames(), WorldState()
-        arrays, before = outlook_arrays(model, Allocating(model.device))
+        arrays, before = outlook_arrays(model, traits, Allocating(model.device))
         for name, array in arrays.items():
             setattr(self.table, name, array)
         for name, array in before.items():
@@ -61,38 +61,32 @@ class Outlook:
         wp.launch(judge_kernel(self._traits), m.world_count, [self._tables, self.table], device=m.device)
 
     def put_back(self, state: State) -> None:
-        """Once the free frames are over; the frame is counted."""
-        m, threads = self.model, THREADS if self.model.device.is_cuda else 1
-        wp.launch_tiled(
-            put_worlds_back,
-            dim=(m.world_count,),
-            inputs=[self.table, self._before, world_state(state)],
-            block_dim=threads,
-            device=m.device,
-        )
+        """Spheres and gas, once the free frames are over."""
+        if self._traits.gas or self._traits.spheres:
+            inputs = [self.table, self._before, world_state(state)]
+            wp.launch(put_bodies_back, self.model.world_count, inputs, device=self.model.device)
 
 
-def outlook_arrays(model: Model, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:
+def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:
     """The memory of `FreeFrames`, and of what a world was before."""
     worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
+    gas = (worlds, balloons if traits.gas else 0)
     free = {
         "boxes": room.array((worlds, balloons, 2), wp.vec3),
         "alone": room.array((worlds, balloons, 2), wp.float32),
         "ways": room.array(worlds, wp.float32),
         "verdicts": room.array(worlds, wp.int32),
+        "any_busy": room.array(1, wp.int32),
     }
     before = {
-        "points": room.array((worlds, model.particle_count), wp.vec3),
-        "velocities": room.array((worlds, model.particle_count), wp.vec3),
-        "inflation_loads": room.array((worlds, balloons), wp.vec2),
-        "pressures": room.array((worlds, balloons), wp.float32),
-        "pressure_slopes": room.array((worlds, balloons), wp.float32),
-        "gas_amounts": room.array((worlds, balloons), wp.float64),
-        "free_volumes": room.array((worlds, balloons), wp.float64),
+        "inflation_loads": room.array(gas, wp.vec2),
+        "pressures": room.array(gas, wp.float32),
+        "pressure_slopes": room.array(gas, wp.float32),
+        "gas_amounts": room.array(gas, wp.float64),
+        "free_volumes": room.array(gas, wp.float64),
         "tube_flows": room.array((worlds, model.tube_count), wp.float32),
         "sphere_positions": room.array((worlds, spheres), wp.vec3),
         "sphere_velocities": room.array((worlds, spheres), wp.vec3),
         "sphere_forces": room.array((worlds, spheres), wp.vec3),
-        "first_bad": room.array(worlds, wp.int32),
     }
     return free, before

@@ -14,16 +14,8 @@ from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.gas import pump_function, tubes_function
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
-from balloon_warp.kernels.schedules.warps import (
-    WARP_THREADS,
-    block_barrier,
-    of_thread,
-    put_warp_sums,
-    put_word,
-    shared_words,
-    sum_of_warp_sums,
-    word_at,
-)
+from balloon_warp.kernels.schedules.warp_sums import put_warp_sums, sum_of_warp_sums
+from balloon_warp.kernels.schedules.warps import WARP_THREADS, block_barrier, of_thread, put_word, shared_words, word_at
 from balloon_warp.kernels.substep import load_function, note_function, ramp_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits

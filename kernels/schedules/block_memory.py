@@ -7,8 +7,9 @@ import warp as wp
 
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.own import own_beside_function, own_functions
-from balloon_warp.kernels.schedules.free_frames import FREE, FreeFrames
+from balloon_warp.kernels.schedules.free_frames import FREE, FreeFrames, goes_too_far, note_hurry
 from balloon_warp.kernels.schedules.launched import Working
+from balloon_warp.kernels.schedules.warps import any_in_block
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -76,6 +77,16 @@ class Seat:
 
 
 @wp.func
+def take_seat(state: WorldState, world: wp.int32, thread: wp.int32):
+    """As a frame begins."""
+    seat = Seat()
+    seat.world = world
+    seat.thread = thread
+    seat.count = state.points.shape[1]
+    return seat
+
+
+@wp.func
 def at_substep(t: Tables, seat: Seat, frame_begin: float, substep: wp.int32):
     """The seat in a substep.
 
@@ -107,8 +118,9 @@ def beginning_of_frame(traits: Traits) -> Any:
 
 
 @cache
-def frame_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that say whether a world is to be advanced, and that count a frame, unless others do."""
+def frame_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
+    """The functions that begin a frame of a world, if it is to be advanced; that say how fast a particle was in a
+    substep; whether a frame was what it was believed to be; and that count it."""
 
     @wp.func
     def is_due(memory: BlockMemory, world: wp.int32):
@@ -120,13 +132,31 @@ def frame_functions(traits: Traits) -> tuple[Any, Any]:
             return True
 
     @wp.func
+    def squared_speed(t: Tables, before: wp.vec3, after: wp.vec3, velocity: wp.vec3):
+        """[m^2/s^2]. What spheres or the ground shift goes further than its velocity says."""
+        if wp.static(traits.obstacles):
+            return wp.length_sq(after - before) / (t.step_seconds * t.step_seconds)
+        else:
+            return wp.length_sq(velocity)
+
+    @wp.func
+    def ends_well(t: Tables, memory: BlockMemory, world: wp.int32, thread: wp.int32, fastest: float):
+        """By all threads: whether all particles stayed where there is nothing."""
+        well = bool(True)
+        if wp.static(traits.frames == "free"):
+            well = not any_in_block(goes_too_far(memory.free, world, fastest, t.frame_seconds))
+            if thread == 0 and not well:
+                note_hurry(memory.free, world)
+        return well
+
+    @wp.func
     def count_frame(state: WorldState, world: wp.int32, thread: wp.int32):
-        """By one thread of all: the frame has passed."""
-        if wp.static(traits.frames == "all"):
+        """By one thread of all: the frame has passed. Nobody reads it while it does."""
+        if wp.static(traits.frames != "busy"):
             if world == 0 and thread == 0:
                 state.frame[0] = state.frame[0] + 1
 
-    return is_due, count_frame
+    return is_due, squared_speed, ends_well, count_frame
 
 
 @cache
@@ -150,7 +180,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         velocity: wp.vec3
         aim: wp.vec3
         area_vector: wp.vec3
-        farthest: float  # squared way in a substep, the longest so far, in a free frame [m^2]
+        fastest: float  # square of its highest speed so far, in a free frame [m^2/s^2]
         free_velocity: wp.vec3  # with gas: without the inflation
         push: wp.vec3  # of the inflation [N]
 

@@ -16,7 +16,6 @@ from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.measure.health import is_past, look_at_particle
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.schedules.block_board import board_of
-from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_gas import gas_sums
 from balloon_warp.kernels.schedules.block_memory import (
     BlockMemory,
@@ -26,16 +25,14 @@ from balloon_warp.kernels.schedules.block_memory import (
     beginning_of_frame,
     frame_functions,
     member_functions,
-    pair_functions,
+    take_seat,
 )
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_springs import SlotTable, slot_functions
-from balloon_warp.kernels.schedules.block_touch import one_of_two, touching
-from balloon_warp.kernels.schedules.free_frames import note_hurry
-from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
-from balloon_warp.kernels.substep import volume_origin
+from balloon_warp.kernels.schedules.block_together import together_of
+from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -58,11 +55,9 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     )
     board, gas, refresh = board_of(traits, layout), gas_sums(traits, layout), refresh_of(traits, layout)
     pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
-    correct = correcting(traits, layout)
-    touch = touching(traits, board, one_of_two, layout)
-    put_members, get_members = pair_functions(layout)
+    together = together_of(traits, pieces, board, gas, refresh, Member, layout)
     begins = beginning_of_frame(traits)
-    is_due, count_frame = frame_functions(traits)
+    is_due, squared_speed, ends_well, count_frame = frame_functions(traits)
     presses = presses_of(traits, layout) if traits.touches else None
 
     @wp.func
@@ -72,81 +67,11 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         """A particle with a frame's beginning; its point into the tile."""
         member.load = state.inflation_loads[seat.world, member.own.balloon]
         member.point = state.points[seat.world, member.own.number]
-        member.velocity = velocities[member.own.number]
+        member.velocity = state.velocities[seat.world, member.own.number]
+        if wp.static(traits.looks_at_velocities and traits.frames == "free"):
+            velocities[member.own.number] = member.velocity
         put_in_tile(points, place, member.point)
         return member
-
-    @wp.func
-    def aim_together(t: Tables, seat: Seat, mine: Member, also: Member, points: Any, centers: Any, areas: Any):
-        """Faces are measured, and unless aims come on the way, particles aim. The area of the balloon, if there is
-        one."""
-        refresh.measure(t, seat, points, centers, areas)
-        area = float(0.0)
-        if wp.static(traits.balloons == 1 or not traits.aims_on_the_way):
-            area = refresh.area(mine.own.balloon)
-        if wp.static(not traits.aims_on_the_way):
-            mine.aim = refresh.aim(t, points, centers, areas, mine.own.number, mine.point, area)
-            if wp.static(two):
-                also.aim = refresh.aim(
-                    t, points, centers, areas, also.own.number, also.point, refresh.area(also.own.balloon)
-                )
-        return area, mine, also
-
-    @wp.func
-    def swell_together(t: Tables, state: WorldState, seat: Seat, mine: Member, also: Member, points: Any):
-        """The pressures, once all particles have their free velocities."""
-        gas.clear(seat)
-        origin = points[volume_origin(t, mine.own.balloon)]
-        part = pieces.swell(t, seat, mine, origin)
-        if wp.static(two and traits.balloons == 1):
-            part += pieces.swell(t, seat, also, origin)
-        gas.add(seat, mine.own.balloon, part, False)
-        if wp.static(two and traits.balloons > 1):
-            other_origin = points[volume_origin(t, also.own.balloon)]
-            gas.add(seat, also.own.balloon, pieces.swell(t, seat, also, other_origin), True)
-        block_barrier()
-        gas.find_loads(t, state, seat)
-        mine.load = gas.own_load(t, state, seat, mine)
-        if wp.static(two and traits.balloons == 1):
-            also.load = mine.load
-        elif wp.static(two):
-            also.load = gas.own_load(t, state, seat, also)
-        gas.pump(t, state, seat)
-        return mine, also
-
-    @wp.func
-    def leave_together(t: Tables, seat: Seat, mine: Member, also: Member, target: Any, velocities: wp.array[wp.vec3]):
-        """Out of obstacles."""
-        if wp.static(traits.penalties):
-            left, other_left = pieces.leave(t, seat, mine, also)
-            mine = left
-            also = other_left
-        if wp.static(traits.impulses):
-            near = pieces.is_near(t, seat, mine, also)
-            if any_in_block(near):
-                put_members(seat, mine, also, target, velocities)
-                touch(t, seat, near, wp.vec2(mine.inertia, also.inertia), target, velocities)
-                met, other_met = get_members(seat, mine, also, target, velocities)
-                mine = met
-                also = other_met
-        if wp.static(traits.stands):
-            mine = pieces.stand(t, seat, mine)
-            if wp.static(two):
-                also = pieces.stand(t, seat, also)
-        return mine, also
-
-    @wp.func
-    def correct_together(t: Tables, seat: Seat, mine: Member, also: Member, target: Any, velocities: wp.array[wp.vec3]):
-        """Springs shortened in the target, then out of obstacles."""
-        put_members(seat, mine, also, target, velocities)
-        block_barrier()
-        correct(t, seat, target, velocities)
-        back, other_back = get_members(seat, mine, also, target, velocities)
-        left, other_left = leave_together(t, seat, back, other_back, target, velocities)
-        put_in_tile(target, seat.thread, left.point)
-        if wp.static(two):
-            put_in_tile(target, seat.thread + threads, other_left.point)
-        return left, other_left
 
     @wp.func
     def show_member(state: WorldState, seat: Seat, member: Member, velocities: wp.array[wp.vec3]):
@@ -156,6 +81,13 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
                 velocities[member.own.number] = member.velocity
                 if wp.static(traits.touches):
                     state.points[seat.world, member.own.number] = member.point
+
+    @wp.func
+    def watch(t: Tables, place: wp.int32, member: Member, source: Any):
+        """How fast a particle was."""
+        squared = squared_speed(t, in_tile(source, place), member.point, member.velocity)
+        member.fastest = wp.max(member.fastest, squared)
+        return member
 
     @wp.func
     def substep(
@@ -177,7 +109,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             presses.press(t, state, memory, seat, velocities)
         area = float(0.0)
         if wp.static(traits.aims and traits.fresh_normals):
-            area, aimed, other_aimed = aim_together(t, seat, mine, also, source, centers, areas)
+            area, aimed, other_aimed = together.aim(t, seat, mine, also, source, centers, areas)
             mine = aimed
             also = other_aimed
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
@@ -201,7 +133,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             mine.free_velocity = pieces.free(t, seat, mine, force)
             if wp.static(two):
                 also.free_velocity = pieces.free(t, seat, also, other_force)
-            loaded, also_loaded = swell_together(t, state, seat, mine, also, source)
+            loaded, also_loaded = together.swell(t, state, seat, mine, also, source)
             mine = loaded
             also = also_loaded
             mine = pieces.push(t, seat, mine, mine.free_velocity, wp.vec3())
@@ -212,23 +144,23 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(two):
                 also = pieces.push(t, seat, also, also.velocity, other_force)
         if wp.static(not traits.corrected):
-            left, other_left = leave_together(t, seat, mine, also, target, new_velocities)
+            left, other_left = together.leave(t, seat, mine, also, target, new_velocities)
             mine = left
             also = other_left
         put_in_tile(target, seat.thread, mine.point)
         if wp.static(two):
             put_in_tile(target, seat.thread + threads, also.point)
         if wp.static(traits.corrected):
-            left, other_left = correct_together(t, seat, mine, also, target, new_velocities)
+            left, other_left = together.correct(t, seat, mine, also, target, new_velocities)
             mine = left
             also = other_left
         show_member(state, seat, mine, new_velocities)
         if wp.static(two):
             show_member(state, seat, also, new_velocities)
         if wp.static(traits.frames == "free"):
-            mine.farthest = wp.max(mine.farthest, wp.length_sq(mine.point - in_tile(source, seat.thread)))
+            mine = watch(t, seat.thread, mine, source)
             if wp.static(two):
-                also.farthest = wp.max(also.farthest, wp.length_sq(also.point - in_tile(source, seat.thread + threads)))
+                also = watch(t, seat.thread + threads, also, source)
         block_barrier()
         return mine, also
 
@@ -243,6 +175,13 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
                     t.health, state.first_bad, seat.world, place, place, t.particles.balloon[place],
                     t.particles.mass_share[place], points,
                 )  # fmt: skip
+
+    @wp.func
+    def end_pair(t: Tables, state: WorldState, seat: Seat, mine: Member, also: Member, points: Any):
+        """Of all that a thread has."""
+        end_member(t, state, seat, seat.thread, mine, points)
+        if wp.static(two):
+            end_member(t, state, seat, seat.thread + threads, also, points)
 
     @wp.kernel(
         module="unique",
@@ -260,21 +199,21 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """A block a world, one or two particles a thread: one frame."""
         world, thread = wp.tid()
+        count_frame(state, world, thread)
         if not is_due(memory, world):
             return
         even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         centers = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
         areas = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
-        seat = Seat()
-        seat.world = world
-        seat.thread = thread
-        seat.count = state.points.shape[1]
+        seat = take_seat(state, world, thread)
         frame_begin = begins(t, memory)
         velocities = state.velocities[world]
         other_velocities = state.velocities[world]
         if wp.static(traits.looks_at_velocities):
             other_velocities = memory.other_velocities[world]
+            if wp.static(traits.frames == "free"):  # the state's stay as they were until all has gone well
+                velocities = memory.velocities[world]
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
@@ -286,7 +225,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             also = take_place(state, seat, beside, thread + threads, even, velocities)
         block_barrier()
         if wp.static(traits.aims and not traits.fresh_normals):
-            _area, aimed, other_aimed = aim_together(t, seat, mine, also, even, centers, areas)
+            _area, aimed, other_aimed = together.aim(t, seat, mine, also, even, centers, areas)
             mine = aimed
             also = other_aimed
         for pair in range(t.substeps // 2):
@@ -307,17 +246,12 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             )
             mine = fifth
             also = sixth
-            end_member(t, state, seat, thread, mine, odd)
-            if wp.static(two):
-                end_member(t, state, seat, thread + threads, also, odd)
-        else:
-            end_member(t, state, seat, thread, mine, even)
-            if wp.static(two):
-                end_member(t, state, seat, thread + threads, also, even)
-        if wp.static(traits.spheres > 0):
-            board.end(t, state, world, thread, t.substeps - 1)
-        if wp.static(traits.frames == "free"):
-            note_hurry(memory.free, world, wp.max(mine.farthest, also.farthest), t.substeps)
-        count_frame(state, world, thread)
+        if ends_well(t, memory, world, thread, wp.max(mine.fastest, also.fastest)):
+            if wp.static(layout.odd_substeps):
+                end_pair(t, state, seat, mine, also, odd)
+            else:
+                end_pair(t, state, seat, mine, also, even)
+            if wp.static(traits.spheres > 0):
+                board.end(t, state, world, thread, t.substeps - 1)
 
     return advance_resident

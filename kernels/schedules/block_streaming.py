@@ -21,6 +21,7 @@ from balloon_warp.kernels.schedules.block_memory import (
     beginning_of_frame,
     frame_functions,
     member_functions,
+    take_seat,
     velocity_functions,
 )
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
@@ -28,7 +29,6 @@ from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_touch import touching
 from balloon_warp.kernels.schedules.block_turns import turns_of
-from balloon_warp.kernels.schedules.free_frames import note_hurry
 from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -52,7 +52,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     turns = turns_of(traits, pieces, gas, Member, seat_member, seat_beside, layout)
     correct = correcting(traits, layout)
     begins = beginning_of_frame(traits)
-    is_due, count_frame = frame_functions(traits)
+    is_due, squared_speed, ends_well, count_frame = frame_functions(traits)
     presses = presses_of(traits, layout) if traits.touches else None
     velocity_at, put_velocity = velocity_functions(layout)
     threads, capacity = layout.threads, layout.capacity
@@ -130,9 +130,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         velocities: Any,
         new_velocities: Any,
     ):
-        """Every particle through the rest of the substep, which without gas is all of it. The longest way of this
-        thread's, squared [m^2]."""
-        farthest = float(0.0)
+        """Every particle through the rest of the substep, which without gas is all of it. The highest
+        speed of this thread's, squared [m^2/s^2]."""
+        fastest = float(0.0)
         for turn in range(rounds):
             member = turns.member(t, state, memory, seat, first, turn, source, velocities)
             if wp.static(traits.gas):
@@ -151,9 +151,10 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.leaves_at_once):
                 member = turns.leave(t, seat, member)
             if wp.static(traits.frames == "free"):
-                farthest = wp.max(farthest, wp.length_sq(member.point - in_tile(source, member.own.number)))
+                before = in_tile(source, member.own.number)
+                fastest = wp.max(fastest, squared_speed(t, before, member.point, member.velocity))
             turns.put(seat, member, target, new_velocities)
-        return farthest
+        return fastest
 
     @wp.func
     def touch_all(t: Tables, state: WorldState, seat: Seat, rounds: wp.int32, points: Any, velocities: Any):
@@ -197,8 +198,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         velocities: Any,
         new_velocities: Any,
     ):
-        """One substep, from one tile of points to the other; the longest way of this thread's particles, squared
-        [m^2]."""
+        """One substep, from one tile of points to the other; the highest speed of this thread's particles,
+        squared [m^2/s^2]."""
         if wp.static(traits.touches):
             presses.press(t, state, memory, seat, velocities)
         rounds = (seat.count + threads - 1) // threads
@@ -211,9 +212,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             block_barrier()
         if wp.static(traits.gas):
             pull_and_swell(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
-        farthest = push_and_move(
-            t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities
-        )
+        fastest = push_and_move(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
         if wp.static(traits.corrected):
             block_barrier()
             correct(t, seat, target, new_velocities)
@@ -225,7 +224,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             for particle in range(seat.thread, seat.count, wp.block_dim()):
                 state.points[seat.world, particle] = in_tile(target, particle)
         block_barrier()
-        return farthest
+        return fastest
 
     @wp.func
     def end_world(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: Any, velocities: Any):
@@ -254,14 +253,12 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """A block a world: one frame."""
         world, thread = wp.tid()
+        count_frame(state, world, thread)
         if not is_due(memory, world):
             return
         even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
-        seat = Seat()
-        seat.world = world
-        seat.thread = thread
-        seat.count = state.points.shape[1]
+        seat = take_seat(state, world, thread)
         frame_begin = begins(t, memory)
         if wp.static(layout.fast_velocities):
             velocities = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
@@ -281,24 +278,23 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             put_velocity(velocities, particle, state.velocities[world, number])
         first = seat_member(t, 0, state, seat, 0)
         block_barrier()
-        farthest = float(0.0)
+        fastest = float(0.0)
         for pair in range(t.substeps // 2):
             now = at_substep(t, seat, frame_begin, 2 * pair)
-            way = substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
+            speed = substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
             then = at_substep(t, seat, frame_begin, 2 * pair + 1)
-            next_way = substep(t, state, memory, then, first, odd, even, other_velocities, velocities)
-            farthest = wp.max(farthest, wp.max(way, next_way))
+            next_speed = substep(t, state, memory, then, first, odd, even, other_velocities, velocities)
+            fastest = wp.max(fastest, wp.max(speed, next_speed))
         if wp.static(layout.odd_substeps):
             last = at_substep(t, seat, frame_begin, t.substeps - 1)
-            last_way = substep(t, state, memory, last, first, even, odd, velocities, other_velocities)
-            farthest = wp.max(farthest, last_way)
-            end_world(t, state, memory, seat, odd, other_velocities)
-        else:
-            end_world(t, state, memory, seat, even, velocities)
-        if wp.static(traits.spheres > 0):
-            board.end(t, state, world, thread, t.substeps - 1)
-        if wp.static(traits.frames == "free"):
-            note_hurry(memory.free, world, farthest, t.substeps)
-        count_frame(state, world, thread)
+            last_speed = substep(t, state, memory, last, first, even, odd, velocities, other_velocities)
+            fastest = wp.max(fastest, last_speed)
+        if ends_well(t, memory, world, thread, fastest):
+            if wp.static(layout.odd_substeps):
+                end_world(t, state, memory, seat, odd, other_velocities)
+            else:
+                end_world(t, state, memory, seat, even, velocities)
+            if wp.static(traits.spheres > 0):
+                board.end(t, state, world, thread, t.substeps - 1)
 
     return advance_streaming

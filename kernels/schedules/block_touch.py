@@ -21,13 +21,13 @@ from balloon_warp.kernels.loops.touching import (
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat, velocity_functions
+from balloon_warp.kernels.schedules.warp_sums import sum_of_presses
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
     any_in_warp,
     block_barrier,
     put_word,
     shared_words,
-    sum_of_presses,
     warp_sum,
 )
 from balloon_warp.kernels.tables import Tables

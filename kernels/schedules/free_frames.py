@@ -1,8 +1,8 @@
 """Frames in which the particles of a world are far from all that they might meet, beside the ground and spheres.
 
 Such a frame is simulated as if there were nothing else. How far each particle may go is known when it begins; if one
-went further, the world is put back to where it was, and simulated once more with all that there is. So nothing is
-missed at any speed, and where nothing is near, it costs next to nothing.
+went further, the world stays where it was, and is simulated once more with all that there is. So nothing is missed at
+any speed, and where nothing is near, it costs next to nothing.
 """
 
 from functools import cache
@@ -28,6 +28,11 @@ GAINED = wp.constant(10.0)
 """and what any may gain in it by accelerating [m/s^2]"""
 
 
+Extent = wp.types.vector(length=7, dtype=wp.float32)
+"""of a balloon: upper corner of its box, the lower one with the other sign [m], and its highest speed, squared
+[m^2/s^2]"""
+
+
 @wp.struct
 class FreeFrames:
     """What is known of each world's frame."""
@@ -40,28 +45,33 @@ class FreeFrames:
     """of each world, how far each of its particles may go in the frame [m]"""
     verdicts: wp.array[wp.int32]
     """of each world, see `FREE`"""
+    any_busy: wp.array[wp.int32]
+    """whether any world is not free"""
 
 
 @wp.func
-def copy_world(source: WorldState, target: WorldState, world: wp.int32, thread: wp.int32, threads: wp.int32):
-    """What a frame changes in one world, by so many threads."""
-    for particle in range(thread, source.points.shape[1], threads):
-        target.points[world, particle] = source.points[world, particle]
-        target.velocities[world, particle] = source.velocities[world, particle]
-    for balloon in range(thread, source.pressures.shape[1], threads):
-        target.inflation_loads[world, balloon] = source.inflation_loads[world, balloon]
-        target.pressures[world, balloon] = source.pressures[world, balloon]
-        target.pressure_slopes[world, balloon] = source.pressure_slopes[world, balloon]
-        target.gas_amounts[world, balloon] = source.gas_amounts[world, balloon]
-        target.free_volumes[world, balloon] = source.free_volumes[world, balloon]
+def copy_bodies(source: WorldState, target: WorldState, world: wp.int32, thread: wp.int32, threads: wp.int32):
+    """What of a world substeps change in the state, by so many threads: spheres and gas. Particles stay as they were
+    until a frame has ended well."""
+    if source.gas_amounts.shape[1] > 0:
+        for balloon in range(thread, target.gas_amounts.shape[1], threads):
+            target.inflation_loads[world, balloon] = source.inflation_loads[world, balloon]
+            target.pressures[world, balloon] = source.pressures[world, balloon]
+            target.pressure_slopes[world, balloon] = source.pressure_slopes[world, balloon]
+            target.gas_amounts[world, balloon] = source.gas_amounts[world, balloon]
+            target.free_volumes[world, balloon] = source.free_volumes[world, balloon]
     for tube in range(thread, source.tube_flows.shape[1], threads):
         target.tube_flows[world, tube] = source.tube_flows[world, tube]
     for sphere in range(thread, source.sphere_positions.shape[1], threads):
         target.sphere_positions[world, sphere] = source.sphere_positions[world, sphere]
         target.sphere_velocities[world, sphere] = source.sphere_velocities[world, sphere]
         target.sphere_forces[world, sphere] = source.sphere_forces[world, sphere]
-    if thread == 0:
-        target.first_bad[world] = source.first_bad[world]
+
+
+@wp.func
+def larger_extent(a: Extent, b: Extent):
+    """Of two."""
+    return wp.max(a, b)
 
 
 @cache
@@ -79,36 +89,30 @@ def surround_kernel(traits: Traits) -> Any:
         free: FreeFrames,
         before: WorldState,
     ):
-        """A block a (world, balloon). The first of a world remembers what it was before."""
+        """A block a (world, balloon). The first of a world remembers what was before."""
         world, balloon, thread = wp.tid()
         if balloon == 0:
-            copy_world(state, before, world, thread, wp.block_dim())
-        lower = wp.vec3(FAR_AWAY)
-        upper = wp.vec3(-FAR_AWAY)
-        fastest = float(0.0)
+            copy_bodies(state, before, world, thread, wp.block_dim())
+        extent = Extent(-FAR_AWAY)
         for particle in range(t.particles.offsets[balloon] + thread, t.particles.offsets[balloon + 1], wp.block_dim()):
-            lower = wp.min(lower, state.points[world, particle])
-            upper = wp.max(upper, state.points[world, particle])
-            fastest = wp.max(fastest, wp.length_sq(state.velocities[world, particle]))
-        x = wp.tile_min(wp.tile(lower[0]))[0]
-        y = wp.tile_min(wp.tile(lower[1]))[0]
-        z = wp.tile_min(wp.tile(lower[2]))[0]
-        x_end = wp.tile_max(wp.tile(upper[0]))[0]
-        y_end = wp.tile_max(wp.tile(upper[1]))[0]
-        z_end = wp.tile_max(wp.tile(upper[2]))[0]
-        speed = wp.tile_max(wp.tile(fastest))[0]
+            p = state.points[world, particle]
+            squared = wp.length_sq(state.velocities[world, particle])
+            extent = wp.max(extent, Extent(p[0], p[1], p[2], -p[0], -p[1], -p[2], squared))
+        whole = wp.tile_reduce(larger_extent, wp.tile(extent, preserve_type=True))[0]
         if thread == 0:
-            first = wp.vec3(x, y, z)
-            last = wp.vec3(x_end, y_end, z_end)
-            free.boxes[world, balloon, LOWER] = first
-            free.boxes[world, balloon, UPPER] = last
+            lower = -wp.vec3(whole[3], whole[4], whole[5])
+            upper = wp.vec3(whole[0], whole[1], whole[2])
+            free.boxes[world, balloon, LOWER] = lower
+            free.boxes[world, balloon, UPPER] = upper
             clearance = float(FAR_AWAY)
             if wp.static(traits.fixtures):
                 begin = float(state.frame[0]) * t.frame_seconds
-                clearance = free_ball(t, world, begin, 0.5 * (first + last), 0.5 * wp.length(last - first))
+                clearance = free_ball(t, world, begin, 0.5 * (lower + upper), 0.5 * wp.length(upper - lower))
                 clearance -= t.fixtures.fastest * t.frame_seconds
             free.alone[world, balloon, CLEARANCE] = clearance
-            free.alone[world, balloon, SPEED] = wp.sqrt(speed)
+            free.alone[world, balloon, SPEED] = wp.sqrt(whole[6])
+            if world == 0 and balloon == 0:
+                free.any_busy[0] = 0
 
     return surround_balloons
 
@@ -147,29 +151,36 @@ def judge_kernel(traits: Traits) -> Any:
             way = 0.0
         wanted = FASTER * fastest * t.frame_seconds + GAINED * t.frame_seconds * t.frame_seconds
         free.ways[world] = way
-        free.verdicts[world] = wp.where(way > wanted, FREE, BUSY)  # what is not finite is busy
+        free.verdicts[world] = FREE
+        if not (way > wanted):  # or it is not finite
+            free.verdicts[world] = BUSY
+            free.any_busy[0] = 1
 
     return judge_worlds
 
 
 @wp.func
-def note_hurry(free: FreeFrames, world: wp.int32, squared: float, substeps: wp.int32):
-    """Whether a particle went too far, of which the longest way in a substep is given, squared [m^2]."""
-    if not (float(substeps) * wp.sqrt(squared) < free.ways[world]):
-        free.verdicts[world] = HURRIED
+def goes_too_far(free: FreeFrames, world: wp.int32, fastest: float, frame_seconds: float):
+    """Whether a particle may have left what was free, from its highest speed in the frame, squared [m^2/s^2]."""
+    return not (frame_seconds * wp.sqrt(fastest) < free.ways[world])
+
+
+@wp.func
+def note_hurry(free: FreeFrames, world: wp.int32):
+    """A particle of the world went further than was free."""
+    free.verdicts[world] = HURRIED
+    free.any_busy[0] = 1
 
 
 @wp.kernel(enable_backward=False)
-def put_worlds_back(
+def put_bodies_back(
     # in
     free: FreeFrames,
     before: WorldState,
     # state out
     state: WorldState,
 ):
-    """A block a world: those whose frame was not free are where they were before it. One of all counts the frame."""
-    world, thread = wp.tid()
+    """A thread a world: where its frame was not free, spheres and gas are as they were before it."""
+    world = wp.tid()
     if free.verdicts[world] != FREE:
-        copy_world(before, state, world, thread, wp.block_dim())
-    if world == 0 and thread == 0:
-        state.frame[0] = state.frame[0] + 1
+        copy_bodies(before, state, world, 0, 1)

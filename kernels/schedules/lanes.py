@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes, Lanes3, larger, squared_length, times
+from balloon_warp.kernels.algebra import Lanes, Lanes3, larger, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.schedules.lanes_contact import (
@@ -120,6 +120,7 @@ def particle_steps(traits: Traits, layout: Layout) -> Any:
     inflation = inflation_of(traits)
     drift = drift_of(traits)
     leave = leave_function(traits, layout) if traits.leaves_at_once else None
+    squared_speed = free_functions(traits, layout)[1]
 
     @wp.func
     def push_and_move(
@@ -171,8 +172,9 @@ def particle_steps(traits: Traits, layout: Layout) -> Any:
                 point = out
                 velocity = after
             if wp.static(traits.frames == "free"):
-                way = squared_length(point - of_item(points, item))
-                lanes.farthest[group] = larger(lanes.farthest[group], way)
+                lanes.fastest[group] = larger(
+                    lanes.fastest[group], squared_speed(t, of_item(points, item), point, velocity)
+                )
             lanes.velocities[group, item] = velocity
             put_item(new_points, item, point)
 
@@ -195,7 +197,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     correct = correct_function(traits, layout) if traits.corrected else None
     touch = touch_function(traits, layout) if traits.impulses else None
     leave_all = leave_all_function(traits, layout) if traits.leaves_together else None
-    any_free, note_hurried_worlds = free_functions(layout) if traits.frames == "free" else (None, None)
+    any_free, _, note_hurried_worlds = free_functions(traits, layout)
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_lanes(
@@ -243,8 +245,8 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
                 touch(t, state, lanes, group, new_points)
             if wp.static(traits.leaves_together):
                 leave_all(t, state, lanes, group, time + t.step_seconds, new_points)
-        write_lanes(t, state, lanes, group, new_points)
         if wp.static(traits.frames == "free"):
             note_hurried_worlds(t, lanes, group)
+        write_lanes(t, state, lanes, group, new_points)
 
     return advance_lanes

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, of_lane, set_lane
+from balloon_warp.kernels.schedules.free_frames import FREE
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_radius
@@ -95,8 +96,11 @@ def write_function(traits: Traits, layout: Layout) -> Any:
                 particle = item
                 if wp.static(not layout.worlds):
                     particle = t.particles[LANE_COUNT * item + lane]
-                if particle >= 0 and places.is_other(group, lane, t.world_count):
-                    world = places.world(group, lane, t.world_count)
+                world = places.world(group, lane, t.world_count)
+                ends = particle >= 0 and places.is_other(group, lane, t.world_count)
+                if wp.static(traits.frames == "free"):
+                    ends = ends and lanes.free.verdicts[world] == FREE
+                if ends:
                     state.points[world, particle] = of_lane(point, lane)
                     state.velocities[world, particle] = of_lane(velocity, lane)
 

@@ -110,8 +110,8 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         sphere_squared_radii: wp.array2d[Lanes]
         free: FreeFrames
         """which worlds have a free frame; empty unless balloons touch"""
-        farthest: wp.array[Lanes]
-        """squared way in a substep, the longest so far in each lane [m^2]"""
+        fastest: wp.array[Lanes]
+        """square of the highest speed so far in each lane, in a free frame [m^2/s^2]"""
 
     @wp.struct
     class LaneOwn:

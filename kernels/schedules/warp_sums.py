@@ -1,0 +1,100 @@
+"""Sums over the particles of a block on a GPU: each warp puts those of its own into shared memory, and adds up what all
+have put. On a CPU a block has one thread."""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.impulse import Press
+
+Five = wp.types.vector(length=5, dtype=wp.float32)
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    // As for vectors: threads share the numbers out among them, then each adds up one.
+    const unsigned all = 0xffffffffu;
+    const bool upper_half = threadIdx.x & 16, upper_quarter = threadIdx.x & 8, upper_eighth = threadIdx.x & 4;
+    float halves[4], quarters[2];
+    for (int n = 0; n < 4; ++n) {
+        const float low = v[n], high = n == 0 ? v[4] : 0.0f;
+        halves[n] = (upper_half ? high : low) + __shfl_xor_sync(all, upper_half ? low : high, 16);
+    }
+    for (int n = 0; n < 2; ++n) {
+        const float low = halves[n], high = halves[n + 2];
+        quarters[n] = (upper_quarter ? high : low) + __shfl_xor_sync(all, upper_quarter ? low : high, 8);
+    }
+    float one = (upper_eighth ? quarters[1] : quarters[0])
+        + __shfl_xor_sync(all, upper_eighth ? quarters[0] : quarters[1], 4);
+    one += __shfl_xor_sync(all, one, 2);
+    one += __shfl_xor_sync(all, one, 1);
+    if ((threadIdx.x & 3) == 0) {
+        float& word = ((float*)words)[first + (threadIdx.x & 31) / 4];
+        word = one + (added ? word : 0.0f);
+    }
+#else
+    for (int n = 0; n < 5; ++n) {
+        float& word = ((float*)words)[first + n];
+        word = v[n] + (added ? word : 0.0f);
+    }
+#endif
+    """
+)
+def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
+    """The sums over the threads of the warp into shared words, from `first` on, or added to what stands there: eight
+    numbers of which the last three are 0; by all threads of the warp."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
+    const unsigned all = 0xffffffffu;
+    const int lane = threadIdx.x & 31;
+    float total = 0.0f;
+    for (int n = lane; n < 8 * count; n += 32) {
+        total += ((const float*)words)[first + n];
+    }
+    total += __shfl_xor_sync(all, total, 16);
+    total += __shfl_xor_sync(all, total, 8);
+    wp::vec_t<5, float> sums;
+    for (int n = 0; n < 5; ++n) {
+        sums[n] = __shfl_sync(all, total, n);
+    }
+    return sums;
+#else
+    wp::vec_t<5, float> sums;
+    for (int n = 0; n < 5; ++n) {
+        sums[n] = ((const float*)words)[first + n];
+    }
+    return sums;
+#endif
+    """
+)
+def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
+    """The sums of what so many warps put, by all threads of a warp, which get the same to the last bit every time."""
+    ...
+
+
+@wp.func_native(
+    """
+    wp::vec_t<18, float> sums;
+#if defined(__CUDA_ARCH__)
+    float total = 0.0f;
+    for (int n = 0; n < count; ++n) {
+        total += ((const float*)words)[first + 32 * n + (threadIdx.x & 31)];
+    }
+    for (int n = 0; n < 18; ++n) {
+        sums[n] = __shfl_sync(0xffffffffu, total, n);
+    }
+#else
+    for (int n = 0; n < 18; ++n) {
+        sums[n] = ((const float*)words)[first + n];
+    }
+#endif
+    return sums;
+    """
+)
+def sum_of_presses(words: wp.uint64, first: wp.int32, count: wp.int32) -> Press:
+    """The sums of what so many warps put, in 32 words each, by all threads of a warp, which get the same to the
+    last bit every time."""
+    ...
