@@ -125,6 +125,16 @@ def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
 
 
 @wp.func
+def share_of_contact(crowd: float):
+    """How much of its stiffness and of its damping a contact keeps where more meet than the step allows for.
+
+    Args:
+        crowd: the contacts of the busiest of its particles, over those that are allowed for.
+    """
+    return 1.0 / wp.max(crowd, 1.0)
+
+
+@wp.func
 def touch_damping(stiffness: float, mass: float):
     """c [N s/m] of a contact, of the reduced mass [kg]."""
     return 2.0 * DAMPING_RATIO * wp.sqrt(stiffness * mass)
