@@ -1,12 +1,18 @@
-"""Balloons that touch at many places at once, as slack ones do that crumple: no particle is thrown off."""
+"""Balloons that touch at many places at once, as slack ones do that crumple: no particle is thrown off, and what is
+left out is told."""
+
+import re
+from typing import Any
 
 import numpy as np
 import pytest
 from conserved import masses, motion
 from meshes import grid, mesh_of, quad_sphere
-from touching import RADIUS, SLACK, VACUUM, ball, energy, touching
+from touching import RADIUS, SLACK, VACUUM, ball, energy, fast, pile, touching
 
-from balloon_warp.scene import Atmosphere, Balloon, Ground, Scene, Stiffness, Touch
+from balloon_warp import Cluster, run_batch
+from balloon_warp.job import animate
+from balloon_warp.scene import Atmosphere, Balloon, Ground, Scene, Stiffness, Touch, load_scene
 from balloon_warp.schedules.choose import TOUCHING
 from balloon_warp.simulator import Simulator
 
@@ -71,3 +77,33 @@ def test_what_crumples_is_no_faster_than_it_falls(count, fineness, softness, way
     assert touching(simulator) > 20
     assert max(fastest) < 1.2 * fall
     assert np.max(energies - np.minimum.accumulate(energies)) < 0.03 * energies[0]
+
+
+def test_what_has_no_place_in_a_list_is_told(device, tmp_path):
+    told: dict[str, list[str]] = {"fast": [], "slow": []}
+    for scene, name in ((fast(), "fast"), (pile(), "slow")):
+        animate(
+            load_scene(scene, {"frames": 4}), tmp_path / f"{name}.usdc", device=device, on_warning=told[name].append
+        )
+    (sentence,) = told["fast"]
+    assert re.match(
+        r"touch: [\d,]+ times a particle had more triangles of a balloon near than the 24 nearest", sentence
+    )
+    assert not told["slow"]
+
+
+@pytest.mark.parametrize("spread", [False, True])
+def test_a_batch_tells_it_of_all_worlds(spread, device, tmp_path):
+    """Worlds that are alike have each as many as one alone, here and in shares."""
+
+    def count(sentences: list[str]) -> int:
+        (sentence,) = (each for each in sentences if each.startswith("touch: "))
+        return int(sentence.split()[1].replace(",", ""))
+
+    scene = load_scene(fast(), {"frames": 4})
+    told: list[str] = []
+    alone: list[str] = []
+    where: dict[str, Any] = {"cluster": Cluster(workers=2)} if spread else {"device": device}
+    animate(scene, tmp_path / "one.usdc", device="cpu" if spread else device, on_warning=alone.append)
+    run_batch(scene, tmp_path, 16, schedule="gather", on_warning=told.append, **where)
+    assert count(told) == 16 * count(alone)

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import warp as wp
 
 from balloon_warp.kernels.schedules.advance import advance_kernel
-from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
@@ -16,6 +15,7 @@ from balloon_warp.schedules.fixtures import look_array
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 Moving = tuple[wp.array, wp.array]
@@ -47,13 +47,12 @@ class LaunchedSchedule(ABC):
     @property
     def remarks(self) -> list[str]:
         """What it could not do in full since it was made, in sentences."""
-        crowded = int(self.pieces.working.crowded.numpy().sum())
-        if not crowded:
-            return []
-        return [
-            f"touch: {crowded:,} times a particle had more triangles of a balloon near than the "
-            f"{int(MOST_OF_BALLOON)} nearest, which it keeps until the next search; more substeps help"
-        ]
+        return crowding_remarks(self.crowded)
+
+    @property
+    def crowded(self) -> int:
+        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        return int(self.pieces.working.crowded.numpy().sum())
 
     @staticmethod
     @abstractmethod

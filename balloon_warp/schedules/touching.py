@@ -6,7 +6,7 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.launched_press import press_kernel, take_counts
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, box_parts, meet_kernel
-from balloon_warp.kernels.schedules.touch_lists import MOST_TRIANGLES, find_kernel
+from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES, find_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -61,6 +61,16 @@ class TouchPieces:
         m, threads = self.model, self._particle_threads
         inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
         wp.launch(press_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
+
+
+def crowding_remarks(crowded: int) -> list[str]:
+    """What is to be said of so many triangles without a place in a list."""
+    if not crowded:
+        return []
+    return [
+        f"touch: {crowded:,} times a particle had more triangles of a balloon near than the {int(MOST_OF_BALLOON)} "
+        "nearest, which it keeps until the next search; more substeps help"
+    ]
 
 
 def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
