@@ -35,7 +35,7 @@ TOUCH = (
         least=0.0,
         of="world",
         path="touch.friction",
-        meaning="Coulomb's coefficient, between balloons",
+        meaning="Coulomb's coefficient of balloons that do not say their own, between balloons",
     ),
     Parameter(
         "touch_thickness",

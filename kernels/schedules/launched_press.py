@@ -12,6 +12,7 @@ from balloon_warp.kernels.loops.meeting import (
     comes_at,
     corner_counts,
     is_nearer,
+    pair_friction_function,
     skin_functions,
     touch,
 )
@@ -81,7 +82,7 @@ def press_function(traits: Traits) -> Any:
     """The function by which a particle touches one triangle."""
     thickness_between, stiffness_between = skin_functions(traits)
     mass_column = traits.columns.places["mass"]
-    friction_column = traits.columns.places["touch_friction"] - traits.columns.balloon_width
+    pair_friction = pair_friction_function(traits)
 
     @wp.func
     def ease_of_moving(t: Tables, world: wp.int32, particle: wp.int32):
@@ -133,7 +134,7 @@ def press_function(traits: Traits) -> Any:
         kept = wp.vec4()
         if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
-            told.friction = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), friction_column]
+            told.friction = pair_friction(t, world, own, other)
             told.first = first
             told.crowd = wp.max(
                 wp.max(crowd_at(t, working, world, particle), crowd_at(t, working, world, corners[0])),
