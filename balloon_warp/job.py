@@ -17,6 +17,7 @@ from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
 from balloon_warp.provenance import without_folders
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
 from balloon_warp.scene import Scene, SceneLike, scene_of
+from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.simulator import Simulator
 
 
@@ -143,7 +144,7 @@ def _look_at_the_end(simulator: Simulator, on_warning: Callable[[str], None]) ->
     endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
     for sentence in ending_sentences(endings):
         on_warning(sentence)
-    for sentence in getattr(simulator.schedule, "remarks", ()):
+    for sentence in crowding_remarks(simulator.schedule.crowded):
         on_warning(sentence)
     return endings
 

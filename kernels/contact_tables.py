@@ -68,6 +68,8 @@ class TouchTable:
     [m]"""
     depth: wp.array[float]
     """of each balloon, down to which what is inside is pushed out the nearest way [m]"""
+    crowd: wp.array[float]
+    """of each balloon, contacts on a particle that the step allows for"""
     stiffness: wp.array2d[float]
     """of each balloon's contacts, where the scene does not say it [N/m]"""
     rest_points: wp.array[wp.vec3]

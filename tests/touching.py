@@ -32,6 +32,14 @@ def collision(speed: float = 2.0, touch: Touch | None = None, **fields: Any) -> 
     return Scene(**{"balloon": balls, "touch": touch or Touch(), "substeps": 48} | VACUUM | fields)
 
 
+def fast() -> Scene:
+    """At 20 m/s towards each other, nearly along their centers, a twentieth of their radius in a substep, filled with
+    air."""
+    air = Inflation(kind="gas", start_pressure=30.0)
+    balls = [ball(x, 0.1 * x, 0.0, velocity=(-10.0 * x, 0.0, 0.0), inflation=air) for x in (-1, 1)]
+    return Scene(balloon=balls, touch=Touch(), **VACUUM)
+
+
 def pile(**fields: Any) -> Scene:
     """A ball on another, on the ground, which keeps them where they are."""
     balls = [ball(0.0, 0.52, 0.0, damping=0.6), ball(0.0, 1.56, 0.0, damping=0.6)]

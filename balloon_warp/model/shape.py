@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
+from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
@@ -50,6 +51,11 @@ class BalloonShape:
     def hinges(self) -> Hinges:
         """Where torsion springs would be."""
         return build_hinges(self.mesh)
+
+    @cached_property
+    def area(self) -> float:
+        """Of its surface at the start [m^2]."""
+        return total_area(self.mesh)
 
     @property
     def warnings(self) -> list[str]:

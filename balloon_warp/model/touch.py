@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.touch import DAMPING_RATIO
-from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.model.bounds import Bound
@@ -52,6 +51,20 @@ def edge_length(mesh: PolygonMesh) -> float:
     return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
+def crowd_of(shapes: Sequence[BalloonShape], number: int, itself: bool) -> float:
+    """Contacts on a particle of a balloon where even surfaces lie on each other: its own, and as a corner of triangles
+    those of others, as many as fit into what is its own of the surface."""
+    counts = np.array([shape.mesh.vertex_count for shape in shapes])
+    areas = np.array([shape.area for shape in shapes]) / counts
+    crowds = np.clip(areas[number] / np.maximum(areas, 1e-30), 1.0, counts)
+    return 1.0 + float(np.max(crowds[_met_by(number, len(shapes), itself)]))
+
+
+def _met_by(number: int, count: int, itself: bool) -> NDArray[np.bool_]:
+    """Which of so many balloons one may touch."""
+    return (np.arange(count) != number) | itself
+
+
 def bound_of_touch(
     scene: Scene, shapes: Sequence[BalloonShape], number: int, parameters: Parameters
 ) -> dict[Bound, NDArray[np.float64]]:
@@ -61,22 +74,17 @@ def bound_of_touch(
     A particle meets a surface, and is a corner of triangles that others meet: as many as fit into what is its own of
     the surface. When two surfaces move against each other, all of that pulls it back, twice; and then their springs
     rest. While springs are at their stiffest, neighbors go opposite ways, and what a triangle's corners bear is evened
-    out: it counts half. Where contacts are stiffer than springs, they set the step alone.
+    out: it counts half. Where contacts are stiffer than springs, they set the step alone. Where more meet than that, as
+    in what crumples, they share (`share_of_contact`), so that the step is stable in every state.
     """
     if not scene.touches:
         return {}
     said, own = parameters["touch_stiffness"], parameters[STIFFNESSES]
-    counts = [shape.mesh.vertex_count for shape in shapes]
-    areas = np.array([total_area(shape.mesh) for shape in shapes]) / counts
-    stiffness, drag = np.zeros(1), np.zeros(1)
+    crowd = crowd_of(shapes, number, scene.touches_itself)
     mass = parameters["mass"][:, number] * shapes[number].mass_share.max()
-    for other in range(len(shapes)):
-        if other == number and not scene.touches_itself:
-            continue
-        crowd = 1.0 + min(max(areas[number] / max(areas[other], 1e-30), 1.0), counts[other])
-        between = 2.0 * own[:, number] * own[:, other] / (own[:, number] + own[:, other])
-        each = np.where(said < 0.0, between, said)
-        both = crowd * each
-        stiffness = np.maximum(stiffness, 0.5 * (both + np.maximum(both - own[:, number] / STIFFNESS, 0.0)))
-        drag = np.maximum(drag, 0.5 * crowd * 2.0 * float(DAMPING_RATIO) * np.sqrt(each * mass))
-    return {"stiffness": stiffness, "drag": drag}
+    others = own[:, _met_by(number, len(shapes), scene.touches_itself)]
+    between = 2.0 * own[:, number, None] * others / (own[:, number, None] + others)
+    each = np.where(said < 0.0, between.max(axis=1), said)
+    both = crowd * each
+    stiffness = 0.5 * (both + np.maximum(both - own[:, number] / STIFFNESS, 0.0))
+    return {"stiffness": stiffness, "drag": crowd * float(DAMPING_RATIO) * np.sqrt(each * mass)}

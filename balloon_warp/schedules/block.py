@@ -44,9 +44,9 @@ class BlockSchedule:
         return choosing_parameters(self._traits)
 
     @property
-    def remarks(self) -> list[str]:
-        """What it could not do in full since it was made, in sentences."""
-        return (self.busy.launch if self.busy else self._worlds).remarks
+    def crowded(self) -> int:
+        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        return (self.busy.launch if self.busy else self._worlds).crowded
 
     def advance_frame(self, state: State) -> None:
         """One frame, after the ramp of the inflation: in one launch, or the worlds that may meet something in one of

@@ -20,7 +20,7 @@ from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.touching import crowding_remarks, touch_arrays
+from balloon_warp.schedules.touching import touch_arrays
 
 BYTES_PER_PARTICLE = 24
 """two buffers of points"""
@@ -64,9 +64,9 @@ class BlockLaunch:
         look_array(model, room)
 
     @property
-    def remarks(self) -> list[str]:
-        """What it could not do in full since it was made, in sentences."""
-        return crowding_remarks(self.memory.contacts)
+    def crowded(self) -> int:
+        """As of a schedule."""
+        return int(self.memory.contacts.crowded.numpy().sum())
 
     def keep_time(self, state: State) -> None:
         """As it is when a frame begins."""

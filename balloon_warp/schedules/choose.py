@@ -28,6 +28,11 @@ class Schedule(Protocol):
         """Parameters after whose change it must be made anew."""
         ...
 
+    @property
+    def crowded(self) -> int:
+        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        ...
+
     def advance_frame(self, state: State) -> None:
         """Advance every world by one frame, in place: count it in `state.frame`, and lower `state.first_bad` of a world
         where a particle or sphere has come to where it cannot be."""

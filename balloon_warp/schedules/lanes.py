@@ -90,6 +90,11 @@ class LanesSchedule:
         look_array(model, room)
         return room.bytes // model.world_count
 
+    @property
+    def crowded(self) -> int:
+        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        return self.busy.launch.crowded if self.busy else 0
+
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""
         refresh_ramp(self.model, state)

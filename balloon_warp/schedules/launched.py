@@ -15,7 +15,6 @@ from balloon_warp.schedules.fixtures import look_array
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 Moving = tuple[wp.array, wp.array]
@@ -45,9 +44,9 @@ class LaunchedSchedule(ABC):
         return choosing_parameters(self.traits)
 
     @property
-    def remarks(self) -> list[str]:
-        """What it could not do in full since it was made, in sentences."""
-        return crowding_remarks(self.pieces.working)
+    def crowded(self) -> int:
+        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        return int(self.pieces.working.crowded.numpy().sum())
 
     @staticmethod
     @abstractmethod

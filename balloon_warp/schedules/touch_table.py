@@ -12,7 +12,7 @@ from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model
-from balloon_warp.model.touch import STIFFNESSES, THICKNESS, edge_length
+from balloon_warp.model.touch import STIFFNESSES, THICKNESS, crowd_of, edge_length
 
 SEARCH_SECONDS = 1.0 / 480.0
 """between two searches: balloons that meet at 10 m/s come 2 cm nearer meanwhile"""
@@ -63,6 +63,7 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.slack = array(SLACK * edges, float)
     extents = [np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).min() for shape in shapes]
     table.depth = array(DEPTH * np.array(extents), float)
+    table.crowd = array([crowd_of(shapes, number, traits.touches_itself) for number in range(len(shapes))], float)
     table.stiffness = model.parameters[STIFFNESSES]
     rest, boxes = np.zeros((0, 3)), np.zeros((0, 2, 3))
     if traits.touches_itself:

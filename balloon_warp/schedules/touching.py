@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.launched_press import press_kernel
+from balloon_warp.kernels.schedules.launched_press import press_kernel, take_counts
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, box_parts, meet_kernel
 from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES, find_kernel
 from balloon_warp.kernels.traits import Traits
@@ -47,12 +47,30 @@ class TouchPieces:
             wp.launch(box_parts, (m.world_count, parts), inputs, device=m.device)
         inputs = [t, particles, int(substep == 0), world_state(state), points, velocities, working]
         wp.launch(find_kernel(self._traits), (m.world_count, particles), inputs, device=m.device)
+        if substep == 0:  # what came before is not known where a run begins with a saved state
+            working.contact_quanta.zero_()
+            self._press(state, points, velocities, only_counts=True)
 
     def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
         """Particles that touch push and are pushed, until the forces are taken."""
         m, threads = self.model, self._particle_threads
-        inputs = [self._tables, threads, points, velocities, world_state(state), self._working]
+        wp.launch(take_counts, (m.world_count, threads), [threads, self._working], device=m.device)
+        self._press(state, points, velocities, only_counts=False)
+
+    def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
+        m, threads = self.model, self._particle_threads
+        inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
         wp.launch(press_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
+
+
+def crowding_remarks(crowded: int) -> list[str]:
+    """What is to be said of so many triangles without a place in a list."""
+    if not crowded:
+        return []
+    return [
+        f"touch: {crowded:,} times a particle had more triangles of a balloon near than the {int(MOST_OF_BALLOON)} "
+        "nearest, which it keeps until the next search; more substeps help"
+    ]
 
 
 def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
@@ -67,16 +85,7 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),
         "touch_quanta": room.array((worlds, particles, 3), wp.int64),
+        "contact_quanta": room.array((worlds, particles), wp.int64),
+        "contacts": room.array((worlds, particles), wp.float32),
         "crowded": room.array(worlds if traits.touches else 0, wp.int32),
     }
-
-
-def crowding_remarks(working: Any) -> list[str]:
-    """What lists of triangles could not hold, in sentences."""
-    crowded = int(working.crowded.numpy().sum())
-    if not crowded:
-        return []
-    return [
-        f"touch: {crowded:,} times a particle had more triangles of a balloon near than the "
-        f"{int(MOST_OF_BALLOON)} nearest, which it keeps until the next search; more substeps help"
-    ]

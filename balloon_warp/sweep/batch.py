@@ -14,6 +14,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.local import simulate_locally
@@ -122,7 +123,7 @@ def run_batch(
             on a cluster without the shares that are done, whatever the number of workers.
         on_frame: told the number of each frame when it is simulated; on a cluster, now and then, of the average world.
         on_note: told where the batch begins, and of an earlier one that was not finished, in a sentence.
-        on_warning: told what is odd about each mesh, what became of it, and which exported worlds end badly.
+        on_warning: told what is odd about each mesh, what became of it, how exported worlds end, what was left out.
 
     Raises:
         InputError: the scene cannot be simulated, a varied value or a law is wrong, the worlds do not fit into the
@@ -151,7 +152,7 @@ def run_batch(
     names = [*TABLE_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
-    for sentence in ending_sentences(outcome.bad_endings):
+    for sentence in [*ending_sentences(outcome.bad_endings), *crowding_remarks(outcome.crowded)]:
         on_warning(sentence)
     return _summary(task, outcome, name)
 

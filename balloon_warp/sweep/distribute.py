@@ -104,6 +104,7 @@ def distribute_batch(
             healthy_worlds=output.healthy_count,
             failures=journal.failures,
             bad_endings=endings,
+            crowded=journal.crowded,
             seconds=time.perf_counter() - began,
             resumed=journal.resumed,
             removed_stage=output.removed_stage,

@@ -44,6 +44,7 @@ def simulate_locally(
     failures = Failures()
     with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
         begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
+        crowded = sum(simulator.schedule.crowded for simulator in simulators)
         if output.healthy_count < task.world_count:
             failures = _report_all(task, output, simulators)
             simulators.clear()  # what begins again has their memory
@@ -59,6 +60,7 @@ def simulate_locally(
         healthy_worlds=output.healthy_count,
         failures=failures,
         bad_endings=endings,
+        crowded=crowded,
         seconds=time.perf_counter() - began,
         resumed=max(begin - 1, 0) / task.scene.frames,
         removed_stage=output.removed_stage,

@@ -52,6 +52,8 @@ class ShareResult:
     """a frame each, the start among them"""
     schedule: str
     failures: Failures
+    crowded: int
+    """as schedules count it"""
 
 
 def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:
@@ -111,12 +113,12 @@ def simulate_share(
             require_health(simulator, share, records[-1])
         on_frame(number)
     health = np.stack([record.healthy for record in records])
-    failures = Failures(report_failures(simulator, share, health))
+    failures, crowded = Failures(report_failures(simulator, share, health)), simulator.schedule.crowded
     del simulator, recorder  # what begins again has their memory
     if on_blowup == "restart":
         bad, put = np.flatnonzero(health[-1] == 0), partial(_replace, records)
         failures.restarted = restart_failures(share, bad, chosen, model.device, settled, put)
-    return ShareResult(records, settled, failures)
+    return ShareResult(records, settled, failures, crowded)
 
 
 def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> None:

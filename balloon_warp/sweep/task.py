@@ -51,6 +51,8 @@ class Outcome:
     failures: Failures
     bad_endings: list[BadEnding]
     """in worlds of the stage"""
+    crowded: int
+    """as schedules count it, since this batch began or went on"""
     seconds: float
     """of simulating and writing"""
     resumed: float

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from balloon_warp.kernels.laws.body import MASS
-from balloon_warp.kernels.laws.contact import GROUND
+from balloon_warp.kernels.laws.contact import FRICTION, GROUND
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Law, Parameter
@@ -52,7 +52,15 @@ class Columns:
 def columns_of(laws: Sequence[Law]) -> Columns:
     """What these laws ask for, and what springs, inertia, gas, the ground and touching
     balloons do, each once. The kinds of springs stand first."""
-    asked = (*KINDS, MASS, *GAS, *GROUND, *TOUCH, *(parameter for law in laws for parameter in law.parameters))
+    asked = (
+        *KINDS,
+        MASS,
+        *GAS,
+        FRICTION,
+        *GROUND,
+        *TOUCH,
+        *(parameter for law in laws for parameter in law.parameters),
+    )
     by_name = {parameter.name: parameter for parameter in reversed(asked)}
     ordered = [by_name[name] for name in dict.fromkeys(parameter.name for parameter in asked)]
     return Columns(

@@ -43,6 +43,24 @@ def leave_sphere(
 
 
 @wp.func
+def own_friction(own: float, otherwise: float):
+    """A balloon's own coefficient; where it does not say it, what else would be."""
+    return wp.where(own < 0.0, otherwise, own)
+
+
+@wp.func
+def friction_between(first: float, second: float):
+    """Coulomb's coefficient of two surfaces: the geometric mean of theirs, so that two alike have their own."""
+    return wp.where(first == second, first, wp.sqrt(first * second))
+
+
+@wp.func
+def friction_on(own: float, its: float):
+    """The same, of a balloon on what is none."""
+    return friction_between(own_friction(own, its), its)
+
+
+@wp.func
 def stand_on(
     place: wp.vec3,
     velocity: wp.vec3,
@@ -120,6 +138,17 @@ def move_sphere(
     return position, velocity
 
 
+AS_OTHERS = -1.0
+"""friction of a balloon that does not say its own"""
+FRICTION = Parameter(
+    "balloon_friction",
+    "1",
+    AS_OTHERS,
+    least=0.0,
+    path="friction",
+    meaning="Coulomb's coefficient: between two, the geometric mean of both; that of what it meets when missing, of "
+    "`touch.friction` where that is a balloon",
+)
 NO_GROUND = -1.0e30
 """height [m] of a ground that is not there"""
 GROUND = (

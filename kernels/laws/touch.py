@@ -35,7 +35,7 @@ TOUCH = (
         least=0.0,
         of="world",
         path="touch.friction",
-        meaning="Coulomb's coefficient, between balloons",
+        meaning="Coulomb's coefficient of balloons that do not say their own, between balloons",
     ),
     Parameter(
         "touch_thickness",
@@ -122,6 +122,16 @@ def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
     if wp.min(weights) > 0.0 or distance * distance <= NEAR * NEAR * wp.length(area_vector):
         return wp.normalize(area_vector)
     return arm * (wp.where(wp.dot(arm, area_vector) < 0.0, -1.0, 1.0) / wp.max(distance, LEAST))
+
+
+@wp.func
+def share_of_contact(crowd: float):
+    """How much of its stiffness and of its damping a contact keeps where more meet than the step allows for.
+
+    Args:
+        crowd: the contacts of the busiest of its particles, over those that are allowed for.
+    """
+    return 1.0 / wp.max(crowd, 1.0)
 
 
 @wp.func

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import stand_on
+from balloon_warp.kernels.laws.contact import friction_on, stand_on
 from balloon_warp.kernels.laws.fixture import (
     BOX,
     CAPSULE,
@@ -35,7 +35,8 @@ class Around:
     world: wp.int32
     particle: wp.int32
     ground_height: float
-    ground_friction: float
+    ground_friction: float  # between it and the particle's balloon
+    friction: float  # of that balloon, negative where it does not say it
     time: float  # [s]
 
 
@@ -219,9 +220,10 @@ def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, point: 
 
 
 @wp.func
-def friction_of(t: Tables, world: wp.int32, fixture: wp.int32):
-    """Coulomb's coefficient."""
-    return t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), fixture]
+def friction_of(t: Tables, around: Around, fixture: wp.int32):
+    """Coulomb's coefficient, between an obstacle and a particle."""
+    its = t.fixtures.frictions[row_of_world(around.world, t.fixtures.frictions.shape[0]), fixture]
+    return friction_on(around.friction, its)
 
 
 @cache
@@ -230,23 +232,23 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     meet = meeting_function(traits)
 
     @wp.func
-    def leave_fixtures(t: Tables, world: wp.int32, particle: wp.int32, time: float, point: wp.vec3, velocity: wp.vec3):
+    def leave_fixtures(t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3):
         """A particle's point and velocity outside of all of them, at the end of a step. Distances are 1-Lipschitz: one
         look tells for how far the particle need not look again."""
-        if not is_free(t, world, particle, time, point):
+        if not is_free(t, around.world, around.particle, around.time, point):
             start = point - t.step_seconds * velocity
             free = float(FAR_AWAY)
             for fixture in range(t.fixtures.kinds.shape[0]):
-                met = meet(t, world, fixture, time, start, point, 0.0)
+                met = meet(t, around.world, fixture, around.time, start, point, 0.0)
                 free = wp.min(free, met.free)
                 if wp.length_sq(met.normal) > 0.0:
-                    friction = friction_of(t, world, fixture)
+                    friction = friction_of(t, around, fixture)
                     step = met.part * t.step_seconds
                     stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
                     velocity = slowed
-            t.fixtures.looks[world, particle] = wp.vec4(
-                point[0], point[1], point[2], SURELY * free + t.fixtures.fastest * time
+            t.fixtures.looks[around.world, around.particle] = wp.vec4(
+                point[0], point[1], point[2], SURELY * free + t.fixtures.fastest * around.time
             )
         return point, velocity
 
@@ -261,7 +263,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
             for fixture in range(t.fixtures.kinds.shape[0]):
                 met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
                 if wp.length_sq(met.normal) > 0.0:
-                    friction = friction_of(t, around.world, fixture)
+                    friction = friction_of(t, around, fixture)
                     stood, _slowed = stand_on(
                         met.let, velocity, met.moving, met.normal, friction, met.part * t.step_seconds
                     )

@@ -6,12 +6,14 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.laws.contact import friction_between, own_friction
 from balloon_warp.kernels.laws.touch import (
     across,
     facing,
     nearest_weights,
     quotient,
     reach_gradient,
+    share_of_contact,
     touch_friction,
     touch_push,
     weighted,
@@ -108,6 +110,24 @@ def skin_functions(traits: Traits) -> tuple[Any, Any]:
     return thickness_between, stiffness_between
 
 
+@cache
+def pair_friction_function(traits: Traits) -> Any:
+    """The function that gives Coulomb's coefficient between two balloons."""
+    touch_column = traits.columns.places["touch_friction"] - traits.columns.balloon_width
+    own_column = traits.columns.places["balloon_friction"]
+
+    @wp.func
+    def pair_friction(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
+        said = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), touch_column]
+        row = row_of_world(world, t.balloon_numbers.shape[0])
+        return friction_between(
+            own_friction(t.balloon_numbers[row, first, own_column], said),
+            own_friction(t.balloon_numbers[row, second, own_column], said),
+        )
+
+    return pair_friction
+
+
 @wp.struct
 class Touching:
     """What a contact is told, beside where it is."""
@@ -117,6 +137,7 @@ class Touching:
     thickness: float  # [m]
     stiffness: float  # [N/m]
     friction: float
+    crowd: float  # contacts of the busiest of the four, over those that the step allows for
     masses: wp.vec4  # 1 over those of particle and corners [1/kg]
     first: bool  # whether the particle's hold is of this contact
     step_seconds: float
@@ -133,15 +154,52 @@ class Pushes:
 
 
 @wp.func
-def what_pushes(hold: wp.vec4, overlap: float, approach: float, step_seconds: float):
+def what_pushes(pushed: float, overlap: float, approach: float, step_seconds: float):
     """How much of an overlap pushes [m]: what came about by moving, so that it has taken the energy that it gives.
 
     The rest was there at the start, or is there because another triangle, or another side, has become the nearest. It
     begins to push slowly.
+
+    Args:
+        pushed: how much did before [m].
     """
-    before = wp.min(wp.abs(hold[3]), overlap)
-    come = before + step_seconds * approach + (APART_RATE * step_seconds) * (overlap - before)
+    before = wp.min(pushed, overlap)
+    rest = overlap - before
+    more = wp.where(approach > -APART_RATE * rest, (APART_RATE * step_seconds) * rest, 0.0)
+    come = before + step_seconds * approach + more
     return wp.clamp(come, 0.0, overlap)
+
+
+@wp.func
+def reach_of(side: float, place: Place, corners: wp.mat33):
+    """G of each corner, row by row [1/m]; nothing where the arm is longer than the triangle is high, which would need
+    forces out of all proportion."""
+    normal = side * place.normal
+    area_vector = side * place.area_vector
+    first = reach_gradient(normal, corners[2] - corners[1], area_vector)
+    second = reach_gradient(normal, corners[0] - corners[2], area_vector)
+    third = reach_gradient(normal, corners[1] - corners[0], area_vector)
+    steepest = wp.max(wp.max(wp.length_sq(first), wp.length_sq(second)), wp.length_sq(third))
+    if place.gap * place.gap * steepest >= 1.0:
+        return wp.mat33()
+    return wp.matrix_from_rows(first, second, third)
+
+
+@wp.func
+def comes_at(told: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
+    """Whether a particle touches, or does so two substeps later if it goes on: until then it is counted."""
+    relative = velocity - weighted(place.weights, moving[0], moving[1], moving[2])
+    approach = -told.side * wp.dot(relative, place.normal)
+    return told.overlap + 2.0 * told.step_seconds * wp.max(approach, 0.0) > 0.0
+
+
+@wp.func
+def corner_counts(side: float, place: Place, corners: wp.mat33):
+    """How much of a contact it is to each corner of a triangle: how much of its forces they bear. To the particle it is
+    a whole one."""
+    reach = reach_of(side, place, corners)
+    arm = wp.abs(place.gap)
+    return place.weights + arm * wp.vec3(wp.length(reach[0]), wp.length(reach[1]), wp.length(reach[2]))
 
 
 @wp.func
@@ -155,42 +213,40 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     """
     normal = told.side * place.normal
     gap = told.side * place.gap
-    area_vector = told.side * place.area_vector
-    first = reach_gradient(normal, corners[2] - corners[1], area_vector)
-    second = reach_gradient(normal, corners[0] - corners[2], area_vector)
-    third = reach_gradient(normal, corners[1] - corners[0], area_vector)
-    # an arm longer than the triangle is high would need forces out of all proportion
-    steepest = wp.max(wp.max(wp.length_sq(first), wp.length_sq(second)), wp.length_sq(third))
-    reaches = steepest > 0.0 and gap * gap * steepest < 1.0
-    if not reaches:
-        first = wp.vec3()
-        second = wp.vec3()
-        third = wp.vec3()
+    reach = reach_of(told.side, place, corners)
+    first = reach[0]
+    second = reach[1]
+    third = reach[2]
+    reaches = wp.ddot(reach, reach) > 0.0
     w = place.weights
     rises = wp.vec3(wp.dot(moving[0], normal), wp.dot(moving[1], normal), wp.dot(moving[2], normal))
     relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
     approach = -wp.dot(relative, normal)
-    mass = 1.0 / (
+    share = share_of_contact(told.crowd)
+    root = wp.sqrt(share)  # what a contact keeps is its energy's root, which stays where its share changes
+    stiffness = share * told.stiffness
+    mass = share / (
         told.masses[0] + w[0] * w[0] * told.masses[1] + w[1] * w[1] * told.masses[2] + w[2] * w[2] * told.masses[3]
     )
     slip = wp.vec3()
     overlap = told.overlap
     if told.first:
-        overlap = what_pushes(hold, overlap, approach, told.step_seconds)
-        slip = wp.vec3(hold[0], hold[1], hold[2])
+        overlap = what_pushes(wp.abs(hold[3]) / root, overlap, approach, told.step_seconds)
+        slip = wp.vec3(hold[0], hold[1], hold[2]) / root
     else:
         overlap = wp.min(overlap, told.thickness)
-    push = touch_push(overlap, approach, told.stiffness, mass)
+    push = touch_push(overlap, approach, stiffness, mass)
     force = push * normal
     pushes = Pushes()
     pull = wp.vec3()
     if reaches:
         slide = across(relative, normal)
         slip = across(slip, normal) + told.step_seconds * slide
-        pull, slip = touch_friction(slip, slide, told.friction * push, told.stiffness, mass)
+        pull, slip = touch_friction(slip, slide, told.friction * push, stiffness, mass)
         force += pull
     pushes.a = -w[0] * force + (gap * wp.dot(first, pull)) * normal
     pushes.b = -w[1] * force + (gap * wp.dot(second, pull)) * normal
     pushes.c = -w[2] * force + (gap * wp.dot(third, pull)) * normal
-    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(overlap, 1.0e-20))
+    slip *= root
+    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(root * overlap, 1.0e-20))
     return pushes

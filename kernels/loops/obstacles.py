@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.contact import (
+    friction_on,
     leave_ground,
     leave_sphere,
     out_of_sphere,
@@ -48,7 +49,8 @@ def leave_one_sphere(
 def around_function(traits: Traits) -> Any:
     """The function that says what a particle has around it, of what it knows of itself."""
     height_column = traits.columns.places["ground_height"]
-    friction_column = traits.columns.places["ground_friction"]
+    ground_column = traits.columns.places["ground_friction"]
+    own_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def around_own(own: Any, time: float):
@@ -57,7 +59,8 @@ def around_function(traits: Traits) -> Any:
         around.world = own.world
         around.particle = own.number
         around.ground_height = own.n[height_column]
-        around.ground_friction = own.n[friction_column]
+        around.friction = own.n[own_column]
+        around.ground_friction = friction_on(around.friction, own.n[ground_column])
         around.time = time
         return around
 
@@ -78,7 +81,7 @@ def standing_function(traits: Traits) -> Any:
     ):
         """Its point and velocity outside; most are above the ground and go on at once."""
         if wp.static(traits.stands_on_fixtures):
-            left, slowed = leave_fixtures(t, around.world, around.particle, around.time, point, velocity)
+            left, slowed = leave_fixtures(t, around, point, velocity)
             point = left
             velocity = slowed
         if wp.static(traits.ground):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat
-from balloon_warp.kernels.schedules.launched_press import pressing_function, take_pushes
+from balloon_warp.kernels.schedules.launched_press import pressing_function, take_count, take_pushes
 from balloon_warp.kernels.schedules.touch_boxes import (
     APART,
     LOWER,
@@ -100,15 +100,43 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
                 )  # fmt: skip
 
     @wp.func
+    def is_near(memory: BlockMemory, seat: Seat):
+        """Whether any balloons may touch, or did until the last search."""
+        near_balloons = memory.contacts.near_balloons[seat.world]
+        return near_balloons[near_balloons.shape[0] - 1] != APART
+
+    @wp.func
+    def press_all(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        velocities: wp.array[wp.vec3],
+        only_counts: bool,
+    ):
+        """Every particle touches what was found near it, or it is only counted what does."""
+        if is_near(memory, seat):
+            for particle in range(seat.thread, seat.count, wp.block_dim()):
+                press_particle(
+                    t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities, only_counts
+                )
+        block_barrier()
+
+    @wp.func
     def press(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
         between = wp.int32(t.touch.seconds / t.step_seconds + 0.5)
         if seat.substep % between == 0:
             search(t, state, memory, seat, velocities)
-        near_balloons = memory.contacts.near_balloons[seat.world]
-        if near_balloons[near_balloons.shape[0] - 1] != APART:
+            if seat.substep == 0:  # as in `TouchPieces.search`
+                for particle in range(seat.thread, seat.count, wp.block_dim()):
+                    memory.contacts.contact_quanta[seat.world, particle] = wp.int64(0)
+                block_barrier()
+                press_all(t, state, memory, seat, velocities, True)
+        if is_near(memory, seat):
             for particle in range(seat.thread, seat.count, wp.block_dim()):
-                press_particle(t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities)
-        block_barrier()
+                take_count(memory.contacts, seat.world, particle)
+            block_barrier()
+            press_all(t, state, memory, seat, velocities, False)
 
     @wp.func
     def take(memory: BlockMemory, seat: Seat, member: Any):

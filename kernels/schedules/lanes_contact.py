@@ -15,6 +15,7 @@ from balloon_warp.kernels.algebra import (
     set_lane,
     squared_length,
 )
+from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
 from balloon_warp.kernels.loops.fixture_poses import center_function
 from balloon_warp.kernels.loops.fixtures import Around
@@ -131,8 +132,8 @@ def around_in_lanes(traits: Traits, layout: Layout) -> Any:
     """The function that says what a lane's particle has around it."""
     LaneTables, _, LaneOwn = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
-    height_column = traits.columns.places["ground_height"]
-    friction_column = traits.columns.places["ground_friction"]
+    named = ("ground_height", "ground_friction", "balloon_friction")
+    height_column, ground_column, own_column = (traits.columns.places[name] for name in named)
 
     @wp.func
     def around_lane(t: LaneTables, own: LaneOwn, lane: wp.int32, time: float):
@@ -143,7 +144,8 @@ def around_in_lanes(traits: Traits, layout: Layout) -> Any:
         if wp.static(not layout.worlds):
             around.particle = t.particles[LANE_COUNT * own.item + lane]
         around.ground_height = own.n[height_column][lane]
-        around.ground_friction = own.n[friction_column][lane]
+        around.friction = own.n[own_column][lane]
+        around.ground_friction = friction_on(around.friction, own.n[ground_column][lane])
         around.time = time
         return around
 

@@ -58,6 +58,10 @@ class Working:
     """those triangles, twice their number, and 1 more from behind: shape (world_count, most, particle_count)"""
     touch_quanta: wp.array3d[wp.int64]
     """forces of contacts on particles in this substep, see `fixed_point`"""
+    contact_quanta: wp.array2d[wp.int64]
+    """how many contacts particles have in this substep, in parts as forces are"""
+    contacts: wp.array2d[float]
+    """how many they had in the substep before"""
     crowded: wp.array[wp.int32]
     """how often a triangle had no place in a list"""
 

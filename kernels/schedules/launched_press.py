@@ -6,8 +6,17 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.meeting import Place, Touching, is_nearer, skin_functions, touch
-from balloon_warp.kernels.schedules.fixed_point import quanta, set_quanta, total_newtons
+from balloon_warp.kernels.loops.meeting import (
+    Place,
+    Touching,
+    comes_at,
+    corner_counts,
+    is_nearer,
+    pair_friction_function,
+    skin_functions,
+    touch,
+)
+from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, set_quanta, total_newtons
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
 from balloon_warp.kernels.schedules.touch_lists import faced_triangle, triangle_beside
@@ -37,6 +46,34 @@ def add_pushes(
 
 
 @wp.func
+def add_contact(totals: wp.array2d[wp.int64], world: wp.int32, particle: wp.int32, corners: wp.vec3i, counts: wp.vec3):
+    """To how many contacts each has: one to the particle, and to a triangle's corners their counts."""
+    wp.atomic_add(totals, world, particle, quanta(1.0))
+    for corner in range(3):
+        wp.atomic_add(totals, world, corners[corner], quanta(counts[corner]))
+
+
+@wp.func
+def take_count(working: Working, world: wp.int32, particle: wp.int32):
+    """How many contacts a particle had, and from now on none are counted."""
+    working.contacts[world, particle] = newtons(working.contact_quanta[world, particle])
+    working.contact_quanta[world, particle] = wp.int64(0)
+
+
+@wp.kernel(enable_backward=False)
+def take_counts(
+    threads: wp.int32,
+    # in and out
+    working: Working,
+):
+    """Some threads a world."""
+    world, thread = wp.tid()
+    if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
+        for particle in range(thread, working.contacts.shape[1], threads):
+            take_count(working, world, particle)
+
+
+@wp.func
 def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
     """What contacts do to a particle [N], and nothing is left of it."""
     force = wp.vec3()
@@ -51,7 +88,7 @@ def press_function(traits: Traits) -> Any:
     """The function by which a particle touches one triangle."""
     thickness_between, stiffness_between = skin_functions(traits)
     mass_column = traits.columns.places["mass"]
-    friction_column = traits.columns.places["touch_friction"] - traits.columns.balloon_width
+    pair_friction = pair_friction_function(traits)
 
     @wp.func
     def ease_of_moving(t: Tables, world: wp.int32, particle: wp.int32):
@@ -60,6 +97,12 @@ def press_function(traits: Traits) -> Any:
         row = row_of_world(world, t.balloon_numbers.shape[0])
         mass = share * t.balloon_numbers[row, t.particles.balloon[particle], mass_column]
         return wp.where(mass > 0.0, 1.0 / mass, 0.0)
+
+    @wp.func
+    def crowd_at(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
+        """The contacts of a particle, over those that the step allows for; none if it is fixed."""
+        moves = wp.where(t.particles.mass_share[particle] > 0.0, 1.0, 0.0)
+        return moves * working.contacts[world, particle] / t.touch.crowd[t.particles.balloon[particle]]
 
     @wp.func
     def press(
@@ -71,6 +114,7 @@ def press_function(traits: Traits) -> Any:
         place: Place,
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
+        only_counts: bool,
         first: bool,
         hold: wp.vec4,
     ):
@@ -88,20 +132,21 @@ def press_function(traits: Traits) -> Any:
             ease_of_moving(t, world, corners[1]),
             ease_of_moving(t, world, corners[2]),
         )
+        told.step_seconds = t.step_seconds
+        places = wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]])
+        moving = wp.matrix_from_rows(velocities[corners[0]], velocities[corners[1]], velocities[corners[2]])
+        if comes_at(told, place, velocities[particle], moving):
+            add_contact(working.contact_quanta, world, particle, corners, corner_counts(told.side, place, places))
         kept = wp.vec4()
-        if told.overlap > 0.0 and wp.max(told.masses) > 0.0:
+        if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
-            told.friction = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), friction_column]
+            told.friction = pair_friction(t, world, own, other)
             told.first = first
-            told.step_seconds = t.step_seconds
-            pushes = touch(
-                told,
-                place,
-                hold,
-                velocities[particle],
-                wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]]),
-                wp.matrix_from_rows(velocities[corners[0]], velocities[corners[1]], velocities[corners[2]]),
+            told.crowd = wp.max(
+                wp.max(crowd_at(t, working, world, particle), crowd_at(t, working, world, corners[0])),
+                wp.max(crowd_at(t, working, world, corners[1]), crowd_at(t, working, world, corners[2])),
             )
+            pushes = touch(told, place, hold, velocities[particle], places, moving)
             add_pushes(working.touch_quanta, world, particle, corners, pushes.a, pushes.b, pushes.c)
             kept = pushes.hold
         return kept
@@ -123,8 +168,13 @@ def pressing_function(traits: Traits) -> Any:
         particle: wp.int32,
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
+        only_counts: bool,
     ):
-        """Of each balloon that it is near to, it touches the nearest triangle."""
+        """Of each balloon that it is near to, it touches the nearest triangle.
+
+        Args:
+            only_counts: whether nothing is pushed, but only counted what touches.
+        """
         count = working.candidate_counts[world, particle]
         hold = state.holds[world, particle]
         after = wp.vec4()
@@ -146,10 +196,10 @@ def pressing_function(traits: Traits) -> Any:
                     at += 1
             place = faced_triangle(t, points, nearest // 2, place)
             first = after[3] == 0.0
-            kept = press(t, working, world, particle, nearest, place, points, velocities, first, hold)
+            kept = press(t, working, world, particle, nearest, place, points, velocities, only_counts, first, hold)
             if first:
                 after = kept
-        if count > 0 or hold[3] != 0.0:
+        if not only_counts and (count > 0 or hold[3] != 0.0):
             state.holds[world, particle] = after
 
     return press_particle
@@ -165,6 +215,7 @@ def press_kernel(traits: Traits) -> Any:
         # model
         t: Tables,
         threads: wp.int32,
+        only_counts: wp.int32,
         # state in
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
@@ -173,10 +224,14 @@ def press_kernel(traits: Traits) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world."""
+        """Some threads a world.
+
+        Args:
+            only_counts: whether nothing is pushed, but only counted what touches.
+        """
         world, thread = wp.tid()
         if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
             for particle in range(thread, points.shape[1], threads):
-                press_particle(t, state, working, world, particle, points[world], velocities[world])
+                press_particle(t, state, working, world, particle, points[world], velocities[world], only_counts == 1)
 
     return press_particles

@@ -77,11 +77,22 @@ def slot_for(working: Working, world: wp.int32, kept: Distances, squared: float,
     return slot
 
 
+@wp.struct
+class Nearby:
+    """What is found near a particle."""
+
+    nearest: wp.int32  # triangle; -1 if there is none
+    place: Place  # beside that
+    count: wp.int32  # triangles in the particle's list
+
+
 @cache
-def finding_functions(traits: Traits) -> Any:
-    """The function that puts the triangles of a balloon that a particle may touch into its list."""
-    pad_between = pad_function(traits)
-    thickness_between, _ = skin_functions(traits)
+def nearby_function(traits: Traits, lists: bool) -> Any:
+    """The function that goes through the triangles of a balloon that a particle may touch.
+
+    Args:
+        lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
+    """
 
     @wp.func
     def may_touch(t: Tables, particle: wp.int32, own: wp.int32, other: wp.int32, triangle: wp.int32):
@@ -119,39 +130,7 @@ def finding_functions(traits: Traits) -> Any:
         return looks
 
     @wp.func
-    def nearest_triangle(
-        t: Tables,
-        working: Working,
-        world: wp.int32,
-        particle: wp.int32,
-        own: wp.int32,
-        other: wp.int32,
-        points: wp.array[wp.vec3],
-        within: float,
-    ):
-        """Of another balloon, or of its own; -1 if there is none within that distance [m]."""
-        point = points[particle]
-        best = Place()
-        best.squared = within * within
-        nearest = wp.int32(-1)
-        part = t.touch.balloon_parts[other]
-        while part < t.touch.balloon_parts[other + 1]:
-            after = t.touch.part_ends[part]
-            if looks_into(t, working, world, particle, own, other, part, point, best.squared):
-                after = part + 1
-                if is_whole(t, part):
-                    for triangle in range(t.touch.part_triangles[part][0], t.touch.part_triangles[part][1]):
-                        if squared_distance_to_triangle(t, points, triangle, point) <= best.squared:
-                            if may_touch(t, particle, own, other, triangle):
-                                place = triangle_beside(t, points, triangle, point)
-                                if is_nearer(place, best):
-                                    best = place
-                                    nearest = triangle
-            part = after
-        return nearest, best
-
-    @wp.func
-    def list_nearby(
+    def nearby(
         t: Tables,
         working: Working,
         world: wp.int32,
@@ -163,30 +142,54 @@ def finding_functions(traits: Traits) -> Any:
         behind: wp.int32,
         count: wp.int32,
     ):
-        """How many there are in the list, with the triangles of a balloon within a distance [m]; of too many the
-        nearest."""
+        """Of another balloon, or of its own, within a distance [m].
+
+        Args:
+            behind: whether the particle is behind them, for the list.
+            count: triangles that are in it already.
+        """
         point = points[particle]
         first = count
         most = wp.min(MOST_OF_BALLOON, MOST_TRIANGLES - first)
         kept = Distances()
+        found = Nearby()
+        found.nearest = wp.int32(-1)
+        found.place.squared = within * within
+        found.count = count
         part = t.touch.balloon_parts[other]
         while part < t.touch.balloon_parts[other + 1]:
             after = t.touch.part_ends[part]
-            if looks_into(t, working, world, particle, own, other, part, point, within * within):
+            if looks_into(t, working, world, particle, own, other, part, point, found.place.squared):
                 after = part + 1
                 if is_whole(t, part):
                     for triangle in range(t.touch.part_triangles[part][0], t.touch.part_triangles[part][1]):
                         squared = squared_distance_to_triangle(t, points, triangle, point)
-                        if squared <= within * within:
-                            squared = triangle_beside(t, points, triangle, point).squared
-                        if squared <= within * within and may_touch(t, particle, own, other, triangle):
-                            slot = slot_for(working, world, kept, squared, count - first, most)
-                            if slot >= 0:
-                                kept[slot] = squared
-                                working.candidates[world, first + slot, particle] = 2 * triangle + behind
-                                count = wp.max(count, first + slot + 1)
+                        if squared <= found.place.squared and may_touch(t, particle, own, other, triangle):
+                            place = triangle_beside(t, points, triangle, point)
+                            if wp.static(lists):
+                                if place.squared <= found.place.squared:
+                                    slot = slot_for(working, world, kept, place.squared, found.count - first, most)
+                                    if slot >= 0:
+                                        kept[slot] = place.squared
+                                        working.candidates[world, first + slot, particle] = 2 * triangle + behind
+                                        found.count = wp.max(found.count, first + slot + 1)
+                            else:
+                                if is_nearer(place, found.place):
+                                    found.place = place
+                                    found.nearest = triangle
             part = after
-        return count
+        return found
+
+    return nearby
+
+
+@cache
+def finding_functions(traits: Traits) -> Any:
+    """The function that puts the triangles of a balloon that a particle may touch into its list."""
+    pad_between = pad_function(traits)
+    thickness_between, _ = skin_functions(traits)
+    nearest_of = nearby_function(traits, lists=False)
+    list_those = nearby_function(traits, lists=True)
 
     @wp.func
     def find_of_balloon(
@@ -221,21 +224,21 @@ def finding_functions(traits: Traits) -> Any:
             one_sided = other != own and t.touch.closed[other] == 1
             swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, SPEED][0])
             within = wp.max(pad + swept, wp.where(one_sided and deep, t.touch.depth[other], 0.0))
-            nearest, place = nearest_triangle(t, working, world, particle, own, other, points, within)
-            if nearest >= 0:
-                place = faced_triangle(t, points, nearest, place)
+            found = nearest_of(t, working, world, particle, own, other, points, within, 0, count)
+            if found.nearest >= 0:
+                place = faced_triangle(t, points, found.nearest, found.place)
                 side = float(1.0)
                 deepest = t.touch.depth[other]
                 if not one_sided:
                     kept = state.holds[world, particle][3]
                     side = wp.where(kept < 0.0 or (kept == 0.0 and place.gap < 0.0), -1.0, 1.0)
                     deepest = thickness_between(t, world, own, other)
-                comes = t.touch.seconds * relative_speed(t, velocities, nearest, velocity)
+                comes = t.touch.seconds * relative_speed(t, velocities, found.nearest, velocity)
                 if side * place.gap < pad + comes and side * place.gap > -deepest:
                     beside = wp.sqrt(place.squared) + pad + 2.0 * comes
-                    count = list_nearby(
-                        t, working, world, particle, own, other, points, beside, wp.where(side < 0.0, 1, 0), count
-                    )
+                    behind = wp.where(side < 0.0, 1, 0)
+                    listed = list_those(t, working, world, particle, own, other, points, beside, behind, count)
+                    count = listed.count
         return count
 
     return find_of_balloon

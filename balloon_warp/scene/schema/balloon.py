@@ -190,6 +190,7 @@ class Balloon(Table):
     helium: float = field_of("helium")
     damping: float = field_of("damping")
     drag_coefficient: float = field_of("drag_coefficient")
+    friction: float | None = optional_field_of("balloon_friction")
     stiffness: Stiffness = Stiffness()
     inflation: Inflation = Inflation()
     fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []

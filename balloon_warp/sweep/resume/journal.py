@@ -32,6 +32,8 @@ class ShareJournal:
         self.schedules: dict[int, str] = {}
         """of the shares that are done, by their numbers"""
         self.failures = Failures()
+        self.crowded = 0
+        """as schedules count it, in the shares that this batch has done"""
         self._unsafe: list[int] = []
         self._unsafe_failures = Failures()
         for part in checkpoints.take_up(
@@ -53,6 +55,7 @@ class ShareJournal:
         for record in result.records:
             self._output.add(number, record)
         self.schedules[number] = result.schedule
+        self.crowded += result.crowded
         for failures in (self.failures, self._unsafe_failures):
             failures.add(result.failures)
         self._unsafe.append(number)
