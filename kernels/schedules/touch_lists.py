@@ -208,7 +208,7 @@ def finding_functions(traits: Traits) -> Any:
         """How many there are in the list then.
 
         Args:
-            deep: whether the particle may be deep in the other balloon.
+            deep: whether the particle may be deep in the other balloon, where nothing is near it.
         """
         point = points[particle]
         velocity = velocities[particle]
@@ -223,8 +223,11 @@ def finding_functions(traits: Traits) -> Any:
         ):
             one_sided = other != own and t.touch.closed[other] == 1
             swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, SPEED][0])
-            within = wp.max(pad + swept, wp.where(one_sided and deep, t.touch.depth[other], 0.0))
+            within = pad + swept
             found = nearest_of(t, working, world, particle, own, other, points, within, 0, count)
+            if found.nearest < 0 and one_sided and deep and t.touch.depth[other] > within:
+                deeper = nearest_of(t, working, world, particle, own, other, points, t.touch.depth[other], 0, count)
+                found = deeper
             if found.nearest >= 0:
                 place = faced_triangle(t, points, found.nearest, found.place)
                 side = float(1.0)
@@ -263,13 +266,13 @@ def listing_function(traits: Traits) -> Any:
         """Of all balloons that it may touch.
 
         Args:
-            begins: whether it is a frame's first search: particles that touch nothing are then looked for in the depth
-                of others, too, where they may have started.
+            begins: whether it is a frame's first search: all particles are then looked for in the depth of others, too,
+                where they may have started.
         """
         own = t.particles.balloon[particle]
         count = wp.int32(0)
         used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
-        deep = begins or state.holds[world, particle][3] != 0.0
+        deep = begins or wp.abs(state.holds[world, particle][3]) > t.touch.slack[own]
         if used and working.near_balloons[world, own] == 1:
             for other in range(working.balloon_boxes.shape[1]):
                 if wp.static(traits.touches_itself) or other != own:
