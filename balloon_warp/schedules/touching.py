@@ -6,7 +6,8 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.launched_press import press_kernel, take_counts
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, box_parts, meet_kernel
-from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES, find_kernel
+from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES
+from balloon_warp.kernels.schedules.touch_search import find_kernel, looking_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -15,6 +16,9 @@ from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
 BOX_THREADS = 128
 """that go through the particles of a balloon on a GPU"""
+
+FEW_THREADS = 64
+"""of a block, where each thread takes many registers"""
 
 
 class TouchPieces:
@@ -45,8 +49,10 @@ class TouchPieces:
         for of_whole in (1, 0):
             inputs = [t, parts, of_whole, points, velocities, working]
             wp.launch(box_parts, (m.world_count, parts), inputs, device=m.device)
-        inputs = [t, particles, int(substep == 0), world_state(state), points, velocities, working]
-        wp.launch(find_kernel(self._traits), (m.world_count, particles), inputs, device=m.device)
+        place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
+        moving = world_state(state), points, velocities, working
+        wp.launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
+        wp.launch(find_kernel(self._traits), inputs=[t, particles, int(substep == 0), *moving], **place)
         if substep == 0:  # what came before is not known where a run begins with a saved state
             working.contact_quanta.zero_()
             self._press(state, points, velocities, only_counts=True)
@@ -60,7 +66,8 @@ class TouchPieces:
     def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
         m, threads = self.model, self._particle_threads
         inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
-        wp.launch(press_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
+        shape = (m.world_count, threads)
+        wp.launch(press_kernel(self._traits), shape, inputs, block_dim=FEW_THREADS, device=m.device)
 
 
 def crowding_remarks(crowded: int) -> list[str]:
@@ -84,6 +91,8 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "near_balloons": room.array((worlds, balloons + 1 if traits.touches else 0), wp.int32),
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),
+        "particle_lists": room.array((worlds, 2, particles), wp.int32),
+        "list_lengths": room.array((worlds, 2 if traits.touches else 0), wp.int32),
         "touch_quanta": room.array((worlds, particles, 3), wp.int64),
         "contact_quanta": room.array((worlds, particles), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),

@@ -15,11 +15,12 @@ from balloon_warp.kernels.schedules.touch_boxes import (
     SPEED,
     UPPER,
     box_part,
+    forget_lists,
     meet_function,
     sweep_of,
     what_to_do,
 )
-from balloon_warp.kernels.schedules.touch_lists import listing_function
+from balloon_warp.kernels.schedules.touch_search import LOOKING, TOUCHING, listing_function, looking_function
 from balloon_warp.kernels.schedules.warps import WARP_THREADS, any_in_block, block_barrier, warp_max
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -44,7 +45,8 @@ def warp_max_of_vectors(v: wp.vec3):
 @cache
 def presses_of(traits: Traits, layout: Layout) -> Presses:
     """For the warps of a block."""
-    list_triangles, press_particle = listing_function(traits), pressing_function(traits)
+    note_looking, list_triangles = looking_function(traits), listing_function(traits)
+    press_particle = pressing_function(traits)
     may_meet = meet_function(traits)
     warps = layout.warps
 
@@ -89,15 +91,20 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
         any_near = any_in_block(near)
         if seat.thread == 0:
             near_balloons[balloons] = what_to_do(near_balloons[balloons], any_near)
+            forget_lists(memory.contacts, seat.world)
         block_barrier()
         if any_near:
             box_parts(t, state, memory, seat, velocities)
         if near_balloons[balloons] != APART:
             for particle in range(seat.thread, seat.count, wp.block_dim()):
+                note_looking(t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities)
+            block_barrier()
+            for place in range(seat.thread, memory.contacts.list_lengths[seat.world, LOOKING], wp.block_dim()):
                 list_triangles(
-                    t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities,
-                    seat.substep == 0,
+                    t, state, memory.contacts, seat.world, memory.contacts.particle_lists[seat.world, LOOKING, place],
+                    state.points[seat.world], velocities, seat.substep == 0,
                 )  # fmt: skip
+            block_barrier()
 
     @wp.func
     def is_near(memory: BlockMemory, seat: Seat):
@@ -116,10 +123,11 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
     ):
         """Every particle touches what was found near it, or it is only counted what does."""
         if is_near(memory, seat):
-            for particle in range(seat.thread, seat.count, wp.block_dim()):
+            for place in range(seat.thread, memory.contacts.list_lengths[seat.world, TOUCHING], wp.block_dim()):
                 press_particle(
-                    t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities, only_counts
-                )
+                    t, state, memory.contacts, seat.world, memory.contacts.particle_lists[seat.world, TOUCHING, place],
+                    state.points[seat.world], velocities, only_counts,
+                )  # fmt: skip
         block_barrier()
 
     @wp.func

@@ -56,6 +56,10 @@ class Working:
     """triangles that each particle may touch"""
     candidates: wp.array3d[wp.int32]
     """those triangles, twice their number, and 1 more from behind: shape (world_count, most, particle_count)"""
+    particle_lists: wp.array3d[wp.int32]
+    """those that look around, and those that have found something, see `touch_search`"""
+    list_lengths: wp.array2d[wp.int32]
+    """of both"""
     touch_quanta: wp.array3d[wp.int64]
     """forces of contacts on particles in this substep, see `fixed_point`"""
     contact_quanta: wp.array2d[wp.int64]

@@ -20,6 +20,7 @@ from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, set_quan
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
 from balloon_warp.kernels.schedules.touch_lists import faced_triangle, triangle_beside
+from balloon_warp.kernels.schedules.touch_search import TOUCHING
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
@@ -231,7 +232,8 @@ def press_kernel(traits: Traits) -> Any:
         """
         world, thread = wp.tid()
         if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
-            for particle in range(thread, points.shape[1], threads):
+            for place in range(thread, working.list_lengths[world, TOUCHING], threads):
+                particle = working.particle_lists[world, TOUCHING, place]
                 press_particle(t, state, working, world, particle, points[world], velocities[world], only_counts == 1)
 
     return press_particles

@@ -120,6 +120,13 @@ def what_to_do(before: wp.int32, near: bool):
     return wp.where(near, ARE_NEAR, wp.where(before == ARE_NEAR, WAS_NEAR, APART))
 
 
+@wp.func
+def forget_lists(working: Working, world: wp.int32):
+    """Of particles, see `touch_search`."""
+    working.list_lengths[world, 0] = 0
+    working.list_lengths[world, 1] = 0
+
+
 @cache
 def meet_kernel(traits: Traits) -> Any:
     """The kernel that says which balloons may meet."""
@@ -140,6 +147,7 @@ def meet_kernel(traits: Traits) -> Any:
             near = may_meet(t, working, world, balloon)
             working.near_balloons[world, balloon] = wp.where(near, 1, 0)
             any_near = any_near or near
+        forget_lists(working, world)
         working.near_balloons[world, balloons] = what_to_do(working.near_balloons[world, balloons], any_near)
 
     return meet_balloons

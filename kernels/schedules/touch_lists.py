@@ -11,7 +11,6 @@ import warp as wp
 from balloon_warp.kernels.loops.meeting import Place, faced, is_nearer, place_beside, skin_functions
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
-    APART,
     LOWER,
     SPEED,
     UPPER,
@@ -245,67 +244,3 @@ def finding_functions(traits: Traits) -> Any:
         return count
 
     return find_of_balloon
-
-
-@cache
-def listing_function(traits: Traits) -> Any:
-    """The function that makes a particle's list anew."""
-    find_of_balloon = finding_functions(traits)
-
-    @wp.func
-    def list_triangles(
-        t: Tables,
-        state: WorldState,
-        working: Working,
-        world: wp.int32,
-        particle: wp.int32,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-        begins: bool,
-    ):
-        """Of all balloons that it may touch.
-
-        Args:
-            begins: whether it is a frame's first search: all particles are then looked for in the depth of others, too,
-                where they may have started.
-        """
-        own = t.particles.balloon[particle]
-        count = wp.int32(0)
-        used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
-        deep = begins or wp.abs(state.holds[world, particle][3]) > t.touch.slack[own]
-        if used and working.near_balloons[world, own] == 1:
-            for other in range(working.balloon_boxes.shape[1]):
-                if wp.static(traits.touches_itself) or other != own:
-                    count = find_of_balloon(
-                        t, state, working, world, particle, own, other, points, velocities, deep, count
-                    )
-        working.candidate_counts[world, particle] = count
-
-    return list_triangles
-
-
-@cache
-def find_kernel(traits: Traits) -> Any:
-    """The kernel that finds the triangles that each particle may touch."""
-    list_triangles = listing_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def find_near_triangles(
-        # model
-        t: Tables,
-        threads: wp.int32,
-        begins: wp.int32,
-        # state in
-        state: WorldState,
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # out
-        working: Working,
-    ):
-        """Some threads a world."""
-        world, thread = wp.tid()
-        if working.near_balloons[world, working.balloon_boxes.shape[1]] != APART:
-            for particle in range(thread, points.shape[1], threads):
-                list_triangles(t, state, working, world, particle, points[world], velocities[world], begins == 1)
-
-    return find_near_triangles

@@ -1,0 +1,166 @@
+"""Which particles look for triangles at all, and which have found some: two lists of a world, so that threads have
+something to do one beside the other. In which order they stand in them does not matter."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.launched import Working
+from balloon_warp.kernels.schedules.touch_boxes import APART, LOWER, UPPER, boxes_meet, pad_function
+from balloon_warp.kernels.schedules.touch_lists import finding_functions
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
+"""the two lists"""
+
+
+@wp.func
+def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp.int32):
+    """By any thread in any order."""
+    place = wp.atomic_add(working.list_lengths, world, which, 1)
+    working.particle_lists[world, which, place] = particle
+
+
+@cache
+def looking_function(traits: Traits) -> Any:
+    """The function that puts a particle on the list of those that look around."""
+    pad_between = pad_function(traits)
+
+    @wp.func
+    def looks(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Whether it may meet a balloon, or touched one until now."""
+        own = t.particles.balloon[particle]
+        used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
+        if used and working.near_balloons[world, own] == 1:
+            end = points[particle] + t.touch.seconds * velocities[particle]
+            lower = wp.min(points[particle], end)
+            upper = wp.max(points[particle], end)
+            for other in range(working.balloon_boxes.shape[1]):
+                if wp.static(traits.touches_itself) or other != own:
+                    if boxes_meet(
+                        lower,
+                        upper,
+                        working.balloon_boxes[world, other, LOWER],
+                        working.balloon_boxes[world, other, UPPER],
+                        pad_between(t, world, own, other),
+                    ):
+                        return True
+        return state.holds[world, particle][3] != 0.0
+
+    @wp.func
+    def note_looking(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """If it does."""
+        if looks(t, state, working, world, particle, points, velocities):
+            put_on_list(working, world, LOOKING, particle)
+
+    return note_looking
+
+
+@cache
+def listing_function(traits: Traits) -> Any:
+    """The function that makes the list of triangles of a particle that looks around."""
+    find_of_balloon = finding_functions(traits)
+
+    @wp.func
+    def list_triangles(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+        begins: bool,
+    ):
+        """Of all balloons that it may touch.
+
+        Args:
+            begins: whether it is a frame's first search: all particles are then looked for in the depth of others, too,
+                where they may have started.
+        """
+        own = t.particles.balloon[particle]
+        count = wp.int32(0)
+        hold = wp.abs(state.holds[world, particle][3])
+        deep = begins or hold > t.touch.slack[own]
+        if working.near_balloons[world, own] == 1:
+            for other in range(working.balloon_boxes.shape[1]):
+                if wp.static(traits.touches_itself) or other != own:
+                    count = find_of_balloon(
+                        t, state, working, world, particle, own, other, points, velocities, deep, count
+                    )
+        working.candidate_counts[world, particle] = count
+        if count > 0 or hold != 0.0:
+            put_on_list(working, world, TOUCHING, particle)
+
+    return list_triangles
+
+
+@cache
+def looking_kernel(traits: Traits) -> Any:
+    """The kernel that finds the particles that look around."""
+    note_looking = looking_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_looking(
+        # model
+        t: Tables,
+        threads: wp.int32,
+        # state in
+        state: WorldState,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # out
+        working: Working,
+    ):
+        """Some threads a world."""
+        world, thread = wp.tid()
+        if working.near_balloons[world, working.balloon_boxes.shape[1]] != APART:
+            for particle in range(thread, points.shape[1], threads):
+                note_looking(t, state, working, world, particle, points[world], velocities[world])
+
+    return find_looking
+
+
+@cache
+def find_kernel(traits: Traits) -> Any:
+    """The kernel that finds the triangles that each of them may touch."""
+    list_triangles = listing_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_near_triangles(
+        # model
+        t: Tables,
+        threads: wp.int32,
+        begins: wp.int32,
+        # state in
+        state: WorldState,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # out
+        working: Working,
+    ):
+        """Some threads a world."""
+        world, thread = wp.tid()
+        for place in range(thread, working.list_lengths[world, LOOKING], threads):
+            particle = working.particle_lists[world, LOOKING, place]
+            list_triangles(t, state, working, world, particle, points[world], velocities[world], begins == 1)
+
+    return find_near_triangles
