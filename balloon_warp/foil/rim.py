@@ -18,8 +18,8 @@ REACH = 2
 class Ring:
     """A closed line of an outline, and where the rim's vertices are along it."""
 
-    line: Any
-    """a LinearRing of Shapely's"""
+    corners: NDArray[np.float64]
+    """of the line, the first at the end again, shape (corner_count + 1, 2)"""
     vertices: NDArray[np.int64]
     """of the rim, in the order in which they lie along the line"""
     places: NDArray[np.float64]
@@ -27,21 +27,29 @@ class Ring:
     pinned: NDArray[np.bool_]
     """which stay, at corners"""
 
+    def __post_init__(self):
+        steps = np.diff(self.corners, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        self._along = np.append(0.0, np.cumsum(lengths))
+        self._headings = steps / lengths[:, None]
+
+    @property
+    def length(self) -> float:
+        """of the line"""
+        return float(self._along[-1])
+
     def points(self) -> NDArray[np.float64]:
         """Where the vertices are, shape (count, 2)."""
-        import shapely
-
-        return shapely.get_coordinates(shapely.line_interpolate_point(self.line, self.places % self.line.length))
+        return np.stack([np.interp(self.places % self.length, self._along, each) for each in self.corners.T], axis=1)
 
     def slide_towards(self, wanted: NDArray[np.float64]) -> None:
-        """Move each along the line to where it is nearest to the place wanted of it, past none of its neighbors, and a
-        little to the middle between them: in a notch the same place is nearest to many."""
-        import shapely
-
-        moves = shapely.line_locate_point(self.line, shapely.points(wanted)) - self.places
-        moves -= self.line.length * np.round(moves / self.line.length)
+        """Move each along the line towards the place wanted of it, past none of its neighbors, and a little to the
+        middle between them: into a notch many are drawn."""
+        segments = np.searchsorted(self._along, self.places % self.length, side="right") - 1
+        headings = self._headings[np.minimum(segments, len(self._headings) - 1)]
+        moves = ((wanted - self.points()) * headings).sum(axis=1)
         ahead = np.roll(self.places, -1) - self.places
-        ahead[-1] += self.line.length
+        ahead[-1] += self.length
         most = 0.4 * np.minimum(ahead, np.roll(ahead, 1))
         self.places += np.where(self.pinned, 0.0, np.clip(moves, -most, most))
         self.even(1)
@@ -50,8 +58,8 @@ class Ring:
         """Move each towards the middle between its neighbors."""
         for _ in range(times):
             before, after = np.roll(self.places, 1), np.roll(self.places, -1)
-            before[0] -= self.line.length
-            after[-1] += self.line.length
+            before[0] -= self.length
+            after[-1] += self.length
             self.places = np.where(self.pinned, self.places, 0.5 * self.places + 0.25 * (before + after))
 
 
@@ -93,7 +101,7 @@ def ring_around(
         if number not in inward and after not in inward:
             quads.append([loop[after], vertex, ends[number], begins[after]])
     places, pinned = _spread(line, count - first, pins, points)
-    ring = Ring(line, np.arange(first, count), places, pinned)
+    ring = Ring(np.asarray(line.coords), np.arange(first, count), places, pinned)
     ring.even(EVENINGS)
     return ring, np.array(quads)
 

@@ -50,8 +50,7 @@ class Sheet:
         quad that is turned over. As bad as can be where a part of the outline was left out."""
         corners = np.asarray((self.points @ IN_PLANE)[self.quads], dtype=np.complex128)
         areas = corner_areas(corners)
-        longest = np.abs(np.roll(corners, -1, axis=1) - corners).max()
-        if abs(areas.sum() / 4.0 / outline.area - 1.0) > SAME_AREA or longest > LONGEST * edge:
+        if abs(areas.sum() / 4.0 / outline.area - 1.0) > SAME_AREA or longest_edge(corners) > LONGEST * edge:
             return -np.inf
         return float(areas.min()) / edge**2
 
@@ -128,6 +127,11 @@ def _relaxed(
             ring.slide_towards(np.stack([there.real, there.imag], axis=1))
             place[ring.vertices] = ring.points() @ IN_PLANE
     return np.stack([place.real, place.imag], axis=1)
+
+
+def longest_edge(corners: NDArray[np.complex128]) -> float:
+    """Of any quad; corners in the complex plane, shape (quad_count, 4)."""
+    return float(np.abs(np.roll(corners, -1, axis=1) - corners).max())
 
 
 def corner_areas(corners: NDArray[np.complex128]) -> NDArray[np.float64]:
