@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
     from balloon_warp.comparison.compare import compare
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
+    from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
@@ -87,6 +88,8 @@ __all__ = [
     "bundled_scenes",
     "compare",
     "face_law",
+    "foil_mesh",
+    "foil_parts",
     "inspect_mesh",
     "load_mesh",
     "load_scene",
@@ -105,6 +108,7 @@ _HOMES = {
     "advice": ("advise_step",),
     "comparison.compare": ("compare",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
+    "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),

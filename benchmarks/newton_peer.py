@@ -16,7 +16,8 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
-from balloon_warp.schedules.pieces import AimRefresher, refresh_ramp
+from balloon_warp.schedules.aims import AimRefresher
+from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
 

@@ -18,7 +18,7 @@ LAYERS = (
     ("kernels", "errors", "quiet"),
     ("files", "device", "interrupts", "laws", "meant"),
     ("mesh",),
-    ("springs", "scene"),
+    ("springs", "scene", "foil"),
     ("model", "provenance"),
     ("schedules", "advice", "inspection", "solids"),
     ("solvers", "frame"),

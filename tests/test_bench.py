@@ -1,5 +1,6 @@
 """The benchmark's peer simulates the same balloons, and its cases are what they say."""
 
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -127,17 +128,18 @@ def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, m
     """The process is replaced by one that says what it found in its cache, and leaves something there."""
     found = []
 
-    def process(case: FirstFrameCase, device: wp.Device, cache: str) -> str:
+    def process(case: FirstFrameCase, device: wp.Device, cache: str) -> tuple[float, str]:
         found.append(sorted(path.name for path in Path(cache).glob("*")) if Path(cache).exists() else [])
         Path(cache).mkdir(exist_ok=True)
         (Path(cache) / "kernel").touch()
-        return "gather 26"
+        return len(found), "gather 26"
 
     monkeypatch.setattr(first_frame, "_simulate", process)
     result = run_case(FirstFrameCase("", cold), wp.get_device("cpu"))
     timed = found[-first_frame.REPEATS :]
     assert timed == [[] if cold else ["kernel"]] * first_frame.REPEATS
     assert (result.schedule, result.particles) == ("gather", 26)
+    assert result.rate == len(found) - first_frame.REPEATS // 2  # the median of the last
 
 
 def test_frames_are_read_beside_as_many_that_are_not(monkeypatch: pytest.MonkeyPatch):
@@ -152,10 +154,16 @@ def test_frames_are_read_beside_as_many_that_are_not(monkeypatch: pytest.MonkeyP
 def test_a_process_simulates_a_first_frame():
     wp.init()
     cache = Path(str(wp.config.kernel_cache_dir)).parent  # Warp adds its version
-    said = first_frame._simulate(FirstFrameCase("", cold=False), wp.get_device("cpu"), str(cache))
+    seconds, said = first_frame._simulate(FirstFrameCase("", cold=False), wp.get_device("cpu"), str(cache))
+    assert seconds > 0.0
     schedule, particles = said.split()
     assert schedule in SCHEDULES
     assert int(particles) == 2494
+
+
+def test_a_process_without_a_frame_is_told():
+    with pytest.raises(subprocess.CalledProcessError):
+        first_frame._simulate(FirstFrameCase("", cold=False, scene="none"), wp.get_device("cpu"), "")
 
 
 def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_many():

@@ -10,6 +10,7 @@ from balloon_warp import Frame, PolygonMesh, bundled_scenes
 from balloon_warp.endings import bad_endings
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.model import Model
 
 
@@ -264,3 +265,31 @@ def test_scenes_do_not_flutter(name: str):
 def test_none_ends_badly(name: str):
     model, frames = played(name)
     assert bad_endings(model, frames[-1]) == []
+
+
+def test_foil_letters_fill_without_stretching():
+    """Each holds many times what it did flat, with springs as long as they were, but for wrinkles and a few per cent
+    that the pressure stretches them; and it stays upright: the O does not fold."""
+    model, frames = played("foil_letters")
+    assert model.balloon_count == 5
+    for letter in range(5):
+        flat, full = (shape_at(model, frame, letter) for frame in (frames[0], frames[-1]))
+        assert signed_volume(full) > 15.0 * signed_volume(flat)
+        edges = mesh_edges(flat).ends
+        lengths, rest = (np.linalg.norm(np.diff(mesh.points[edges], axis=1), axis=2) for mesh in (full, flat))
+        assert np.percentile(lengths / rest, 95) < 1.06
+        across = np.linalg.svd(full.points - full.points.mean(axis=0), compute_uv=False)[-1]
+        assert across < 0.35 * 0.1 * np.sqrt(len(full.points))
+
+
+def test_the_stems_of_foil_letters_are_round():
+    """A flat tube of width w becomes one of diameter 2 w / pi."""
+    model, frames = played("foil_letters")
+    flat, full = (shape_at(model, frame, 2).points for frame in (frames[0], frames[-1]))
+    height = (flat[:, 1] - flat[:, 1].min()) / np.ptp(flat[:, 1])
+    stem = (height > 0.5) & (height < 0.75)
+    width = np.hypot(*np.ptp(flat[stem][:, [0, 2]], axis=0))
+    through = np.linalg.svd(full[stem] - full[stem].mean(axis=0), compute_uv=False)[1:]
+    assert through[0] == pytest.approx(through[1], rel=0.1)
+    radius = np.sqrt((through**2).sum() / stem.sum())
+    assert np.pi * radius == pytest.approx(width, rel=0.1)

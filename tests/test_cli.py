@@ -121,7 +121,9 @@ def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
     assert (read_obj(ball / "quads.obj").face_vertex_counts == 4).all()
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["render"]])
+@pytest.mark.parametrize(
+    "command", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["foil"], ["render"]]
+)
 def test_help_explains_itself(tmp_path: Path, command: list[str]):
     done = balloon_warp(tmp_path, *command, "--help")
     assert done.returncode == 0
@@ -154,6 +156,9 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["run", "ball.obj", "-o", "out.png"], "out.png: cannot write .png; expected .usdc, .usda, .usd"),
         (["inspect", "missing.obj"], "missing.obj: "),
         (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
+        (["foil", "L", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
+        (["foil", " ", "-o", "out.obj"], "text: has nothing to be seen (got ' '); expected letters, or an .svg file"),
+        (["foil", "missing.svg", "-o", "out.obj"], "missing.svg: cannot be read: No such file or directory"),
         (["render", "missing.usdc"], "missing.usdc: "),
         (["render", "ball.obj", "--size", "big"], "size: 'big'; expected WIDTHxHEIGHT"),
     ],

@@ -14,7 +14,6 @@ from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.schedules.banks import turned_over_banks, wavefronts
 from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
@@ -46,7 +45,7 @@ def test_rings_of_quads_that_are_not_flat(mesh):
     """To float32's rounding of areas of order 1."""
     bent = replace(mesh, points=mesh.points + np.random.default_rng(0).uniform(-0.1, 0.1, mesh.points.shape))
     model = model_of(bent)
-    rings = quad_rings(model, spring_ends(model))
+    rings = quad_rings(model)
     assert rings is not None
     points = wp.array(bent.points, dtype=wp.vec3, device="cpu")
     expected = wp.zeros((1, len(bent.points)), dtype=wp.vec3, device="cpu")
@@ -62,7 +61,7 @@ def test_rings_of_quads_that_are_not_flat(mesh):
 @pytest.mark.parametrize("mesh", [grid(3, 3), prism(5)], ids=["open", "pentagons"])
 def test_what_has_no_rings(mesh):
     model = model_of(mesh)
-    assert quad_rings(model, spring_ends(model)) is None
+    assert quad_rings(model) is None
 
 
 @pytest.mark.parametrize("inflation", [Inflation(pressure=10.0), Inflation(k_normal=0.1)])
@@ -79,7 +78,7 @@ def test_springs_stand_in_their_own_table_beside_rings(inflation: Inflation):
 def test_rings_begin_where_banks_are_less_crowded():
     """Each is the same ring, turned."""
     model = model_of(torus(24, 20))
-    found = quad_rings(model, spring_ends(model))
+    found = quad_rings(model)
     assert found is not None
     shuffled = np.random.default_rng(0).permutation(model.particle_count)
     rings = np.stack(found)[:, :, shuffled]

@@ -40,6 +40,15 @@ def Material "painted"
     }
 }
 """
+DRAWN = """<?xml version="1.0"?>
+<!DOCTYPE svg [<!ENTITY beside SYSTEM "beside.mtl">]>
+<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">
+  <style>@import url("beside.css"); path { fill: url("beside.svg#paint") }</style>
+  <image xlink:href="beside.png" width="9" height="9"/>
+  <use xlink:href="beside.svg#part"/>
+  <path d="M50 90C10 60 0 20 30 15Q45 15 50 30Q55 15 70 15C100 20 90 60 50 90z"/>
+</svg>
+"""
 ON_CPU = ["--device", "cpu"]
 BATCH = ["batch", "scene.toml", "--worlds", "3", "--vary", "gravity=1:9", "--export", "1", "-o", "out", *ON_CPU]
 COMMANDS = {
@@ -57,6 +66,7 @@ COMMANDS = {
     ),
     "render": (["render", "textured.usda", "-o", "face.png"], ["textured.usda"], ["face.png"]),
     "remesh": (["remesh", "ball.obj", "-o", "quads.obj", "--cells", "6"], ["ball.obj"], ["quads.obj"]),
+    "foil": (["foil", "heart.svg", "-o", "heart.obj"], ["heart.svg"], ["heart.obj"]),
 }
 """each with the files that it is given, and those that it is to write"""
 STARTED = ("subprocess.Popen ('uname', ",)
@@ -74,6 +84,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict
     (folder / "ball.obj").write_text(f"mtllib beside.mtl\nusemtl painted\n{mesh}")
     (folder / "scene.toml").write_text('frames = 2\n[[balloon]]\nmesh = "ball.obj"\n')
     (folder / "textured.usda").write_text(TEXTURED)
+    (folder / "heart.svg").write_text(DRAWN)
     (folder / "out").mkdir()
     for decoy in DECOYS:
         (folder / decoy).write_text("newmtl painted\nmap_Kd beside.png\n")

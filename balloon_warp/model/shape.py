@@ -107,13 +107,19 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
 
 def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
     """Each spring's constant over that of its kind: drawn, and changing along an axis."""
-    draws = np.random.default_rng(stiffness.seed).uniform(-1.0, 1.0, springs.count)
     along = mesh.points[:, "XYZ".index(stiffness.gradient_axis)]
     used = along[mesh.face_vertex_indices]
     lowest, size = used.min(), max(float(np.ptp(used)), LEAST_SIZE)
     place = (along[springs.pairs].mean(axis=1) - lowest) / size
     low, high = stiffness.gradient
-    return (1.0 + stiffness.variation * draws) * (low + (high - low) * place) * _weights(mesh, springs, stiffness)
+    return _drawn(springs, stiffness) * (low + (high - low) * place) * _weights(mesh, springs, stiffness)
+
+
+def _drawn(springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
+    """What chance makes of each spring's constant. Without it NumPy's generators need not load."""
+    if not stiffness.variation:
+        return np.ones(springs.count)
+    return 1.0 + stiffness.variation * np.random.default_rng(stiffness.seed).uniform(-1.0, 1.0, springs.count)
 
 
 def _softness(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:

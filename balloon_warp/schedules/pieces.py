@@ -11,7 +11,6 @@ from balloon_warp.kernels.schedules.between import (
     read_sphere_forces,
     write_sphere_forces,
 )
-from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
@@ -27,51 +26,16 @@ from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.aims import AimRefresher
 from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touching import TouchPieces, touch_arrays
 
-SUM_THREADS = 1024
-"""that sum the faces of a balloon on a GPU"""
 SWELL_THREADS = 256
 """that sum how a balloon swells on a GPU; more would have too few registers"""
 TOUCH_THREADS = 256
 """that go through the particles near spheres on a GPU"""
-
-
-class AimRefresher:
-    """Aims the inflation by normal forces, the same to the last bit every time."""
-
-    def __init__(self, model: Model, tables: Any, room: Room):
-        self.model, self._tables = model, tables
-        self._centers, self._area_vectors, self._areas = self.arrays(model, room)
-
-    @staticmethod
-    def arrays(model: Model, room: Room) -> tuple[Any, Any, Any]:
-        """What it keeps: centers and area vectors of faces, and areas of balloons."""
-        faces = (model.world_count, model.face_count)
-        return (
-            room.array(faces, wp.vec3),
-            room.array(faces, wp.vec3),
-            room.array((model.world_count, model.balloon_count), wp.float32),
-        )
-
-    def refresh(self, points: wp.array, aims: wp.array) -> None:
-        """Fill `aims` for `points`, both of shape (world_count, particle_count)."""
-        m, t = self.model, self._tables
-        measured = [self._centers, self._area_vectors]
-        wp.launch(measure_faces, (m.world_count, m.face_count), [t.faces, points], measured, device=m.device)
-        wp.launch_tiled(
-            sum_face_areas,
-            dim=(m.world_count, m.balloon_count),
-            inputs=[t.faces, self._area_vectors],
-            outputs=[self._areas],
-            block_dim=SUM_THREADS if m.device.is_cuda else 1,
-            device=m.device,
-        )
-        inputs = [t.particles, t.faces, points, *measured, self._areas]
-        wp.launch(aim_inflation, points.shape, inputs, [aims], device=m.device)
 
 
 class Pieces:

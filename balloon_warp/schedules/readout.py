@@ -7,12 +7,11 @@ from typing import Any, Self
 import warp as wp
 
 from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_measure, string_measure
-from balloon_warp.kernels.schedules.advance import advance_kernel, gathering_loops
 from balloon_warp.kernels.schedules.frame import add_inflation_forces
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
-from balloon_warp.schedules.pieces import AimRefresher
+from balloon_warp.schedules.aims import AimRefresher
 from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, tables_of_world, world_state
 from balloon_warp.schedules.traits import model_traits
@@ -94,6 +93,9 @@ class ForceReader:
 
     def _sum_forces(self, state: State) -> None:
         """All but the inflation's, and the area vectors."""
+        # loads when first needed: it has much to load, and aims go without
+        from balloon_warp.kernels.schedules.advance import advance_kernel, gathering_loops
+
         kernel = advance_kernel(self._traits, gathering_loops(self._traits), "forces")
         moving = state.points, state.velocities, world_state(state)
         self._launch(kernel, self._tables, 0.0, *moving, self._working, None, None, None)

@@ -21,7 +21,7 @@ def order_by_springs(model: Model, ends: SpringEnds) -> NDArray[np.int64]:
     order = np.lexsort([flexion, shear, structural, model.particle_balloon.numpy()])
     if model.balloon_count > 1:
         return order  # a warp may have particles of two balloons, which must stay together
-    ring = quad_rings(model, ends)
+    ring = quad_rings(model)
     slots = [neighbors_in_slots(ends, kind) for kind in range(3)]
     if ring is not None:
         slots[:2] = ring

@@ -47,7 +47,7 @@ def residence(model: Model, traits: Traits, ends: SpringEnds) -> Residence | Non
     """
     if not thread_a_particle(model) or model.device.is_cpu or traits.tubes:
         return None
-    rings = quad_rings(model, ends) if traits.measures_areas or traits.aims_on_the_way else None
+    rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
     single, double = (_residence(model, traits, ends, rings, particles) for particles in (1, 2))
     if single and double:
         return double if double.blocks >= max(single.blocks, 2) else single

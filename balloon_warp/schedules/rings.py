@@ -11,7 +11,7 @@ from balloon_warp.kernels.tables import SLICE, RingTable
 from balloon_warp.model import Model
 from balloon_warp.schedules.banks import turned_over_banks
 from balloon_warp.schedules.slices import slices_of
-from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots
+from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, spring_ends
 
 Ring = tuple[NDArray[np.int64], NDArray[np.int64]]
 """The particles around each particle, along edges and across quads, in turns: e0 s0 e1 s1 ...; -1 where there are no
@@ -20,15 +20,15 @@ STRUCTURAL, SHEAR, FLEXION = range(3)
 _FOUND: WeakKeyDictionary[Model, Ring | None] = WeakKeyDictionary()
 
 
-def quad_rings(model: Model, ends: SpringEnds) -> Ring | None:
+def quad_rings(model: Model) -> Ring | None:
     """The rings, found once for each model, if every particle has one whose neighbors are those of its structural and
     of its shear springs: on closed surfaces of quads."""
     if model not in _FOUND:
-        _FOUND[model] = _rings_of(model, ends)
+        _FOUND[model] = _rings_of(model)
     return _FOUND[model]
 
 
-def _rings_of(model: Model, ends: SpringEnds) -> Ring | None:
+def _rings_of(model: Model) -> Ring | None:
     if (np.diff(model.face_offsets.numpy()) != 4).any():
         return None
     count = model.particle_count
@@ -52,6 +52,7 @@ def _rings_of(model: Model, ends: SpringEnds) -> Ring | None:
             return None  # two fans meet in a particle
         along[turn, going], across[turn, going] = before[quad[going]], opposite[quad[going]]
         quad = np.where(going, following[quad], quad)
+    ends = spring_ends(model)
     same = _same(ends, along, STRUCTURAL) and _same(ends, across, SHEAR)
     return (along, across) if same else None
 

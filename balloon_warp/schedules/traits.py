@@ -8,7 +8,6 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, values_over_time
 from balloon_warp.schedules.rings import quad_rings
-from balloon_warp.schedules.spring_ends import spring_ends
 
 CHOOSE_TRAITS = frozenset({"breathing_damping"})
 """parameters that kernels are chosen by, and others when they change"""
@@ -33,7 +32,7 @@ def model_traits(model: Model) -> Traits:
         spheres=model.sphere_count,
         springs_vary=bool((model.spring_stiffness_scale.numpy() != 1.0).any()),
         quads=bool((np.diff(model.face_offsets.numpy()) == 4).all()),
-        rings=quad_rings(model, spring_ends(model)) is not None,
+        rings=quad_rings(model) is not None,
         guarded=any(law.kind == "spring" and law not in LAWS for law in laws),
         aims=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},

@@ -1,0 +1,66 @@
+"""Outlines of what is drawn in an SVG file."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import ParseError
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.foil.outlines import enclosed, from_extra, united
+
+PARTS_OF_CURVE = 32
+"""straight lines that a curve is divided into, between two of its points in the file"""
+
+
+def outlines_of_drawing(path: Path) -> list[Any]:
+    """Polygons of Shapely's of all closed paths and shapes of a drawing together, from left to right, y up, in some
+    unit. How they are painted does not matter; those of one path cut holes into each other by its fill rule.
+
+    Raises:
+        InputError: the file cannot be read, or has none.
+        MissingExtraError: svgelements or Shapely is not installed.
+    """
+    svg = from_extra("svgelements")
+    try:
+        drawing = svg.SVG.parse(str(path), reify=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ParseError, ValueError, UnicodeError, ZeroDivisionError, ArithmeticError) as error:
+        raise InputError(f"{path}: is no SVG drawing: {error}") from None
+    outlines = []
+    for shape in drawing.elements():
+        if isinstance(shape, svg.Shape):
+            loops = list(_closed_loops(svg, shape))
+            if not all(np.isfinite(loop).all() for loop in loops):
+                raise InputError(f"{path}: has a place that is no finite number")
+            evenodd = shape.values.get("fill-rule") == "evenodd"
+            outlines += enclosed(loops, "evenodd" if evenodd else "nonzero")
+    if not outlines:
+        raise InputError(f"{path}: has no closed path that encloses anything; expected one (convert text to paths)")
+    return united(outlines)
+
+
+def _closed_loops(svg: Any, shape: Any) -> Iterator[NDArray[np.float64]]:
+    """The points along each closed path of a shape, shape (count, 2), y up."""
+    for part in svg.Path(shape.segments(transformed=True)).as_subpaths():
+        segments = [segment for segment in svg.Path(part) if not isinstance(segment, svg.Move)]
+        if not segments or not _is_closed(svg, segments):
+            continue
+        points: list[complex] = []
+        for segment in segments:
+            straight = isinstance(segment, svg.Line | svg.Close)
+            for part_of_one in [1.0] if straight else np.linspace(0.0, 1.0, PARTS_OF_CURVE + 1)[1:]:
+                point = segment.end if straight else segment.point(float(part_of_one))
+                if point is not None:
+                    points.append(complex(point.real, point.imag))
+        yield np.array([[point.real, -point.imag] for point in points]).reshape(-1, 2)
+
+
+def _is_closed(svg: Any, segments: list[Any]) -> bool:
+    if isinstance(segments[-1], svg.Close):
+        return True
+    begin, end = complex(segments[0].start or 0.0), complex(segments[-1].end or 0.0)
+    return abs(begin - end) < 1e-9 * (1.0 + abs(end))

@@ -1,0 +1,171 @@
+"""Foil balloons: closed, even quads of any outline, and what is no outline."""
+
+import re
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from drawings import drawing
+from typer.testing import CliRunner
+
+import balloon_warp as bw
+from balloon_warp.cli.app import app
+from balloon_warp.errors import InputError
+from balloon_warp.foil.letters import outlines_of_text
+from balloon_warp.foil.make import EDGES, HEIGHT, foil_mesh, foil_parts
+from balloon_warp.foil.sheet import corner_areas, sheet_of
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import face_areas, signed_volume
+from balloon_warp.mesh.obj import read_obj
+from balloon_warp.mesh.topology import (
+    component_count,
+    inconsistent_edges,
+    mesh_edges,
+    non_manifold_vertices,
+    unused_vertices,
+)
+
+EDGE = HEIGHT / EDGES
+
+
+def is_closed_surface(mesh: PolygonMesh) -> bool:
+    """Of one winding, outward, with no vertex where two fans meet."""
+    edges = mesh_edges(mesh)
+    whole = (edges.face_counts == 2).all() and not len(inconsistent_edges(edges)) and not len(unused_vertices(mesh))
+    return bool(whole) and not len(non_manifold_vertices(mesh, edges)) and signed_volume(mesh) > 0.0
+
+
+def euler(mesh: PolygonMesh) -> int:
+    return mesh.vertex_count - mesh_edges(mesh).count + mesh.face_count
+
+
+@pytest.mark.parametrize(
+    ("text", "characteristic", "components"),
+    [("L", 2, 1), ("O", 0, 1), ("B", -2, 1), ("%", 0 + 2 + 0, 3), ("i", 4, 2), ("HELLO", 8, 5), ("W@", 2 + 0, 2)],
+)
+def test_letters_are_closed_and_have_their_holes(text: str, characteristic: int, components: int):
+    """Each hole of a sheet is a handle: O is a torus, B has two."""
+    mesh = foil_mesh(text)
+    assert is_closed_surface(mesh)
+    assert euler(mesh) == characteristic
+    assert component_count(mesh, mesh_edges(mesh)) == components
+    assert (mesh.face_vertex_counts == 4).all()
+    np.testing.assert_allclose([mesh.points[:, 1].min(), mesh.points[:, 1].max()], [0.0, HEIGHT], atol=0.01 * EDGE)
+    assert mesh.points[:, 0].min() == pytest.approx(-mesh.points[:, 0].max(), abs=0.05 * EDGE)
+
+
+@pytest.mark.parametrize("text", "ABEGKMQRSWXgky&@358?")
+def test_sheets_are_even_and_as_large_as_their_outline(text: str):
+    """In a letter's own outline, whatever its corners; nothing is folded over."""
+    for outline in outlines_of_text(text):
+        low, high = outline.bounds[1::2]
+        outline = shapely.transform(outline, lambda points, size=high - low: points * (HEIGHT / size))
+        sheet = sheet_of(outline, EDGE)
+        assert sheet
+        assert shapely.distance(outline.boundary, shapely.points(sheet.points[sheet.rim])).max() < 2e-3 * EDGE
+        assert shapely.contains_xy(outline, sheet.points[~sheet.rim]).all()
+        corners = (sheet.points @ [1.0, 1.0j])[sheet.quads]
+        areas = corner_areas(corners)
+        assert areas.min() > 0.0
+        assert areas.sum() / 4.0 == pytest.approx(outline.area, rel=5e-3)
+        lengths = np.abs(np.roll(corners, -1, axis=1) - corners)
+        # shorter than asked for by up to a half where a letter is narrow, and by another half in its sharpest corners;
+        # where an outline runs aslant to the grid, three or five quads meet, whose edges differ
+        assert 0.25 * EDGE < lengths.min() <= lengths.max() < 2.0 * EDGE
+        assert np.percentile(lengths, 95) < 1.8 * np.percentile(lengths, 5)
+
+
+def test_straight_letters_are_nearly_of_squares():
+    """An L of squares alone could be; edges along a stem that is no whole number of them wide differ."""
+    (mesh,) = foil_parts("L")
+    ends = mesh.points[mesh_edges(mesh).ends]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert lengths.max() < 1.3 * lengths.min()
+
+
+def test_both_sheets_have_the_area_of_the_outline(tmp_path: Path):
+    """Of a ring, pi (R^2 - r^2), to a per cent: chords take 0.3%, and the sheets are 0.1% off their plane."""
+    outer, inner = "M5,50a45,45 0 1 0 90 0a45,45 0 1 0-90 0z", "M30,50a20,20 0 1 0 40 0a20,20 0 1 0-40 0z"
+    ring = drawing(tmp_path, f'<path fill-rule="evenodd" d="{outer}{inner}"/>')
+    mesh = foil_mesh(ring, height=0.9, edge=0.03)
+    assert euler(mesh) == 0
+    assert face_areas(mesh).sum() == pytest.approx(2.0 * np.pi * (0.45**2 - 0.2**2), rel=1e-2)
+
+
+def test_sheets_share_the_rims_vertices_alone():
+    mesh = foil_mesh("S")
+    rim = mesh.points[:, 2] == 0.0
+    front = mesh.points[:, 2] > 0.0
+    faces = mesh.face_vertex_indices.reshape(-1, 4)
+    assert not (front[faces].any(axis=1) & (~front & ~rim)[faces].any(axis=1)).any()
+    back = mesh.points[~front & ~rim] * [1.0, 1.0, -1.0]
+    np.testing.assert_array_equal(np.sort(mesh.points[front], axis=0), np.sort(back, axis=0))
+
+
+def test_parts_are_what_the_whole_is_made_of():
+    whole, parts = foil_mesh("Hi"), foil_parts("Hi")
+    assert len(parts) == 3
+    np.testing.assert_array_equal(np.concatenate([part.points for part in parts]), whole.points)
+    assert all(is_closed_surface(part) for part in parts)
+    assert parts[0].points[:, 0].max() < min(part.points[:, 0].min() for part in parts[1:])
+
+
+def test_a_drawing_stands_upright(tmp_path: Path):
+    """SVG counts y down."""
+    mesh = foil_mesh(
+        drawing(tmp_path, '<polygon points="0,80 60,80 60,100 0,100"/><polygon points="0,0 20,0 20,90 0,90"/>')
+    )
+    low = mesh.points[mesh.points[:, 1] < 0.1 * HEIGHT]
+    high = mesh.points[mesh.points[:, 1] > 0.9 * HEIGHT]
+    assert np.ptp(low[:, 0]) > 2.5 * np.ptp(high[:, 0])
+
+
+def test_a_round_one_swells_to_nearly_what_foil_would(tmp_path: Path):
+    """Of two sheets of radius a that bend freely and do not stretch: a volume of 1.2185 a^3, a thickness of 0.9139 a
+    and a radius of 0.7627 a (Paulsen 1994). Springs resist where foil wrinkles finer than they are long: to a tenth."""
+    radius = 0.25
+    flat = foil_mesh(drawing(tmp_path, '<circle r="50"/>'), height=2.0 * radius, edge=0.0125)
+    stiffness = bw.Stiffness(structural=1000.0, shear=500.0, flexion=0.0)
+    inflation = bw.Inflation(pressure=[(0.0, 0.0), (0.5, 50.0)])
+    balloon = bw.Balloon(mesh=flat, mass=0.05, damping=0.2, stiffness=stiffness, inflation=inflation)
+    frame = deque(bw.Simulator(bw.Scene(balloon=[balloon], gravity=0.0, frames=90), "cpu").run(), maxlen=1)[0]
+    full = replace(flat, points=frame.points[0].astype(np.float64))
+    assert signed_volume(flat) < 0.03 * signed_volume(full)
+    assert signed_volume(full) == pytest.approx(1.2185 * radius**3, rel=0.1)
+    assert np.ptp(full.points[:, 2]) == pytest.approx(0.9139 * radius, rel=0.1)
+    rim = full.points[flat.points[:, 2] == 0.0] - full.points.mean(axis=0)
+    assert np.linalg.norm(rim, axis=1).mean() == pytest.approx(0.7627 * radius, rel=0.1)
+    assert np.abs(rim[:, 2]).max() < 0.15 * radius  # it stays in its plane, but for wrinkles
+
+
+def test_an_edge_that_is_asked_for_is_about_that_long():
+    lengths = {}
+    for edge in (0.01, 0.02):
+        mesh = foil_mesh("T", edge=edge)
+        ends = mesh.points[mesh_edges(mesh).ends]
+        lengths[edge] = float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)))
+        assert lengths[edge] == pytest.approx(edge, rel=0.25)
+
+
+def test_what_is_too_narrow_names_an_edge_that_is_not():
+    with pytest.raises(InputError, match=r"^edge: E, part 1 is too narrow for 0\.08 m; expected ") as caught:
+        foil_mesh("E", edge=0.08)
+    fits = float(re.findall(r"expected ([\d.]+) or less", str(caught.value))[0])
+    assert is_closed_surface(foil_mesh("E", edge=fits))
+
+
+def test_the_command_writes_all_or_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["foil", "Hi", "-o", "hi.obj", "--height", "0.2"])
+    assert done.exit_code == 0, done.output
+    whole = read_obj("hi.obj")
+    np.testing.assert_array_equal(whole.points, bw.foil_mesh("Hi", 0.2).points)
+    assert done.output == f"wrote hi.obj: {whole.vertex_count:,} vertices, {whole.face_count:,} quads\n"
+    done = CliRunner().invoke(app, ["foil", "Hi", "-o", "hi.obj", "--apart"])
+    assert [line.split(":")[0] for line in done.output.splitlines()] == [f"wrote hi_{part}.obj" for part in (1, 2, 3)]
+    assert is_closed_surface(read_obj("hi_2.obj"))
+    done = CliRunner().invoke(app, ["foil", "Hi", "-o", "hi.stl"])
+    assert (done.exit_code, str(done.exception)) == (1, "hi.stl: cannot write .stl; expected .obj")
