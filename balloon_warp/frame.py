@@ -36,6 +36,8 @@ class Frame:
     """[m/s], shape (sphere_count, 3)"""
     string_anchors: NDArray[np.float32]
     """[m], shape (string_count, 3)"""
+    string_lengths: NDArray[np.float32]
+    """[m], shape (string_count,)"""
     obstacle_poses: NDArray[np.float64]
     """origins [m] and quaternions (x, y, z, w) of how they are turned, shape (obstacle_count, 7)"""
     ground_height: float

@@ -13,7 +13,7 @@ from balloon_warp.reading import HostBuffer, Reading, Recorded
 MOST_RECORDED = 16
 """worlds whose reading is recorded on a GPU; more are read launch by launch"""
 STATE = ("points", "velocities", "pressures", "gas_amounts", "sphere_positions", "sphere_velocities")
-PARAMETERS = ("string_anchor", "obstacle_position", "ground_height", "water_level")
+PARAMETERS = ("string_anchor", "string_length", "obstacle_position", "ground_height", "water_level")
 
 
 class FrameReader:

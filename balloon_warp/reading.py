@@ -106,6 +106,7 @@ class Reading:
             sphere_positions=self._rows("sphere_positions"),
             sphere_velocities=self._rows("sphere_velocities"),
             string_anchors=self._rows("string_anchor"),
+            string_lengths=self._row("string_length", np.float32),
             obstacle_poses=obstacle_poses(self._rows("obstacle_position"), self._obstacle_motion, self.number),
             ground_height=self._height("ground_height"),
             water_level=self._height("water_level"),

@@ -1,4 +1,4 @@
-"""Signed distances of simple solids, and their smooth unions, in float64.
+"""Signed distances of simple solids, and their smooth unions, in float64; and solids of cubes.
 
 Points have shape (n, 3), distances (n,), negative inside. An ellipsoid's distance, and a smooth union's, is exact only
 in its zero level. After Inigo Quilez, "Distance functions", https://iquilezles.org/articles/distfunctions.
@@ -9,6 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 Points = NDArray[np.float64]
 Distances = NDArray[np.float64]
@@ -45,6 +47,24 @@ def torus(points: Points, center: ArrayLike, radius: float, tube_radius: float) 
     """A ring about the y axis."""
     x, y, z = (points - np.asarray(center)).T
     return np.hypot(np.hypot(x, z) - radius, y) - tube_radius
+
+
+def cubes(filled: NDArray[np.bool_]) -> PolygonMesh:
+    """The surface of what is filled of a grid of unit cubes: the faces between these and those that are not."""
+    quads = []
+    for axis in range(3):
+        across, along = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+        for side in (0, 1):
+            beyond = np.roll(np.pad(filled, 1), -1 if side else 1, axis)[1:-1, 1:-1, 1:-1]
+            corner = np.argwhere(filled & ~beyond) + side * np.eye(3, dtype=int)[axis]
+            quad = np.stack([corner, corner + across, corner + across + along, corner + along], axis=1)
+            quads.append(quad if side else quad[:, ::-1])  # they look outward
+    places, indices = np.unique(np.concatenate(quads).reshape(-1, 3), axis=0, return_inverse=True)
+    return PolygonMesh(
+        points=places.astype(np.float64),
+        face_vertex_counts=np.full(len(indices.ravel()) // 4, 4, dtype=np.int32),
+        face_vertex_indices=indices.ravel().astype(np.int32),
+    )
 
 
 def smooth_union(blend: float, *distances: Distances) -> Distances:

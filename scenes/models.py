@@ -9,13 +9,26 @@ import warp as wp
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.scenes.model_ball import ball
+from balloon_warp.scenes.model_bead import bead
 from balloon_warp.scenes.model_bowl import bowl
+from balloon_warp.scenes.model_knot import knot
 from balloon_warp.scenes.model_pillow import pillow
+from balloon_warp.scenes.model_slot import slot
 from balloon_warp.scenes.model_squirrel import squirrel
 from balloon_warp.scenes.model_table import table
 from balloon_warp.scenes.model_turtle import turtle
 
-MODELS = {"squirrel": squirrel, "turtle": turtle, "pillow": pillow, "bowl": bowl, "ball": ball, "table": table}
+MODELS = {
+    "squirrel": squirrel,
+    "turtle": turtle,
+    "pillow": pillow,
+    "bowl": bowl,
+    "ball": ball,
+    "bead": bead,
+    "knot": knot,
+    "table": table,
+    "slot": slot,
+}
 
 
 def make_model(name: str) -> PolygonMesh:

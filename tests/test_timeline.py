@@ -226,8 +226,10 @@ def test_going_on_with_more_spheres_keeps_the_others(device, schedule):
 
 @pytest.mark.parametrize("batch", [False, True])
 def test_the_stage_shows_what_is_there(tmp_path, batch):
-    """Spheres and strings from their start to their end, and a string's anchor where it is by then."""
-    scene = busy(change=[Change(time=2 / 60, set={"string.0.anchor": [0.5, -1.0, 0.0]})], frames=4)
+    """Spheres and strings from their start to their end, and a string's anchor where it is by then, as long as it is by
+    then: it hangs."""
+    moved = {"string.0.anchor": [0.5, -1.0, 0.0], "string.0.length": 5.0}
+    scene = busy(change=[Change(time=2 / 60, set=moved)], frames=4)
     late = scene.sphere[0].model_copy(update={"start": 2 / 60, "end": 3 / 60})
     scene = scene.model_copy(update={"sphere": [late]})
     if batch:
@@ -243,6 +245,9 @@ def test_the_stage_shows_what_is_there(tmp_path, batch):
     string = UsdGeom.BasisCurves(paths["String_0"])
     anchors = [tuple(string.GetPointsAttr().Get(frame)[0]) for frame in range(5)]
     assert anchors == [(0.0, -1.0, 0.0)] * 3 + [(0.5, -1.0, 0.0)] * 2
+    curves = [np.array(string.GetPointsAttr().Get(frame)) for frame in range(5)]
+    lengths = [np.linalg.norm(np.diff(curve, axis=0), axis=1).sum() for curve in curves]
+    assert 1.5 * max(lengths[:3]) < min(lengths[3:])
 
 
 def test_the_table_follows_a_change_of_method(device, tmp_path):

@@ -93,5 +93,8 @@ def _with_all_bodies(frame: Frame, bodies: tuple[list[int], list[int]], model: M
     anchors = model.parameters["string_anchor"].numpy()[0].reshape(-1, 3).copy()
     positions[bodies[0]] = frame.sphere_positions[: len(bodies[0])]
     velocities[bodies[0]] = frame.sphere_velocities[: len(bodies[0])]
+    lengths = model.parameters["string_length"].numpy()[0].copy()
     anchors[bodies[1]] = frame.string_anchors[: len(bodies[1])]
-    return replace(frame, sphere_positions=positions, sphere_velocities=velocities, string_anchors=anchors)
+    lengths[bodies[1]] = frame.string_lengths[: len(bodies[1])]
+    balls = {"sphere_positions": positions, "sphere_velocities": velocities}
+    return replace(frame, **balls, string_anchors=anchors, string_lengths=lengths)

@@ -86,7 +86,7 @@ class GridWorld:
             values_over_time(plan, "obstacle_position", row),
         )
         self._string_anchors = values_over_time(plan, "string_anchor", row)
-        self._string_lengths = plan.of_world("string_length", row)
+        self._string_lengths = values_over_time(plan, "string_length", row)
         self._string_widths = prototypes.string_widths
 
     def write(self, time: int, points: NDArray[np.float32], sphere_positions: NDArray[np.float32]) -> None:
@@ -133,9 +133,11 @@ class GridWorld:
         string = self.plan.scene.string[number]
         before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[: string.balloon])
         end = points[before + self.plan.held[number]]
-        anchors = next(anchors for frame, anchors in reversed(self._string_anchors) if frame <= time)
-        anchor, length = anchors[number], self._string_lengths[number]
-        return string_curve(anchor, end, length, self.plan.scene.up, self._ground_height)
+        anchors, lengths = (
+            next(values for frame, values in reversed(over_time) if frame <= time)
+            for over_time in (self._string_anchors, self._string_lengths)
+        )
+        return string_curve(anchors[number], end, float(lengths[number]), self.plan.scene.up, self._ground_height)
 
 
 def _referring(parent: Sdf.PrimSpec, name: str, prototype: Sdf.Path) -> Sdf.PrimSpec:

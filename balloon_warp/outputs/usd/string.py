@@ -26,11 +26,11 @@ class StringPrim:
         self.model, self.number = model, number
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
-        self.length = float(model.parameters["string_length"].numpy()[0, number])
         self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
 
     def write(self, frame: Frame) -> None:
         anchor, end = frame.string_anchors[self.number], frame.points[self.string.balloon][self.particle]
-        curve = string_curve(anchor, end, self.length, self.model.scene.up, frame.ground_height)
+        length = float(frame.string_lengths[self.number])
+        curve = string_curve(anchor, end, length, self.model.scene.up, frame.ground_height)
         write_lines(self.prim, curve, frame.number)
         show_while_there(self.prim, self.model.scene, self.string, frame.number)
