@@ -14,6 +14,7 @@ from balloon_warp.kernels.schedules.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
+from balloon_warp.schedules.membranes import corner_triangles
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import other_corners
 
@@ -79,6 +80,9 @@ def list_entries(items: Items, particles: NDArray[np.int64], classes: NDArray[np
         order = np.lexsort([classes, particles])
         offsets = np.searchsorted(particles[order], np.arange(items.count + 1))
         return Entries(offsets, order, particles[order])
+    if not len(particles):
+        none = np.zeros((0, LANES), dtype=np.int64)
+        return Entries(np.zeros(items.count + 1, dtype=np.int64), none, none)
     places = items.places[particles]
     kinds, kind = np.unique(classes, return_inverse=True)
     order = np.lexsort([kind, places])
@@ -109,6 +113,8 @@ def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) 
     shares = np.append(model.particle_mass_share.numpy(), 0.0)[items.particles]
     t.shares = array(shares if layout.worlds else shares.reshape(-1, LANES), layout.number)
     _add_springs(t, model, traits, items, array)
+    if traits.membranes:
+        _add_membranes(t, model, items, array)
     if traits.measures_areas:
         _add_fans(t, model, items, array)
     if traits.aims:
@@ -133,6 +139,19 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
     t.spring_ends = array(np.where(there, neighbors[entries.sources], entries.owners), items.layout.index)
     t.spring_lengths = placed(ends.rest_length)
     t.spring_scales = placed(ends.scale) if traits.springs_vary else array([], items.layout.number)
+
+
+def _add_membranes(t: Any, model: Model, items: Items, array: Any) -> None:
+    """What fills up is a triangle of a particle alone, without area."""
+    around = corner_triangles(model)
+    entries = list_entries(items, around.particles, np.zeros_like(around.particles))
+    there = entries.sources >= 0
+    rests = np.where(there[..., None], around.rests[entries.sources], 0.0)
+    t.membrane_offsets = array(entries.offsets, wp.int32)
+    for name, others in zip(("membrane_firsts", "membrane_seconds"), around.others.T, strict=True):
+        ends = np.where(there, items.places[others][entries.sources], entries.owners)
+        setattr(t, name, array(ends, items.layout.index))
+    t.membrane_rests = array(rests if items.layout.worlds else rests.swapaxes(1, 2), items.layout.four)
 
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:

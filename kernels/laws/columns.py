@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.contact import GROUND
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Law, Parameter
+from balloon_warp.kernels.laws.membrane import PARAMETERS as MEMBRANE
 from balloon_warp.kernels.laws.touch import TOUCH
 
 
@@ -50,9 +51,17 @@ class Columns:
 
 
 def columns_of(laws: Sequence[Law]) -> Columns:
-    """What these laws ask for, and what springs, inertia, gas, the ground and touching
+    """What these laws ask for, and what springs, membranes, inertia, gas, the ground and touching
     balloons do, each once. The kinds of springs stand first."""
-    asked = (*KINDS, MASS, *GAS, *GROUND, *TOUCH, *(parameter for law in laws for parameter in law.parameters))
+    asked = (
+        *KINDS,
+        MASS,
+        *GAS,
+        *GROUND,
+        *TOUCH,
+        *MEMBRANE,
+        *(parameter for law in laws for parameter in law.parameters),
+    )
     by_name = {parameter.name: parameter for parameter in reversed(asked)}
     ordered = [by_name[name] for name in dict.fromkeys(parameter.name for parameter in asked)]
     return Columns(
