@@ -12,7 +12,7 @@ from balloon_warp.scene import Material
 Energy = Callable[[NDArray, NDArray], NDArray]
 """by two principal stretches [J/m^3]"""
 
-MU, RATIO, LIMIT = 4.0e5, 0.2, 97.2
+MU, RATIO, LIMIT = 4.0e5, 0.1, 97.2
 OGDEN = (6.3e5, 1.2e3, -1.0e4), (1.3, 5.0, -2.0)
 MATERIALS = {
     "neo_hookean": Material(kind="neo_hookean", shear_modulus=MU),
