@@ -14,7 +14,6 @@ from balloon_warp.kernels.schedules.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
-from balloon_warp.schedules.membranes import corner_triangles
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import other_corners
 
@@ -142,16 +141,22 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
 
 
 def _add_membranes(t: Any, model: Model, items: Items, array: Any) -> None:
-    """What fills up is a triangle of a particle alone, without area."""
-    around = corner_triangles(model)
-    entries = list_entries(items, around.particles, np.zeros_like(around.particles))
-    there = entries.sources >= 0
-    rests = np.where(there[..., None], around.rests[entries.sources], 0.0)
-    t.membrane_offsets = array(entries.offsets, wp.int32)
-    for name, others in zip(("membrane_firsts", "membrane_seconds"), around.others.T, strict=True):
-        ends = np.where(there, items.places[others][entries.sources], entries.owners)
-        setattr(t, name, array(ends, items.layout.index))
-    t.membrane_rests = array(rests if items.layout.worlds else rests.swapaxes(1, 2), items.layout.four)
+    """Triangles, or eight of one balloon; what fills up has no area."""
+    corners = items.places[np.asarray(model.membrane_corners.numpy(), dtype=np.int64)]
+    rests = model.membrane_rests.numpy()
+    counts = [shape.membrane.count for shape in model.shapes]
+    if not items.layout.worlds:
+        octets, ends = -(-np.array(counts) // LANES), np.cumsum(counts)
+        begins = LANES * (np.cumsum(octets) - octets)
+        places = np.repeat(begins - ends + counts, counts) + np.arange(len(corners))
+        filled_corners, filled_rests = np.zeros((LANES * octets.sum(), 3)), np.zeros((LANES * octets.sum(), 4))
+        filled_corners[places], filled_rests[places] = corners, rests
+        corners, rests = filled_corners.reshape(-1, LANES, 3), filled_rests.reshape(-1, LANES, 4).swapaxes(1, 2)
+        counts = octets
+    t.triangle_offsets = array(np.append(0, np.cumsum(counts)), wp.int32)
+    for number, name in enumerate(("triangle_firsts", "triangle_seconds", "triangle_thirds")):
+        setattr(t, name, array(corners[..., number], items.layout.index))
+    t.triangle_rests = array(rests, items.layout.four)
 
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:

@@ -82,8 +82,8 @@ def mooney_rivlin(trace: float, det: float, shear_modulus: float, mooney_ratio: 
     """W = C1 (I1 - 3) + C2 (I2 - 3), I2 = det + tr/det, and 2 (C1 + C2) the shear modulus (Rivlin 1948)."""
     first = 0.5 * shear_modulus / (1.0 + mooney_ratio)
     second = mooney_ratio * first
-    squared = det * det
-    return first + second / det, second * (1.0 - trace / squared) - first / squared
+    inverse = 1.0 / det
+    return first + second * inverse, second - (first + second * trace) * inverse * inverse
 
 
 @wp.func

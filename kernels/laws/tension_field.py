@@ -11,13 +11,17 @@ LEAST_DET = wp.constant(0.01)
 
 
 @wp.func
-def is_taut(major: float, minor: float, wrinkling: float):
-    """Whether there are tensions both ways, or what does not wrinkle. Of the squared stretches."""
-    return minor * wp.sqrt(major) >= 1.0 or wrinkling == 0.0
+def is_taut(det: float, stretch: float, wrinkling: float):
+    """Whether there are tensions both ways, or what does not wrinkle: b >= 1 / sqrt(a) is a b >= sqrt(a).
+
+    Args:
+        stretch: sqrt(a), at least 1.
+    """
+    return det >= stretch or wrinkling == 0.0
 
 
 @wp.func
-def relaxed(by_trace: float, by_det: float, major: float, spread: float, taut: bool, wrinkling: float):
+def relaxed(by_trace: float, by_det: float, major: float, spread: float, across: float, taut: bool, wrinkling: float):
     """The energy's slopes by trace and determinant [Pa], of those of the law.
 
     In wrinkles the energy is a function of the larger squared stretch a alone, whose slopes are a / (a - b) by the
@@ -26,8 +30,9 @@ def relaxed(by_trace: float, by_det: float, major: float, spread: float, taut: b
     Args:
         by_trace: the law's slope at the state itself, or in wrinkles at (a, 1 / sqrt(a)).
         spread: a - b.
+        across: 1 / sqrt(a), or 1 if that is more.
     """
-    slope = (by_trace + by_det / wp.sqrt(wp.max(major, 1.0))) / wp.max(spread, NEVER_ZERO)
+    slope = (by_trace + by_det * across) / wp.max(spread, NEVER_ZERO)
     slack = wrinkling != 0.0 and major <= 1.0
     first = wp.where(taut, by_trace, slope * major)
     second = wp.where(taut, by_det, -slope)

@@ -13,7 +13,6 @@ from balloon_warp.kernels.algebra import number_in
 from balloon_warp.kernels.compose import choice_of_laws
 from balloon_warp.kernels.laws.tension_field import (
     LEAST_DET,
-    NEVER_ZERO,
     is_taut,
     pulled_back,
     pushed_forward,
@@ -49,17 +48,18 @@ def tension_function(traits: Traits) -> Any:
         trace = c[0] + c[2]
         spread = 2.0 * wp.sqrt(half * half + c[1] * c[1])
         det = wp.max(c[0] * c[2] - c[1] * c[1], LEAST_DET)
-        major = wp.max(0.5 * (trace + spread), NEVER_ZERO)
-        taut = is_taut(major, det / major, wrinkles)
+        major = 0.5 * (trace + spread)
         stretched = wp.max(major, 1.0)
-        across = 1.0 / wp.sqrt(stretched)
+        stretch = wp.sqrt(stretched)
+        across = 1.0 / stretch
+        taut = is_taut(det, stretch, wrinkles)
         by_trace, by_det = slopes_of_law(
             wp.where(taut, trace, stretched + across),
-            wp.where(taut, det, stretched * across),
+            wp.where(taut, det, stretch),
             wp.where(taut, spread, stretched - across),
             material, n, lane,
         )  # fmt: skip
-        by_trace, by_det = relaxed(by_trace, by_det, major, spread, taut, wrinkles)
+        by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
         stress = stress_of(c, by_trace, by_det)
         if wp.static(traits.viscous):
             stress += viscous_stress(
