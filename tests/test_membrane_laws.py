@@ -195,3 +195,17 @@ def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
     stiffness = (energy_of(still + step) - 2.0 * energy_of(still) + energy_of(still - step)) / h**2
     assert stiffness.max() <= 1.01 * bound
     assert stiffness.max() >= 0.7 * bound
+
+
+def test_each_balloon_of_a_scene_has_its_own_law(device: str):
+    """The forces are those of each alone, to rounding."""
+    mesh = quad_sphere(2)
+    points = deformed(mesh.points, 3, 0.8)
+    alone = [forces_at(scene_of(kind, mesh), points, device) for kind in MEMBRANES]
+    balloons = [scene_of(kind, mesh).balloon[0] for kind in MEMBRANES]
+    together = forces_at(Scene(balloon=balloons, gravity=0.0), np.tile(points, (len(MEMBRANES), 1)), device)
+    for schedule, forces in together.items():
+        expected = np.concatenate([each[schedule] for each in alone])
+        np.testing.assert_allclose(forces, expected, atol=1e-6 * np.abs(expected).max())
+        parts = expected.reshape(len(MEMBRANES), -1)
+        assert np.abs(parts[1:] - parts[:-1]).max(axis=1).min() > 1e-3 * np.abs(parts).max()  # laws differ

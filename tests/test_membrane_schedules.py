@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import build_model, plan_model
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Sphere, Stiffness, load_scene
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Material, Scene, Sphere, Stiffness, load_scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
 
@@ -175,6 +175,8 @@ def test_what_does_not_go_with_rubber_gets_a_sentence():
         plan_model(latex(), 2, {"balloon.mass": [1.0, 2.0]})
     with pytest.raises(InputError, match=r'material\.gent_limit: needs kind = "gent"'):
         plan_model(latex(), 2, {"balloon.material.gent_limit": [50.0, 60.0]})
+    with pytest.raises(InputError, match="thickness: cannot change"):
+        plan_model(latex().model_copy(update={"change": [Change(time=0.1, set={"balloon.material.thickness": 1e-3})]}))
     with pytest.raises(InputError, match="substeps: 2 are too few"):
         plan_model(latex().model_copy(update={"substeps": 2}))
 

@@ -21,9 +21,16 @@ import warp as wp
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 SHEAR_MODULUS = Parameter(
-    "shear_modulus", "Pa", 3.3e5, least=TINY, path="material.shear_modulus", meaning="at rest; a third of Young's"
+    "shear_modulus",
+    "Pa",
+    3.3e5,
+    least=TINY,
+    path="material.shear_modulus",
+    meaning="at rest; a third of Young's; 3.3e5 when missing",
 )
-THICKNESS = Parameter("thickness", "m", 2.0e-4, least=1.0e-9, path="material.thickness", meaning="at rest")
+THICKNESS = Parameter(
+    "thickness", "m", 2.0e-4, least=1.0e-9, path="material.thickness", meaning="at rest; 2e-4 when missing"
+)
 WRINKLING = Parameter(
     "wrinkling", "1", 1.0, path="material.wrinkling", meaning="whether it wrinkles, or else resists compression"
 )
@@ -33,13 +40,18 @@ MOST_STRETCH = Parameter(
     6.0,
     least=1.0,
     path="material.most_stretch",
-    meaning='up to which the step of "auto" is stable, both ways',
+    meaning='up to which the step of "auto" is stable, both ways; 6 when missing, or nine tenths of what "gent" allows',
 )
 FILM_VISCOSITY = Parameter(
     "film_viscosity", "Pa s", least=0.0, path="material.viscosity", meaning="of the material's own damping"
 )
 MOONEY_RATIO = Parameter(
-    "mooney_ratio", "1", 0.1, least=0.0, path="material.mooney_ratio", meaning='of "mooney_rivlin": C2 over C1'
+    "mooney_ratio",
+    "1",
+    0.1,
+    least=0.0,
+    path="material.mooney_ratio",
+    meaning='of "mooney_rivlin": C2 over C1; 0.1 when missing',
 )
 GENT_LIMIT = Parameter(
     "gent_limit",
@@ -47,7 +59,7 @@ GENT_LIMIT = Parameter(
     97.2,
     least=TINY,
     path="material.gent_limit",
-    meaning='of "gent": what I1 - 3 cannot exceed, I1 the sum of the three squared stretches',
+    meaning='of "gent": what I1 - 3 cannot exceed, I1 the sum of the three squared stretches; 97.2 when missing',
 )
 OGDEN_MODULI = Parameter(
     "ogden_moduli", "Pa", path="material.ogden_moduli", size=3, meaning='of "ogden": mu of each of three terms'
@@ -130,10 +142,12 @@ def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_
     for term in range(3):
         k = 0.5 * ogden_exponents[term]
         grown = (cosine + sine) ** k
-        size = ogden_moduli[term] * root ** (k - 1.0)
-        by_trace = by_trace + size * (grown - 1.0 / grown) / (4.0 * sine)
-        by_root = by_root + size * 0.5 * (grown + 1.0 / grown) - ogden_moduli[term] * root ** (-2.0 * k - 1.0)
-    return by_trace, 0.5 * (by_root - 2.0 * by_trace * cosine) / root
+        powered = root**k
+        shrunk = 1.0 / grown
+        by_trace = by_trace + ogden_moduli[term] * powered * (grown - shrunk)
+        by_root = by_root + ogden_moduli[term] * (0.5 * powered * (grown + shrunk) - 1.0 / (powered * powered))
+    by_trace = by_trace / (4.0 * sine * root)
+    return by_trace, (0.5 * by_root / root - by_trace * cosine) / root
 
 
 @wp.func
