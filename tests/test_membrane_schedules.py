@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conserved import put
-from meshes import cube, mesh_of, prism, quad_sphere
+from meshes import cube, grid, mesh_of, prism, quad_sphere
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
@@ -16,6 +16,7 @@ from balloon_warp.model import build_model, plan_model
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Material, Scene, Sphere, Stiffness, load_scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.recorder import MEASURES, Recorder
 
 GAS = Inflation(kind="gas", start_pressure=400.0)
 OGDEN = Material(preset="natural_rubber_treloar", wrinkling=False)
@@ -192,3 +193,16 @@ def test_a_preset_is_what_it_says_and_can_be_changed():
     assert foil.balloon[0].material.value("thickness") == 1.2e-5
     rubber = load_scene("squirrel_inflate", {"balloon.material.preset": "latex"})
     assert rubber.balloon[0].material.is_membrane
+
+
+def test_the_largest_stretch_is_that_of_the_skin(device: str):
+    """In a batch's table and on the page: of a sheet that is stretched askew by 1.5 and 0.9."""
+    sheet = latex(mesh=grid(3, 3), inflation=Inflation(pressure=0.0))
+    simulator = Simulator(sheet, device)
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    points = simulator.state.points.numpy()[0]
+    put(simulator, points @ (np.array([[1.2, 0.3, 0.0], [0.3, 1.2, 0.0], [0.0, 0.0, 1.0]]) @ turn))
+    measured = Recorder(simulator, np.arange(1)).read().measures[0, MEASURES.index("largest_stretch")]
+    assert measured == pytest.approx(1.5, rel=1e-5)
+    membrane = simulator.model.shapes[0].membrane
+    np.testing.assert_allclose(membrane.stretches(simulator.state.points.numpy()[0]), 1.5, rtol=1e-5)

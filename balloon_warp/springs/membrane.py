@@ -56,6 +56,16 @@ class Membrane:
         pairs = self.corners[:, [[0, 1], [0, 2], [1, 2]]]
         return pairs.reshape(-1, 2), between.ravel()
 
+    def stretches(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The larger principal stretch of each triangle where its corners are at these points, shape (T,)."""
+        places = np.asarray(points, dtype=np.float64)[self.corners]
+        edges = places[:, 1:] - places[:, :1]
+        a, b, c, _ = self.rests.T
+        first, second = edges[:, 0] * a[:, None], edges[:, 0] * b[:, None] + edges[:, 1] * c[:, None]
+        half = 0.5 * ((first**2).sum(axis=1) - (second**2).sum(axis=1))
+        mean = 0.5 * ((first**2).sum(axis=1) + (second**2).sum(axis=1))
+        return np.sqrt(mean + np.hypot(half, (first * second).sum(axis=1)))
+
     def lumps(self, count: int) -> NDArray[np.float64]:
         """The area that falls to each of so many particles [m^2]."""
         lumps = np.zeros(count)

@@ -11,6 +11,14 @@ LEAST_DET = wp.constant(0.01)
 
 
 @wp.func
+def invariants_of(c: wp.vec3):
+    """Trace, determinant, and by how much the larger squared stretch a exceeds the smaller b, of C's components 11, 12
+    and 22."""
+    half = 0.5 * (c[0] - c[2])
+    return c[0] + c[2], c[0] * c[2] - c[1] * c[1], 2.0 * wp.sqrt(half * half + c[1] * c[1])
+
+
+@wp.func
 def is_taut(det: float, stretch: float, wrinkling: float):
     """Whether there are tensions both ways, or what does not wrinkle: b >= 1 / sqrt(a) is a b >= sqrt(a).
 

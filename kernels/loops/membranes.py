@@ -13,6 +13,7 @@ from balloon_warp.kernels.algebra import number_in
 from balloon_warp.kernels.compose import choice_of_laws
 from balloon_warp.kernels.laws.tension_field import (
     LEAST_DET,
+    invariants_of,
     is_taut,
     pulled_back,
     pushed_forward,
@@ -44,10 +45,8 @@ def tension_function(traits: Traits) -> Any:
         """
         wrinkles = number_in(n, wrinkling, lane)
         c = pulled_back(metric, rest)
-        half = 0.5 * (c[0] - c[2])
-        trace = c[0] + c[2]
-        spread = 2.0 * wp.sqrt(half * half + c[1] * c[1])
-        det = wp.max(c[0] * c[2] - c[1] * c[1], LEAST_DET)
+        trace, area_squared, spread = invariants_of(c)
+        det = wp.max(area_squared, LEAST_DET)
         major = 0.5 * (trace + spread)
         stretched = wp.max(major, 1.0)
         stretch = wp.sqrt(stretched)
