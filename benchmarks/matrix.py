@@ -88,6 +88,8 @@ METHODS = (
     Method("overextended springs stop pulling", ("balloon.stiffness.yield_stretch=2",)),
     Method("torsion springs", ("balloon.stiffness.torsion=0.01",)),
     Method("stiffness that varies", ("balloon.stiffness.variation=0.3",)),
+    Method("rubber and film", ("balloon.material={preset='latex'}",)),
+    Method("rubber with damping of its own", ("balloon.material={preset='latex', viscosity=10}",)),
     Method("Provot's correction", ("correction=provot",)),
     Method("Tarantino's correction", ("correction=tarantino",)),
     Method("forward Euler", ("solver=forward_euler",)),

@@ -6,6 +6,8 @@ instructions of them, also where the body calls a law for one particle. It is le
 that algebra is native, a row of eight at a time.
 """
 
+from typing import Any
+
 import warp as wp
 
 LANE_COUNT = wp.constant(8)
@@ -80,6 +82,18 @@ def of_lane(vectors: Lanes4, lane: wp.int32):  # noqa: F811 - an overload
 def of_lane(numbers: LaneNumbers, lane: wp.int32):  # noqa: F811 - an overload
     """The number of one lane."""
     return numbers[lane]
+
+
+@wp.func
+def number_in(row: Any, column: wp.int32, lane: wp.int32):
+    """A number of a row of one particle's."""
+    return row[column]
+
+
+@wp.func
+def number_in(row: wp.array[Lanes], column: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
+    """The number of one lane, of a row of lanes."""
+    return row[column][lane]
 
 
 @wp.func

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import of_lane
+from balloon_warp.kernels.algebra import number_in, of_lane
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import GIVEN, Kind, Law
 
@@ -63,6 +63,27 @@ def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns:
         return _number(column, size, "[lane]")
 
     return _summed(f"{kind}_laws_in_lane", result, laws, columns, given, told, number, "n: Any, lane: wp.int32")
+
+
+@cache
+def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
+    """The function that calls the one of the laws of membranes whose number `material` is. Its other arguments are all
+    that such laws are told, and the row `n` of numbers, of one of eight lanes where it is of lanes."""
+    given = [each.name for each in GIVEN["membrane"]]
+
+    def number(column: int, size: int) -> str:
+        parts = [f"number_in(n, {each}, lane)" for each in range(column, column + size)]
+        return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
+
+    called = {f"law_{place}": law.force for place, law in enumerate(laws)}
+    calls = [call_of(force, each, given, columns, number=number) for each, force in called.items()]
+    lines = [f"    by_trace, by_det = {calls[0]}"]
+    for place, call in enumerate(calls[1:], 1):
+        lines += [f"    if material == {place}:", f"        other_trace_{place}, other_det_{place} = {call}"]
+        lines += [f"        by_trace = other_trace_{place}", f"        by_det = other_det_{place}"]
+    arguments = ", ".join([*(f"{each}: float" for each in given), "material: wp.int32, n: Any, lane: wp.int32"])
+    source = "\n".join([f"def membrane_laws({arguments}):", *lines, "    return by_trace, by_det\n"])
+    return function_from("membrane_laws", source, {"number_in": number_in, **called})
 
 
 def _number(column: int, size: int, of_which: str = "") -> str:

@@ -80,6 +80,19 @@ def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
+    const float4 four = __ldg(reinterpret_cast<const float4*>(array.data) + (unsigned int)index);
+    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
+#else
+    return array.data[index];
+#endif
+""")
+def four_floats_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
+    """The same of four numbers."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
     const int4 four = __ldg(reinterpret_cast<const int4*>(array.data) + (unsigned int)index);
     return wp::vec_t<4, wp::int32>(four.x, four.y, four.z, four.w);
 #else

@@ -93,6 +93,29 @@ class HingeTable:
 
 
 @wp.struct
+class MembraneTable:
+    """The triangles of membranes, each once, and from each of their corners; empty where all balloons are springs.
+
+    What a triangle is at rest are four numbers: a, b and c of the inverse [[a, b], [0, c]] of the edges d1 and d2 from
+    its first corner [1/m], in a frame along d1, and its area [m^2] times its part of what covers the face, times its
+    thickness over that of its balloon.
+    """
+
+    corners: wp.array[wp.vec3i]
+    corner_rests: wp.array[wp.vec4]
+    materials: wp.array[wp.int32]
+    """which of the laws each balloon has"""
+    slice_offsets: wp.array[wp.int32]
+    """as springs stand: a particle's next triangle is `SLICE` further"""
+    counts: wp.array[wp.int32]
+    """triangles of each particle"""
+    others: wp.array[wp.vec2i]
+    """the other two corners of each"""
+    rests: wp.array[wp.vec4]
+    """with the particle as the first corner"""
+
+
+@wp.struct
 class StringTable:
     """Strings sorted by the particle that they hold: those of p are `offsets[p]` to `offsets[p + 1]`."""
 
@@ -168,6 +191,7 @@ class Tables:
     rings: RingTable
     pairs: PairTable
     hinges: HingeTable
+    membranes: MembraneTable
     strings: StringTable
     faces: FaceTable
     fans: FanTable

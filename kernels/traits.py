@@ -13,6 +13,10 @@ class Traits(NamedTuple):
     laws: tuple[Law, ...]
     """those that act"""
     columns: Columns
+    membranes: tuple[Law, ...] = ()
+    """those of balloons that are no springs"""
+    viscous: bool = False
+    """a membrane is"""
     balloons: int = 1
     spheres: int = 0
     springs_vary: bool = False
@@ -80,7 +84,7 @@ class Traits(NamedTuple):
     @property
     def looks_at_velocities(self) -> bool:
         """Whether forces on a particle depend on its neighbors' velocities."""
-        return self.needs("spring", "opening") or self.needs("face", "velocity")
+        return self.viscous or self.needs("spring", "opening") or self.needs("face", "velocity")
 
     @property
     def keeps_velocities(self) -> bool:

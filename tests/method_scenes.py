@@ -9,6 +9,7 @@ from balloon_warp.scene import (
     Balloon,
     Ground,
     Inflation,
+    Material,
     Obstacle,
     Scene,
     Sphere,
@@ -85,6 +86,18 @@ def _with_stiffness(scene: Scene, *of_balloons: Stiffness) -> Scene:
         for balloon, stiffness in zip(scene.balloon, of_balloons, strict=True)
     ]
     return scene.model_copy(update={"balloon": balloons})
+
+
+LATEX = Material(preset="latex", viscosity=20.0, springs=["flexion"])
+TOUGH = Material(preset="natural_rubber_treloar", thickness=1e-3)
+
+
+def of_materials(scene: Scene) -> Scene:
+    """A scene whose first two balloons are of rubber."""
+    first, second, *others = scene.balloon
+    first = first.model_copy(update={"material": LATEX})
+    second = second.model_copy(update={"material": TOUGH})
+    return scene.model_copy(update={"balloon": [first, second, *others]})
 
 
 IMPULSE = {"contact": "impulse"}
@@ -168,6 +181,8 @@ SCENES = {
     "afloat": afloat(),
     "rubber": with_rubber(),
     "torsion": with_torsion(),
+    "materials": of_materials(everything()),
+    "materials in air": of_materials(in_air()),
     "provot": corrected("provot"),
     "tarantino": corrected("tarantino"),
     "forward Euler": by_forward_euler(),

@@ -234,6 +234,32 @@ def test_two_balloons_the_smaller_empties_into_the_larger():
     np.testing.assert_allclose(curve[0], curve[1], rtol=0.02)
 
 
+def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
+    """Each has the pressure of the Mooney-Rivlin sphere, by its own volume and area. While it is pumped, the largest
+    one's is highest at the start, falls until a stretch of 3.1, and rises; in the end the smallest has the most."""
+    model, frames = played("latex_inflate")
+    mesh = model.shapes[2].mesh
+    area, volume, (mu, ratio) = total_area(mesh), signed_volume(mesh), (3.3e5, 0.1)
+
+    def stretch_at(frame: Frame, balloon: int) -> float:
+        return float(np.cbrt(signed_volume(shape_at(model, frame, balloon)) / volume))
+
+    def pressure_at(stretch: float) -> float:
+        """A h W' / (3 V l^2)"""
+        rising = (1.0 / stretch - stretch**-7.0) * (1.0 + ratio * stretch**2) / (1.0 + ratio)
+        return 2.0 * mu * 2e-4 * area / (3.0 * volume) * rising
+
+    for balloon in range(3):
+        pressure, expected = frames[-1].pressures[balloon], pressure_at(stretch_at(frames[-1], balloon))
+        assert pressure == pytest.approx(expected, rel=0.01)
+    assert frames[-1].pressures[0] > 1.1 * max(frames[-1].pressures[1:])
+    curve = np.array([(stretch_at(frame, 2), frame.pressures[2]) for frame in frames if frame.number <= 120])
+    lowest = curve[20 + curve[20:, 1].argmin(), 0]
+    assert 2.9 < lowest < 3.4
+    assert curve[:20, 1].max() > 1.1 * curve[20:, 1].min()
+    assert curve[-1, 1] > 1.01 * curve[20:, 1].min()
+
+
 def test_balloon_bunch_pushes_apart_and_comes_to_rest():
     """At the end each touches another, none is in any by a hundredth of its radius, and all pull at their strings."""
     model, frames = played("balloon_bunch")

@@ -66,6 +66,7 @@ def features(model: Model) -> set[str]:
     """What schedules have to do for a model, in words: its laws, its traits, and what stands in tables."""
     traits = model_traits(model)
     found = {law.name if law in LAWS else f"own {law.kind} law" for law in traits.laws}
+    found |= {f"membrane {law.name}" for law in traits.membranes}
     found |= {
         f"{law.name} by {name}"
         for law in traits.laws

@@ -5,14 +5,14 @@ import pytest
 import warp as wp
 from meshes import cube
 
-from balloon_warp.kernels.laws import LAWS, PARAMETERS
+from balloon_warp.kernels.laws import LAWS, PARAMETERS, Parameter
 from balloon_warp.kernels.laws.contact import NO_GROUND
 from balloon_warp.kernels.laws.water import NO_WATER
 from balloon_warp.model import bounds, build_model, initial_state, plan_model, world_bytes
 from balloon_warp.model.memory import Allocating, Counting
 from balloon_warp.model.parameters import places_of, value_of
 from balloon_warp.model.rows import ROWS, rows_of
-from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, String, Touch, Tube, Water
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, String, Touch, Tube, Water
 from balloon_warp.scene.overrides import override_scene
 
 GAS = Inflation(kind="gas")
@@ -31,10 +31,34 @@ def everything() -> Scene:
     )
 
 
+MATERIALS = (
+    Material(kind="neo_hookean"),
+    Material(kind="mooney_rivlin"),
+    Material(kind="ogden", ogden_moduli=(6.3e5, 1.2e3, -1e4), ogden_exponents=(1.3, 5.0, -2.0)),
+    Material(kind="gent"),
+)
+
+
+def of(material: Material) -> Scene:
+    """A scene of such balloons."""
+    scene = everything()
+    return scene.model_copy(
+        update={"balloon": [each.model_copy(update={"material": material}) for each in scene.balloon]}
+    )
+
+
+def scene_that_has(row: Parameter) -> Scene:
+    """Everything, of a material that the row is of."""
+    field = row.path.removeprefix("material.")
+    fitting = (of(material) for material in MATERIALS if field in material.own_fields)
+    return next(fitting, everything()) if row.path != field else everything()
+
+
 def test_every_row_stands_in_a_scene():
     """And what a schema says of a law's field is what its row says."""
     scene, rows = everything(), rows_of(LAWS)
-    names = {name for places in places_of(scene, rows).values() for name, _ in places}
+    scenes = scene, *map(of, MATERIALS)
+    names = {name for each in scenes for places in places_of(each, rows).values() for name, _ in places}
     assert names == {*(row.name for row in rows), "keyframe_values"}
     changed = {"ground_height": -5.0, "water_level": -4.0}
     for row in PARAMETERS.values():
@@ -44,13 +68,15 @@ def test_every_row_stands_in_a_scene():
 
 @pytest.mark.parametrize("row", [*PARAMETERS.values(), *ROWS], ids=lambda row: row.name)
 def test_every_row_may_differ_between_worlds(row):
-    scene = everything()
+    scene = scene_that_has(row)
     if row.name in ("gamma", "molar_mass"):  # which are alike at both ends of a tube
         scene = scene.model_copy(update={"tube": []})
     if row.name == "helium":  # gas lifts by itself
         scene = Scene(balloon=[Balloon(mesh=cube())])
     path = row.path if row.of == "world" else f"{row.of}.{row.path}"
     values = max(row.least, 0.0) + np.array([0.2, 0.4, 0.6])
+    if row.name == "wrinkling":  # or not
+        values = np.array([0.0, 1.0, 0.0])
     plan = plan_model(scene, 3, {path if row.size == 1 else f"{path}.1": values})
     if row.name == "initial_rotations":  # of which matrices are made, less 1
         turned = np.degrees(np.arcsin(plan.parameters["initial_turns"][:, 0, 0, 2]))

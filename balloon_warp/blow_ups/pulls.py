@@ -54,7 +54,7 @@ class Pulls:
         forces = ForceReader(model)
         forces.refresh(state)
         time = float(state.frame.numpy()[0]) * model.frame_seconds + time_in_frame
-        self._tensions = _row(forces.spring_pulls(state, time))
+        self._tensions = _row(forces.spring_pulls(state, time)) if model.spring_count else np.zeros(0)
         self._strings = _row(forces.string_pulls(state, time)) if model.string_count else np.zeros(0)
         inflation = np.linalg.norm(_row(forces.inflation_forces(state, time_in_frame)), axis=1)
         by_law = {name: _row(pulls) for name, pulls in forces.pulls_by_law(state, time).items()}

@@ -11,6 +11,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Kind
+from balloon_warp.model.materials import law_of, numbers_of, stiffest_modulus, thickest_viscosity
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.surroundings import Surroundings
 from balloon_warp.scene import Scene
@@ -27,6 +28,8 @@ class Stiffest(NamedTuple):
     """of a spring of each kind, and how much more in proportion to its scale, shape (3, 2)"""
     held: NDArray[np.float64]
     """of all else, at each particle that moves, shape (P,)"""
+    membrane: float
+    """of a membrane, as springs whose constants are those of its Laplacian"""
 
 
 class Bounds:
@@ -55,7 +58,10 @@ class Bounds:
         strings = [place for place, string in enumerate(scene.string) if string.balloon == number]
         self._strings = parameters["string_stiffness"][:, strings]
         self._touch = touch or {}
-        self._world_count = max(len(v) for v in (*self._told.values(), self._strings, *self._touch.values()))
+        self._membrane = membrane_bounds(scene, number, parameters)
+        self._world_count = max(
+            len(v) for v in (*self._told.values(), self._strings, *self._touch.values(), *self._membrane.values())
+        )
 
     @property
     def has_hinges(self) -> bool:
@@ -79,6 +85,8 @@ class Bounds:
     def sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
         """The sum of the laws' bounds at each particle, shape (worlds, P) or (1, P)."""
         total = self._other_sums(bound, around, worlds)
+        if bound in self._membrane:
+            total = total + _some(self._membrane[bound], worlds)[:, None] * around.membrane
         for kind, least, more in self._spring_constants(bound, worlds):
             if np.any(least):
                 total = total + least * around.spring_counts[:, kind]
@@ -101,7 +109,8 @@ class Bounds:
             sums = self._other_sums("stiffness", around, worlds)
             over = masses[worlds] if len(masses) > 1 else masses
             held = np.maximum(held, np.max(2.0 * sums / over[:, None], axis=0))
-        return Stiffest(springs, held)
+        membrane = np.max(self._membrane.get("stiffness", np.zeros(1)) / masses)
+        return Stiffest(springs, held, float(membrane))
 
     def _spring_constants(self, bound: Bound, worlds: slice) -> Iterator[tuple[int, Any, Any]]:
         """Of each law and kind of spring what all springs have, and how much more in proportion to their scale."""
@@ -113,12 +122,8 @@ class Bounds:
 
     def _other_sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
         """The sum of the bounds of all laws but those of springs, and of contacts."""
-
-        def some(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            return values[worlds] if len(values) > 1 else values
-
-        told = {name: some(values) for name, values in self._told.items()}
-        strings = some(self._strings)
+        told = {name: _some(values, worlds) for name, values in self._told.items()}
+        strings = _some(self._strings, worlds)
         total = np.zeros((1, around.particle_count))
         for of_string in self._of_kind("string", bound):
             for place in range(strings.shape[1]):
@@ -131,13 +136,29 @@ class Bounds:
             for of_one in self._of_kind(kind, bound):
                 total = total + 0.5 * of_one(**told | place | {"mass": told["mass"] * around.mass_share})
         if bound in self._touch:
-            total = total + some(self._touch[bound][:, None])
+            total = total + _some(self._touch[bound][:, None], worlds)
         return total
 
     def _of_kind(self, kind: Kind, bound: Bound) -> Iterator[Callable[..., Any]]:
         for law in self._laws:
             if law.kind == kind and getattr(law, bound) is not None:
                 yield told_what_it_names(getattr(law, bound))
+
+
+def membrane_bounds(scene: Scene, number: int, parameters: Parameters) -> dict[Bound, NDArray[np.float64]]:
+    """Of a balloon's membrane in all worlds: its stiffest modulus [N/m] and viscosity [N s/m], times its thickness,
+    shape (W,); nothing where it is of springs."""
+    law = law_of(scene, number)
+    if law is None:
+        return {}
+    told = numbers_of(parameters, number)
+    thickness = told["thickness"][:, 0]
+    return {"stiffness": stiffest_modulus(law, told) * thickness, "drag": thickest_viscosity(told) * thickness}
+
+
+def _some(values: NDArray[np.float64], worlds: slice) -> NDArray[np.float64]:
+    """Those of some worlds, or the one row of all."""
+    return values[worlds] if len(values) > 1 else values
 
 
 def told_what_it_names(bound: Callable[..., Any]) -> Callable[..., Any]:

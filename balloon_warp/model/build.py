@@ -100,6 +100,10 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         spring_kind=joined([shape.springs.kind for shape in shapes], wp.int32),
         spring_rest_length=joined([shape.springs.rest_lengths for shape in shapes], float),
         spring_stiffness_scale=joined([shape.stiffness_scale for shape in shapes], float),
+        membrane_corners=joined(
+            [shape.membrane.corners + offset for shape, offset in zip(shapes, offsets, strict=False)], wp.vec3i
+        ),
+        membrane_rests=joined([shape.membrane.rests for shape in shapes], wp.vec4),
         keyframe_times=array(_keyframe_times(scene), float),
         inflation_kind=array([KINDS.index(balloon.inflation.kind) for balloon in scene.balloon], wp.int32),
         tube_balloons=array(np.array([tube.balloons for tube in scene.tube]).reshape(-1, 2), wp.vec2i),

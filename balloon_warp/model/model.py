@@ -78,6 +78,12 @@ class Model:
     spring_stiffness_scale: wp.array
     """a spring's constant over that of its kind, shape (spring_count,), float32"""
 
+    # membranes
+    membrane_corners: wp.array
+    """of the triangles of rubber or film, shape (triangle_count,), vec3i"""
+    membrane_rests: wp.array
+    """what each is at rest, see `kernels.tables.MembraneTable`, shape (triangle_count,), vec4"""
+
     # balloons
     inflation_kind: wp.array
     """normal force 0, pressure 1, gas 2, shape (balloon_count,), int32"""
@@ -175,6 +181,11 @@ class Model:
     @property
     def spring_count(self) -> int:
         return self.spring_kind.shape[0]
+
+    @property
+    def triangle_count(self) -> int:
+        """of membranes"""
+        return self.membrane_corners.shape[0]
 
     @property
     def balloon_count(self) -> int:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.model.rows import KEYFRAME_VALUES
-from balloon_warp.scene import Inflation, Scene
+from balloon_warp.scene import Inflation, Material, Scene
 from balloon_warp.scene.timeline import is_there
 
 Parameters = dict[str, NDArray[np.float64]]
@@ -102,10 +102,12 @@ def _has(table: Any, path: str) -> bool:
     *inner, field = path.split(".")
     for name in inner:
         table = _field(table, name)
-        if table is None or (isinstance(table, Inflation) and field not in table.own_fields):
+        if table is None or (isinstance(table, Inflation | Material) and field not in table.own_fields):
             return inner[0] == "law"
     return True
 
 
 def _field(table: Any, name: str) -> Any:
+    if isinstance(table, Material):
+        return table.value(name)
     return table.get(name) if isinstance(table, dict) else getattr(table, name)

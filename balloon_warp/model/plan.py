@@ -16,6 +16,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
+from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters, parameters_at
 from balloon_warp.model.passing import warnings_of
@@ -150,7 +151,8 @@ def _settled(
     for balloon, shape in zip(scene.balloon, shapes, strict=True):
         if balloon.inflation.kind == "gas":
             require_sealed(shape)
-    parameters = dict(said) | settle_starts(scene, shapes, dict(said))
+    parameters = dict(said) | {"mass": settle_masses(scene, shapes, dict(said))}
+    parameters |= settle_starts(scene, shapes, parameters)
     for name in ("initial_balloon_positions", "initial_rotations"):
         del parameters[name]
     for number, particle in enumerate(held):

@@ -1,14 +1,16 @@
 """The pressure that a balloon gets where the scene leaves it open, "auto". Host side."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.mesh.corners import corner_faces, face_starts
-from balloon_warp.mesh.geometry import face_areas, vertex_normals
+from balloon_warp.mesh.geometry import face_areas, total_area, vertex_normals
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
+from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
@@ -17,6 +19,8 @@ STRETCH = 1.25
 """of a round balloon at that pressure, length over rest length"""
 PRESSURE = (STRETCH - 1.0) / STRETCH**2
 """over 2 K / R, see below"""
+MOST_OF_FILM = 4.0e3
+"""[Pa] that rubber and film get: foil, which hardly stretches, is filled to about as much"""
 UNEVEN = 1.4
 """the mean of a surface's tensions over the least, of one that is even"""
 
@@ -36,12 +40,35 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
     values = parameters["keyframe_values"]
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         if balloon.inflation.is_automatic:
+            if law := law_of(scene, number):
+                told = numbers_of(parameters, number)
+                pressures = np.zeros((1, 1)) if shape.flies_off else _pressures_of_membrane(shape, law, told)
+                values = _with_settled(values, number, pressures)
+                continue
             constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
             pressures = np.zeros((1, 1)) if shape.flies_off else constants @ _pressures(shape)[:, None]
-            rows = max(len(values), len(pressures))
-            values = np.broadcast_to(values, (rows, *values.shape[1:])).copy()
-            values[:, number] = np.where(np.isnan(values[:, number]), pressures, values[:, number])
+            values = _with_settled(values, number, pressures)
     return values
+
+
+def _with_settled(values: NDArray[np.float64], number: int, pressures: NDArray[np.float64]) -> NDArray[np.float64]:
+    """With a balloon's pressures, shape (W, 1), where its values are left open."""
+    rows = max(len(values), len(pressures))
+    values = np.broadcast_to(values, (rows, *values.shape[1:])).copy()
+    values[:, number] = np.where(np.isnan(values[:, number]), pressures, values[:, number])
+    return values
+
+
+def _pressures_of_membrane(
+    shape: BalloonShape, law: Law, told: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """That stretch a round balloon of the same area as much [Pa], shape (W, 1): 2 h dW/dl / (l^2 R), by virtual
+    work."""
+    area = total_area(shape.mesh)
+    radius = np.sqrt(area / ((4.0 if shape.closed else 2.0) * np.pi))
+    thickness = told["thickness"] * shape.membrane.areas.sum() / area
+    slope, _ = slopes_by_stretches(law, told, np.array(STRETCH), np.array(STRETCH))
+    return np.minimum(2.0 * thickness * slope / (STRETCH**2 * radius), MOST_OF_FILM)
 
 
 def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:

@@ -22,6 +22,7 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("initial_velocities", "m/s", path="velocity", size=3),
     Parameter("initial_spins", "rad/s", path="angular_velocity", size=3),
     Parameter("initial_gas_amounts", "mol", np.nan, least=0.0, path="inflation.amount"),
+    Parameter("initial_density", "kg/m^3", 940.0, least=TINY, path="material.density"),
     Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="of a gas, above the air's"),
     Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),
     Parameter("initial_sphere_velocities", "m/s", of="sphere", path="velocity", size=3),

@@ -19,9 +19,10 @@ from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.mesh.units import in_unit
 from balloon_warp.model.fixed import fixed_particles, group_of
-from balloon_warp.scene import Balloon, Scene, Stiffness
-from balloon_warp.springs import Springs
+from balloon_warp.scene import Balloon, Material, Scene, Stiffness
+from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
+from balloon_warp.springs.membrane import Membrane, build_membrane, no_membrane
 from balloon_warp.springs.ties import balloon_springs
 
 SHOOTS_AWAY = (
@@ -44,6 +45,9 @@ class BalloonShape:
     """the part of it that makes thin parts softer, shape (spring_count,); 1 elsewhere"""
     mass_share: NDArray[np.float64]
     """each particle's part of the balloon's mass, shape (particle_count,); 0 for a particle that does not move"""
+    membrane: Membrane
+    """of rubber or film, as thick as the weights say, so that its areas are those of the balloon's thickness; empty
+    where it is of springs"""
     remarks: tuple[str, ...] = ()
     """what is odd about it beside its mesh, in sentences"""
 
@@ -89,7 +93,10 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
     placed = place_mesh(in_unit(mesh, balloon.unit), scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
-    springs = balloon_springs(placed, balloon.parts)
+    material = balloon.material
+    beside = [SpringKind[kind.upper()] for kind in material.springs] if material.is_membrane else list(SpringKind)
+    springs = balloon_springs(placed, balloon.parts, beside)
+    membrane = _membrane(placed, material) if material.is_membrane else no_membrane()
     if balloon.stiffness.thin != "softer":
         softness = np.ones(springs.count)
     else:
@@ -100,7 +107,8 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
         springs=springs,
         stiffness_scale=softness * _stiffness_scale(placed, springs, balloon.stiffness),
         softness=softness,
-        mass_share=_mass_shares(placed, balloon),
+        mass_share=_mass_shares(placed, balloon, membrane),
+        membrane=membrane,
     )
     return replace(shape, remarks=(SHOOTS_AWAY,)) if balloon.inflation.is_automatic and shape.flies_off else shape
 
@@ -112,7 +120,8 @@ def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) 
     lowest, size = used.min(), max(float(np.ptp(used)), LEAST_SIZE)
     place = (along[springs.pairs].mean(axis=1) - lowest) / size
     low, high = stiffness.gradient
-    return _drawn(springs, stiffness) * (low + (high - low) * place) * _weights(mesh, springs, stiffness)
+    weights = _weights(mesh, stiffness.weights, "stiffness.weights")[springs.pairs].mean(axis=1)
+    return _drawn(springs, stiffness) * (low + (high - low) * place) * weights
 
 
 def _drawn(springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
@@ -122,27 +131,42 @@ def _drawn(springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
     return 1.0 + stiffness.variation * np.random.default_rng(stiffness.seed).uniform(-1.0, 1.0, springs.count)
 
 
+def _membrane(mesh: PolygonMesh, material: Material) -> Membrane:
+    """As thick as the vertices say.
+
+    Raises:
+        InputError: the mesh has no triangle.
+    """
+    membrane = build_membrane(mesh)
+    if not membrane.count:
+        raise InputError(
+            f"material: {mesh.name} has no face with an area to be made of {material.law.replace('_', '-')} material; "
+            'expected one, or kind = "springs"'
+        )
+    weights = _weights(mesh, material.weights, "material.weights")
+    return replace(membrane, areas=membrane.areas * weights[membrane.corners].mean(axis=1))
+
+
 def _softness(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:
     """Of each spring, from how thick the balloon is at its ends."""
     return relative_thickness(mesh)[springs.pairs].mean(axis=1)
 
 
-def _weights(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
-    """What the vertices say of each spring's constant: 1 where they say nothing."""
-    if stiffness.weights is None:
-        return np.ones(springs.count)
-    if isinstance(stiffness.weights, dict):
-        weights = np.ones(mesh.vertex_count)
-        for name, weight in stiffness.weights.items():
-            weights[group_of(mesh, name, "stiffness.weights")] = weight
-        return weights[springs.pairs].mean(axis=1)
-    assert isinstance(stiffness.weights, list)  # a balloon's are no function
-    if len(stiffness.weights) != mesh.vertex_count:
+def _weights(mesh: PolygonMesh, said: object, field: str) -> NDArray[np.float64]:
+    """What a field says of each vertex: 1 where it says nothing."""
+    weights = np.ones(mesh.vertex_count)
+    if said is None:
+        return weights
+    if isinstance(said, dict):
+        for name, weight in said.items():
+            weights[group_of(mesh, name, field)] = weight
+        return weights
+    assert isinstance(said, list)  # a balloon's are no function
+    if len(said) != mesh.vertex_count:
         raise InputError(
-            f"stiffness.weights: {mesh.name} has {mesh.vertex_count} vertices; expected a number for each "
-            f"(got {len(stiffness.weights)})"
+            f"{field}: {mesh.name} has {mesh.vertex_count} vertices; expected a number for each (got {len(said)})"
         )
-    return np.array(stiffness.weights)[springs.pairs].mean(axis=1)
+    return np.array(said, dtype=np.float64)
 
 
 def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
@@ -155,10 +179,13 @@ def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
     return prepared(mesh, source, balloon.treatment), source
 
 
-def _mass_shares(mesh: PolygonMesh, balloon: Balloon) -> NDArray[np.float64]:
-    """Equal shares for the particles that move: those of a face, and not fixed."""
+def _mass_shares(mesh: PolygonMesh, balloon: Balloon, membrane: Membrane) -> NDArray[np.float64]:
+    """Equal shares for the particles that move: those of a face, and not fixed. Of rubber and film, the shares of its
+    volume, of which what is fixed keeps its own."""
     moves = np.zeros(mesh.vertex_count, dtype=bool)
     moves[mesh.face_vertex_indices] = True
     for particle in fixed_particles(balloon.fixed, mesh):
         moves[mesh.stand_in(particle)] = False
+    if membrane.count:
+        return np.where(moves, membrane.lumps(mesh.vertex_count), 0.0) / membrane.areas.sum()
     return moves / max(int(moves.sum()), 1)

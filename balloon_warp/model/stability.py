@@ -12,6 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model.bounds import Bounds, names_of_bounds
+from balloon_warp.model.materials import NAMES as MEMBRANE_NAMES
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.spectrum import highest_squared_frequency
@@ -82,8 +83,10 @@ class Network:
         of_kind = stiffest.springs[shape.springs.kind]
         held = np.zeros(len(shape.mass_share))
         held[shape.mass_share > 0.0] = stiffest.held
+        pairs, between = shape.membrane.laplacian
+        constants = of_kind[:, 0] + of_kind[:, 1] * shape.stiffness_scale, stiffest.membrane * between
         squared_frequency = highest_squared_frequency(
-            shape.springs.pairs, of_kind[:, 0] + of_kind[:, 1] * shape.stiffness_scale, held, shape.mass_share
+            np.concatenate([shape.springs.pairs, pairs]), np.concatenate(constants), held, shape.mass_share
         )
         return float(_step(max(squared_frequency, 1.0e-12), rate))
 
@@ -114,7 +117,11 @@ class Network:
 
 def names_of_the_step(laws: Sequence[Law]) -> set[str]:
     """The parameters that the stable step depends on, and what else the bounds of these laws ask for."""
-    return {*(row.name for row in KINDS), "string_stiffness", "mass", "touch_stiffness"} | names_of_bounds(laws)
+    return (
+        {*(row.name for row in KINDS), "string_stiffness", "mass", "touch_stiffness"}
+        | names_of_bounds(laws)
+        | MEMBRANE_NAMES
+    )
 
 
 def _steps(

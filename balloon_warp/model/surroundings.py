@@ -29,6 +29,8 @@ class Surroundings:
     """1 where the string holds it, shape (P, count of the balloon's strings)"""
     hinges: NDArray[np.float64]
     """half the row sums of the stiffness matrix of hinges with a constant of 1 N m/rad [1/m^2], shape (P,)"""
+    membrane: NDArray[np.float64]
+    """half the row sums of the Laplacian of its membrane, without signs, shape (P,)"""
     velocity: NDArray[np.float64]
     """[m/s], shape (P, 3)"""
 
@@ -70,6 +72,7 @@ def surroundings_of(
         spring_scales=scales[moves],
         strings=(np.flatnonzero(moves)[:, None] == np.asarray(held, dtype=np.int64)).astype(np.float64),
         hinges=_hinges(shape)[moves] if with_hinges else np.zeros(int(moves.sum())),
+        membrane=_membrane(shape)[moves],
         velocity=np.zeros((count, 3))[moves] if velocities is None else velocities[moves],
     )
 
@@ -83,6 +86,18 @@ def _hinges(shape: BalloonShape) -> NDArray[np.float64]:
     sums = np.zeros(shape.mesh.vertex_count)
     np.add.at(sums, hinges.ends, rows[:, :2])
     np.add.at(sums, hinges.wing_particles, np.repeat((rows[:, 2:] / sizes).ravel(), sizes.ravel()))
+    return sums
+
+
+def _membrane(shape: BalloonShape) -> NDArray[np.float64]:
+    """Twice that bounds the eigenvalues, by Gershgorin's theorem."""
+    count = shape.mesh.vertex_count
+    pairs, between = shape.membrane.laplacian
+    rows, which = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
+    total = np.bincount(which.ravel(), between, len(rows))
+    sums = np.zeros(count)
+    for end in (0, 1):
+        sums += np.bincount(rows[:, end], 0.5 * (total + np.abs(total)), count)
     return sums
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
+from balloon_warp.kernels.laws.membrane import THICKNESS
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import Parameters, Place, is_numbered, places_of
 from balloon_warp.model.rows import START
@@ -101,7 +102,10 @@ def require_changeable(scene: Scene, rows: Sequence[Parameter], paths: Iterable[
     places = places_of(scene, rows)
     for path in paths:
         named = [place for known, place in places.items() if known == path or known.startswith(f"{path}.")]
-        at_start = any(name.startswith(START) for place in named for name, _ in place)
+        names = {name for place in named for name, _ in place}
+        if THICKNESS.name in names:
+            raise InputError(f"{path}: cannot change, for the balloon's mass follows from it")
+        at_start = any(name.startswith(START) for name in names)
         if path not in METHODS and (at_start or not named):
             methods = ", ".join(METHODS)
             raise InputError(f"{path}: cannot change; what can is {methods}, and what may differ between worlds")

@@ -1,4 +1,4 @@
-"""Another kind of inflation than a scene has: what belongs to the old kind goes."""
+"""Another kind of inflation, or another material, than a scene has: what belongs to the old kind goes."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -31,11 +31,21 @@ def drop_other_kinds(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]
             inflation["kind"] = kind
 
 
-def _set_fields(number: int, overrides: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """What overrides set in the inflation of a balloon."""
+def drop_masses(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> None:
+    """Leave out, in place, the masses of balloons that overrides make of rubber or film, whose own follow from that."""
+    pairs = list(overrides)
+    balloons = table.get("balloon")
+    for number, balloon in enumerate(balloons if isinstance(balloons, list) else []):
+        material = _set_fields(number, pairs, "material")
+        if isinstance(balloon, dict) and ("preset" in material or material.get("kind", "springs") != "springs"):
+            balloon.pop("mass", None)
+
+
+def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = "inflation") -> dict[str, Any]:
+    """What overrides set in the inflation, or another field, of a balloon."""
     fields = {}
     for path, value in overrides:
-        for opening in ("balloon.inflation.", f"balloon.{number}.inflation."):
+        for opening in (f"balloon.{field}.", f"balloon.{number}.{field}."):
             if path.startswith(opening):
                 fields[path.removeprefix(opening).split(".")[0]] = value
     return fields

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene.complaint import complaint
-from balloon_warp.scene.inflation_kinds import drop_other_kinds
+from balloon_warp.scene.inflation_kinds import drop_masses, drop_other_kinds
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Scene
 
 Override = tuple[str, Any]
@@ -59,6 +59,7 @@ def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> Non
     """
     pairs = list(overrides)
     drop_other_kinds(table, pairs)
+    drop_masses(table, pairs)
     for number, (path, value) in enumerate(pairs):
         try:
             _put(table, path.split("."), value, path)

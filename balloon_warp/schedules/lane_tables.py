@@ -79,6 +79,9 @@ def list_entries(items: Items, particles: NDArray[np.int64], classes: NDArray[np
         order = np.lexsort([classes, particles])
         offsets = np.searchsorted(particles[order], np.arange(items.count + 1))
         return Entries(offsets, order, particles[order])
+    if not len(particles):
+        none = np.zeros((0, LANES), dtype=np.int64)
+        return Entries(np.zeros(items.count + 1, dtype=np.int64), none, none)
     places = items.places[particles]
     kinds, kind = np.unique(classes, return_inverse=True)
     order = np.lexsort([kind, places])
@@ -109,6 +112,8 @@ def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) 
     shares = np.append(model.particle_mass_share.numpy(), 0.0)[items.particles]
     t.shares = array(shares if layout.worlds else shares.reshape(-1, LANES), layout.number)
     _add_springs(t, model, traits, items, array)
+    if traits.membranes:
+        _add_membranes(t, model, items, array)
     if traits.measures_areas:
         _add_fans(t, model, items, array)
     if traits.aims:
@@ -133,6 +138,25 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
     t.spring_ends = array(np.where(there, neighbors[entries.sources], entries.owners), items.layout.index)
     t.spring_lengths = placed(ends.rest_length)
     t.spring_scales = placed(ends.scale) if traits.springs_vary else array([], items.layout.number)
+
+
+def _add_membranes(t: Any, model: Model, items: Items, array: Any) -> None:
+    """Triangles, or eight of one balloon; what fills up has no area."""
+    corners = items.places[np.asarray(model.membrane_corners.numpy(), dtype=np.int64)]
+    rests = model.membrane_rests.numpy()
+    counts = [shape.membrane.count for shape in model.shapes]
+    if not items.layout.worlds:
+        octets, ends = -(-np.array(counts) // LANES), np.cumsum(counts)
+        begins = LANES * (np.cumsum(octets) - octets)
+        places = np.repeat(begins - ends + counts, counts) + np.arange(len(corners))
+        filled_corners, filled_rests = np.zeros((LANES * octets.sum(), 3)), np.zeros((LANES * octets.sum(), 4))
+        filled_corners[places], filled_rests[places] = corners, rests
+        corners, rests = filled_corners.reshape(-1, LANES, 3), filled_rests.reshape(-1, LANES, 4).swapaxes(1, 2)
+        counts = octets
+    t.triangle_offsets = array(np.append(0, np.cumsum(counts)), wp.int32)
+    for number, name in enumerate(("triangle_firsts", "triangle_seconds", "triangle_thirds")):
+        setattr(t, name, array(corners[..., number], items.layout.index))
+    t.triangle_rests = array(rests, items.layout.four)
 
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:

@@ -55,7 +55,8 @@ class LanesSchedule:
         self._lane_tables = make_lane_tables(model, self._traits, self.layout, self._tables)
         self._lanes = lane_structs(self.layout)[1]()
         arrays = _working_arrays(model, self._traits, self.layout, Allocating(model.device))
-        self._lane_tables.hinge_forces = arrays.pop("hinge_forces")
+        for name in ("hinge_forces", "membrane_forces"):
+            setattr(self._lane_tables, name, arrays.pop(name))
         for name, array in arrays.items():
             setattr(self._lanes, name, array)
         if self.busy:
@@ -171,6 +172,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "face_centers": shown(faces, traits.aims),
         "face_area_vectors": shown(faces, traits.aims),
         "hinge_forces": shown(4 * hinges),
+        "membrane_forces": shown(a_vector * items, bool(traits.membranes)),
         "balloon_areas": lanes(model.balloon_count, Lanes),
         "numbers": room.array((groups, model.balloon_count, traits.columns.width), Lanes),
         "ramp_begins": lanes(model.balloon_count, Lanes),

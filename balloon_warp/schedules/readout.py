@@ -72,13 +72,16 @@ class ForceReader:
         return self._measure(string_measure(self._traits), state, time, 1, self.model.string_count)[:, 0]
 
     def pulls_by_law(self, state: State, time: float) -> dict[str, wp.array]:
-        """Of each law on particles, hinges or faces the force on each particle [N], shape (world_count,
-        particle_count)."""
-        laws = tuple(law for law in self._traits.laws if law.kind not in ("spring", "string"))
-        if not laws:
+        """Of each law on particles, hinges or faces, and of membranes, the force on each particle [N], shape
+        (world_count, particle_count)."""
+        traits, laws = self._traits, [law for law in self._traits.laws if law.kind not in ("spring", "string")]
+        alone = {law.name: traits._replace(laws=(law,), membranes=()) for law in laws}
+        alone |= {"membrane": traits._replace(laws=())} if traits.membranes else {}
+        if not alone:
             return {}
-        pulls = self._measure(law_measure(self._traits, laws), state, time, len(laws), self.model.particle_count)
-        return {law.name: pulls[:, number] for number, law in enumerate(laws)}
+        measure = law_measure(tuple(alone.values()))
+        pulls = self._measure(measure, state, time, len(alone), self.model.particle_count)
+        return {name: pulls[:, number] for number, name in enumerate(alone)}
 
     def _measure(self, measure: Any, state: State, time: float, measured: int, count: int) -> Any:
         worlds, device = self.model.world_count, self.model.device

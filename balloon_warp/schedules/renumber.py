@@ -19,7 +19,7 @@ def order_by_springs(model: Model, ends: SpringEnds) -> NDArray[np.int64]:
     are read from different banks of shared memory."""
     structural, shear, flexion = ends.by_kind.T
     order = np.lexsort([flexion, shear, structural, model.particle_balloon.numpy()])
-    if model.balloon_count > 1:
+    if model.balloon_count > 1 or not model.spring_count:
         return order  # a warp may have particles of two balloons, which must stay together
     ring = quad_rings(model)
     slots = [neighbors_in_slots(ends, kind) for kind in range(3)]
@@ -65,5 +65,6 @@ def renumbered(model: Model, order: NDArray[np.int64]) -> Model:
         particle_faces=array(model.particle_faces, np.concatenate([around[p] for p in order])),
         face_particles=to_particles(model.face_particles),
         spring_particles=to_particles(model.spring_particles),
+        membrane_corners=to_particles(model.membrane_corners),
         string_particle=to_particles(model.string_particle),
     )

@@ -45,7 +45,7 @@ def residence(model: Model, traits: Traits, ends: SpringEnds) -> Residence | Non
     multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster. Where
     gas flows through tubes, all wait for the thread that finds how much: several small blocks bear that better.
     """
-    if not thread_a_particle(model) or model.device.is_cpu or traits.tubes:
+    if not thread_a_particle(model) or model.device.is_cpu or traits.tubes or traits.membranes:
         return None
     rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
     single, double = (_residence(model, traits, ends, rings, particles) for particles in (1, 2))

@@ -50,7 +50,7 @@ class ScatterSchedule(ExplicitSchedule):
         """Fill `forces`, and area vectors where they are needed."""
         t, traits, model = self.tables, self.traits, self.model
         self.forces.zero_()
-        count = model.spring_count + model.string_count + t.hinges.ends.shape[0]
+        count = model.spring_count + model.string_count + t.hinges.ends.shape[0] + t.membranes.corners.shape[0]
         count += model.face_count if traits.has("face") else 0
         moving = state.points, state.velocities
         self._over(count, force_kernel(traits), t, state.frame, time_in_frame, *moving, self.forces)

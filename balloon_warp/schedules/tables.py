@@ -25,6 +25,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.fixtures import fixture_table
 from balloon_warp.schedules.health import health_table
+from balloon_warp.schedules.membranes import membrane_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
@@ -46,6 +47,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.rings = ring_table(model, ends, ring, traits.springs_vary, in_block)
     t.pairs = _pairs(model)
     t.hinges = _hinges(model, traits)
+    t.membranes = membrane_table(model)
     t.strings = _strings(model)
     t.faces = _faces(model)
     t.fans = _fans(model, traits)

@@ -7,6 +7,7 @@ from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, values_over_time
+from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
 CHOOSE_TRAITS = frozenset({"breathing_damping"})
@@ -25,9 +26,12 @@ def model_traits(model: Model) -> Traits:
     kinds = {int(kind) for kind in model.inflation_kind.numpy()}
     scene = model.scene
     laws = acting_laws(model)
+    viscosities = values_over_time(model, "film_viscosity")
     return Traits(
         laws=laws,
         columns=model.columns,
+        membranes=membrane_laws(model),
+        viscous=any(values.any() for values in viscosities),
         balloons=model.balloon_count,
         spheres=model.sphere_count,
         springs_vary=bool((model.spring_stiffness_scale.numpy() != 1.0).any()),

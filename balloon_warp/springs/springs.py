@@ -1,5 +1,6 @@
 """The springs of a balloon."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -28,6 +29,11 @@ class Springs:
     """a `SpringKind`, shape (spring_count,)"""
     rest_lengths: NDArray[np.float64]
     """in the unit of the mesh's points, shape (spring_count,)"""
+
+    def of_kinds(self, kinds: Collection[SpringKind]) -> "Springs":
+        """Those of some kinds."""
+        kept = np.isin(self.kind, [int(kind) for kind in kinds])
+        return Springs(self.pairs[kept], self.kind[kept], self.rest_lengths[kept])
 
     @property
     def count(self) -> int:

@@ -5,6 +5,8 @@ In rounds, each part is tied to what is nearest to it, and counts as one with it
 a few others, so that no tie is a hinge. Rest lengths are the distances at the start.
 """
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,14 +33,14 @@ TOUCHING = 0.1
 """of the size of the smaller part is as near as touching"""
 
 
-def balloon_springs(mesh: PolygonMesh, parts: Parts) -> Springs:
-    """The springs of a mesh and, where its parts are held, structural ones between components. A net, whose faces are
-    edges, has none of those.
+def balloon_springs(mesh: PolygonMesh, parts: Parts, kinds: Collection[SpringKind] = tuple(SpringKind)) -> Springs:
+    """The springs of a mesh, of these kinds, and, where its parts are held, structural ones between components. A net,
+    whose faces are edges, has none of those.
 
     Raises:
         InputError: there would be too many, see `build_springs`.
     """
-    springs = build_springs(mesh)
+    springs = build_springs(mesh).of_kinds(kinds)
     if parts == "free" or mesh.face_vertex_counts.max() == 2:
         return springs
     pairs = tie_pairs(mesh)

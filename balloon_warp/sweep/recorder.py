@@ -57,6 +57,7 @@ class Recorder:
         self._balloon_particles = offsets([shape.mesh.vertex_count for shape in model.shapes])
         self._balloon_faces = offsets([shape.mesh.face_count for shape in model.shapes])
         self._balloon_springs = offsets([shape.springs.count for shape in model.shapes])
+        self._balloon_triangles = offsets([shape.membrane.count for shape in model.shapes])
         self._sums = zeros((worlds, model.balloon_count, LANES), BalloonSums)
         self._measures = zeros((worlds, len(MEASURES) + model.sphere_count), float)
         self._healthy = wp.full(worlds, 1, dtype=wp.int32, device=model.device)
@@ -100,9 +101,9 @@ class Recorder:
             sum_balloons,
             self._sums.shape,
             inputs=[
-                *(self._balloon_particles, self._balloon_faces, self._balloon_springs),
+                *(self._balloon_particles, self._balloon_faces, self._balloon_springs, self._balloon_triangles),
                 *(model.particle_mass_share, model.parameters["mass"], model.face_offsets, model.face_particles),
-                *(model.spring_particles, model.spring_rest_length),
+                *(model.spring_particles, model.spring_rest_length, model.membrane_corners, model.membrane_rests),
                 *(state.points, state.velocities),
             ],
             outputs=[self._sums],

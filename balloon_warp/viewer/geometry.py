@@ -57,6 +57,8 @@ class Drawing:
         pairs, rest = shape.springs.pairs[structural], shape.springs.rest_lengths[structural]
         stretch = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1) / np.maximum(rest, 1e-12)
         ends, twice = pairs.T.ravel(), np.tile(stretch, 2)
+        if shape.membrane.count:
+            ends, twice = shape.membrane.corners.ravel(), np.repeat(shape.membrane.stretches(points), 3)
         count = np.maximum(np.bincount(ends, minlength=len(points)), 1)
         of_particles = np.bincount(ends, twice, len(points)) / count
         band = np.digitize(of_particles[self.triangles[number]].mean(axis=1), STRAIN_BOUNDS)
@@ -77,7 +79,7 @@ class Drawing:
         return np.concatenate(curves), np.concatenate(hands)
 
     def measures(self, picture: Picture) -> dict[str, float]:
-        """Volume [m^3] and pressure [Pa] of all balloons, and the largest length of a spring over its rest length."""
+        """Volume [m^3] and pressure [Pa] of all balloons, and the largest stretch, of springs or of a membrane."""
         volume = area = force = stretch = 0.0
         frame = picture.frame
         for number, (shape, points) in enumerate(zip(self.model.shapes, frame.points, strict=True)):
@@ -92,6 +94,7 @@ class Drawing:
             d = points[shape.springs.pairs[:, 1]] - points[shape.springs.pairs[:, 0]]
             long = np.linalg.norm(d, axis=1) / np.maximum(shape.springs.rest_lengths, 1e-12)
             stretch = max(stretch, float(long[shape.springs.rest_lengths > 0.0].max(initial=0.0)))
+            stretch = max(stretch, float(shape.membrane.stretches(points).max(initial=0.0)))
         pressure = force / area if area > 0.0 else 0.0
         return {"volume": volume, "pressure": pressure, "stretch": stretch}
 

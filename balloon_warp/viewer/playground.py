@@ -148,7 +148,7 @@ class Playground:
         """
         offsets = self.simulator.model.particle_offsets
         balloon = int(np.searchsorted(offsets, particle, side="right")) - 1
-        weight = self.live.balloon[balloon].mass
+        weight = float(self.simulator.model.parameters["mass"].numpy()[0, balloon])
         string = String(
             anchor=as_vector(anchor),
             balloon=balloon,

@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.contact import FRICTION, GROUND
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Law, Parameter
+from balloon_warp.kernels.laws.membrane import PARAMETERS as MEMBRANE
 from balloon_warp.kernels.laws.touch import TOUCH
 
 
@@ -50,7 +51,7 @@ class Columns:
 
 
 def columns_of(laws: Sequence[Law]) -> Columns:
-    """What these laws ask for, and what springs, inertia, gas, the ground and touching
+    """What these laws ask for, and what springs, membranes, inertia, gas, the ground and touching
     balloons do, each once. The kinds of springs stand first."""
     asked = (
         *KINDS,
@@ -59,6 +60,7 @@ def columns_of(laws: Sequence[Law]) -> Columns:
         FRICTION,
         *GROUND,
         *TOUCH,
+        *MEMBRANE,
         *(parameter for law in laws for parameter in law.parameters),
     )
     by_name = {parameter.name: parameter for parameter in reversed(asked)}

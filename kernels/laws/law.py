@@ -11,7 +11,7 @@ from importlib import import_module
 from pickle import PicklingError
 from typing import Any, Literal, NamedTuple
 
-Kind = Literal["particle", "spring", "string", "hinge", "face"]
+Kind = Literal["particle", "spring", "string", "hinge", "face", "membrane"]
 
 
 class Given(NamedTuple):
@@ -60,6 +60,11 @@ GIVEN: Mapping[Kind, tuple[Given, ...]] = {
         Given("velocity", "vec3", "mean of its corners' [m/s]"),
         *_MOMENT,
     ),
+    "membrane": (
+        Given("trace", "float", "of C, see `laws.membrane`: the sum of the squared principal stretches"),
+        Given("det", "float", "their product; never 0"),
+        Given("spread", "float", "the larger less the smaller"),
+    ),
 }
 RESULT: Mapping[Kind, str] = {
     "particle": "vec3",  # the force on the particle [N]
@@ -67,6 +72,7 @@ RESULT: Mapping[Kind, str] = {
     "string": "float",  # the same, on a particle that a fixed anchor holds
     "hinge": "vec3",  # the force on the place that the role names [N]; a wing's corners share theirs
     "face": "vec3",  # the force on the face [N], which its corners share alike
+    "membrane": "two",  # slopes of the energy by trace and determinant [Pa]
 }
 """what a law of each kind returns"""
 
@@ -109,6 +115,7 @@ GIVEN_TO_BOUNDS: Mapping[Kind, tuple[Given, ...]] = {
     "spring": (Given("stiffness", "float", "its spring constant k [N/m]"),),
     "string": (Given("stiffness", "float", "its spring constant k [N/m]"),),
     "hinge": (),
+    "membrane": (),
     "face": _OF_PARTICLE_AT_REST,  # which a face's bound is shared out to, in proportion to the area
 }
 """what the bounds of each kind are told, beside all parameters"""

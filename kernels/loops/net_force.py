@@ -9,6 +9,7 @@ from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.loops.areas import area_loop
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
+from balloon_warp.kernels.loops.membranes import membrane_loop
 from balloon_warp.kernels.loops.rings import ring_loop
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.loops.strings import string_loop
@@ -25,8 +26,8 @@ class Loops(NamedTuple):
     """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
     needed and found on the way, to its area vector and A_p n, see `laws.inflation`"""
     others: Any
-    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and faces; None if the springs'
-    has it already"""
+    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges, faces and membranes; None if the
+    springs' has it already"""
     water_load: Any
     """(t, points, own)"""
     particle_laws: Any
@@ -36,7 +37,8 @@ class Loops(NamedTuple):
 @cache
 def net_force_function(traits: Traits, loops: Loops) -> Any:
     """The function that sums the forces on a particle."""
-    others = loops.others is not None and (traits.has("string") or traits.has("hinge") or traits.has("face"))
+    kinds = traits.has("string") or traits.has("hinge") or traits.has("face") or len(traits.membranes) > 0
+    others = loops.others is not None and kinds
 
     @wp.func
     def net_force(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
@@ -101,13 +103,14 @@ def scalar_loops(
     sum_strings = string_loop(traits)
     sum_hinges = hinge_loop(traits, at)
     sum_faces = face_loop(traits, at, vector_at)
+    sum_membrane = membrane_loop(traits, at, vector_at) if traits.membranes else None
     area_vector_of_particle = area_loop(traits.quads, at)
     load_of_particle = ring_wetness_loop(at) if traits.rings else wetness_loop(at)
     level_column = traits.columns.places.get("water_level", 0)
 
     @wp.func
     def other_pulls(t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float):
-        """Net force of strings, hinges and faces [N]."""
+        """Net force of strings, hinges, faces and membranes [N]."""
         force = wp.vec3()
         if wp.static(traits.has("string")):
             force += sum_strings(t.strings, own.world, own.number, point, velocity, own.n, t.step_seconds, time)
@@ -115,6 +118,8 @@ def scalar_loops(
             force += sum_hinges(t.hinges, points, own.number, own.n)
         if wp.static(traits.has("face")):
             force += sum_faces(t, points, velocities, own.number, own.n, time)
+        if wp.static(sum_membrane is not None):
+            force += sum_membrane(t.membranes, points, velocities, own.number, own.balloon, point, velocity, own.n)
         return force
 
     @wp.func

@@ -6,7 +6,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
-from balloon_warp.kernels.laws.law import Law
 from balloon_warp.kernels.loops.net_force import net_force_function, scalar_loops
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
@@ -75,12 +74,17 @@ def string_measure(traits: Traits) -> Any:
 
 
 @cache
-def law_measure(traits: Traits, laws: tuple[Law, ...], number: int = 0) -> Any:
-    """The function that measures what each law on particles, hinges or faces does to a particle, one by one."""
-    alone = traits._replace(laws=laws[:1], pressures=False)
+def law_measure(alones: tuple[Traits, ...], number: int = 0) -> Any:
+    """The function that measures what acts on a particle, one by one.
+
+    Args:
+        alones: the traits with one law on particles, hinges or faces alone, or with membranes.
+    """
+    traits = alones[0]
+    alone = traits._replace(pressures=False)
     _, read_own = own_functions(traits.columns, traits.balloons)
     net_force = net_force_function(alone, scalar_loops(alone, vector_at))
-    others = law_measure(traits, laws[1:], number + 1) if len(laws) > 1 else None
+    others = law_measure(alones[1:], number + 1) if len(alones) > 1 else None
 
     @wp.func
     def measure_laws(

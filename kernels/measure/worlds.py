@@ -7,6 +7,7 @@ thread a world adds up their parts, and the balloons.
 import warp as wp
 
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
+from balloon_warp.kernels.laws.tension_field import invariants_of, pulled_back
 from balloon_warp.kernels.schedules.frame import keyframed_value
 
 
@@ -23,7 +24,7 @@ class BalloonSums:
     corners: wp.vec3
     """sum of the faces' corners, from that point [m]"""
     stretch: float
-    """largest length of a spring over its rest length"""
+    """largest length of a spring over its rest length, or principal stretch of a membrane"""
     kinetic_energy: float
     """[J]"""
 
@@ -34,12 +35,15 @@ def sum_balloons(
     balloon_particles: wp.array[wp.int32],
     balloon_faces: wp.array[wp.int32],
     balloon_springs: wp.array[wp.int32],
+    balloon_triangles: wp.array[wp.int32],
     particle_mass_share: wp.array[float],
     mass: wp.array2d[float],
     face_offsets: wp.array[wp.int32],
     face_particles: wp.array[wp.int32],
     spring_particles: wp.array[wp.vec2i],
     spring_rest_length: wp.array[float],
+    membrane_corners: wp.array[wp.vec3i],
+    membrane_rests: wp.array[wp.vec4],
     # state in
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
@@ -73,6 +77,13 @@ def sum_balloons(
         length = wp.length(points[world, ends[1]] - points[world, ends[0]])
         if spring_rest_length[spring] > 0.0:
             part.stretch = wp.max(part.stretch, length / spring_rest_length[spring])
+    for triangle in range(balloon_triangles[balloon] + thread, balloon_triangles[balloon + 1], threads):
+        p = membrane_corners[triangle]
+        d1 = points[world, p[1]] - points[world, p[0]]
+        d2 = points[world, p[2]] - points[world, p[0]]
+        metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
+        trace, _det, spread = invariants_of(pulled_back(metric, membrane_rests[triangle]))
+        part.stretch = wp.max(part.stretch, wp.sqrt(0.5 * (trace + spread)))
     for particle in range(balloon_particles[balloon] + thread, balloon_particles[balloon + 1], threads):
         particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], balloon]
         part.kinetic_energy += 0.5 * particle_mass * wp.length_sq(velocities[world, particle])

@@ -19,6 +19,7 @@ from balloon_warp.kernels.schedules.lanes_free import free_functions
 from balloon_warp.kernels.schedules.lanes_gas import load_in_lanes, pump_in_lanes, swell_in_lanes
 from balloon_warp.kernels.schedules.lanes_hinges import bend_function
 from balloon_warp.kernels.schedules.lanes_loops import lane_loops
+from balloon_warp.kernels.schedules.lanes_membranes import stretch_function
 from balloon_warp.kernels.schedules.lanes_refresh import refresh_function
 from balloon_warp.kernels.schedules.lanes_state import read_function, write_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
@@ -192,6 +193,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     refresh_aims = refresh_function(traits, layout) if traits.aims else None
     roll = roll_function(traits, layout) if traits.spheres else None
     bend = bend_function(traits, layout) if traits.has("hinge") else None
+    stretch = stretch_function(traits, layout) if traits.membranes else None
     pump = pump_in_lanes(traits, layout) if traits.gas else None
     pull_and_swell = gas_steps(traits, layout) if traits.gas else None
     correct = correct_function(traits, layout) if traits.corrected else None
@@ -234,6 +236,8 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
                 show_velocities(t, lanes, group)
             if wp.static(traits.has("hinge")):
                 bend(t, group, points)
+            if wp.static(stretch is not None):
+                stretch(t, lanes, group, points)
             if wp.static(traits.gas):
                 pump(t, state, lanes, group, time_in_frame)
                 pull_and_swell(t, state, lanes, group, points, time, time_in_frame)

@@ -26,7 +26,7 @@ from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.layouts import Layout, near, places_of, view_of
+from balloon_warp.kernels.schedules.layouts import Layout, near, of_item, places_of, view_of
 from balloon_warp.kernels.traits import Traits
 
 
@@ -111,6 +111,7 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
     read_numbers = numbers_reader(traits.columns)
     sum_strings = string_loop(traits) if traits.has("string") else None
     sum_faces = face_loop(traits, places.seen, places.seen) if traits.has("face") else None
+    one_by_one = traits.has("string") or traits.has("face") or (traits.has("hinge") and not layout.worlds)
     by_rings = traits.rings and (layout.worlds or traits.balloons == 1)  # places are then the particles' numbers
     load_in_faces = wetness_loop(places.seen) if traits.in_water else None
     load_in_ring = ring_wetness_loop(places.seen) if traits.in_water else None
@@ -144,13 +145,15 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
 
     @wp.func
     def other_pulls(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
-        """Net force of strings, hinges and faces [N]."""
+        """Net force of strings, hinges, faces and membranes [N]."""
         force = Lanes3()
+        if wp.static(len(traits.membranes) > 0):
+            force += of_item(t.membrane_forces[own.group], own.item)
         if wp.static(traits.has("hinge") and layout.worlds):
             of_hinges = t.seen.hinges
             for entry in range(of_hinges.particle_offsets[own.item], of_hinges.particle_offsets[own.item + 1]):
                 force += t.hinge_forces[own.group, of_hinges.particle_roles[entry]]
-        for lane in range(t.lane_count):
+        for lane in range(t.lane_count if wp.static(one_by_one) else 0):
             particle = particle_of(t, own.item, lane)
             if particle >= 0:
                 world = places.world(own.group, lane, t.world_count)

@@ -44,7 +44,7 @@ def face_structs(layout: Layout) -> tuple[Any, Any]:
 @cache
 def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
     """The types of the tables, of the working memory, and of what an item knows of itself."""
-    Number, Index, Vector = layout.number, layout.index, layout.vector  # noqa: N806 - types
+    Number, Index, Vector, Four = layout.number, layout.index, layout.vector, layout.four  # noqa: N806 - types
     LaneFaces, LaneFans = face_structs(layout)  # noqa: N806
 
     @wp.struct
@@ -71,10 +71,20 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         spring_scales: wp.array[Number]
         """a spring's constant over that of its kind; empty if all are 1"""
         spring_lengths: wp.array[Number]
+        triangle_offsets: wp.array[wp.int32]
+        """where those of each balloon's membrane begin, or eight at a time, and after the last, where they end"""
+        triangle_firsts: wp.array[Index]
+        """their corners"""
+        triangle_seconds: wp.array[Index]
+        triangle_thirds: wp.array[Index]
+        triangle_rests: wp.array[Four]
+        """what they are at rest, see `kernels.tables.MembraneTable`"""
         fans: LaneFans
         faces: LaneFaces
         hinge_forces: wp.array2d[Vector]
         """working memory, which the loops over particles read: of each hinge's four roles [N], a row for each group"""
+        membrane_forces: wp.array2d[Vector]
+        """the same of membranes on each particle [N]"""
 
     @wp.struct
     class LaneState:

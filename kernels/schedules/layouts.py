@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, LaneNumbers, Lanes, Lanes3
+from balloon_warp.kernels.algebra import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4
 
 
 class Layout(NamedTuple):
@@ -28,6 +28,11 @@ class Layout(NamedTuple):
     def index(self) -> Any:
         """The type of a reference to particles."""
         return wp.int32 if self.worlds else LaneNumbers
+
+    @property
+    def four(self) -> Any:
+        """The type of four numbers that may differ between particles."""
+        return wp.vec4 if self.worlds else Lanes4
 
     @property
     def vector(self) -> Any:

@@ -1,5 +1,5 @@
-"""The `scatter` schedule: a thread a spring, string, hinge or face, with atomic adds into one array of forces. The
-readable reference, which every other schedule is tested against."""
+"""The `scatter` schedule: a thread a spring, string, hinge, triangle or face, with atomic adds into one array of
+forces. The readable reference, which every other schedule is tested against."""
 
 from functools import cache
 from typing import Any
@@ -10,6 +10,7 @@ from balloon_warp.kernels.laws.torsion import FIRST_WING
 from balloon_warp.kernels.loops.areas import area_vector_of_corner
 from balloon_warp.kernels.loops.faces import face_push
 from balloon_warp.kernels.loops.hinges import hinge_force, wing_size
+from balloon_warp.kernels.loops.membranes import material_reader, triangle_pull
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
@@ -27,6 +28,24 @@ def force_kernel(traits: Traits) -> Any:
     force_at_role = hinge_force(traits, vector_at)
     push_at_corner = face_push(traits, vector_at, vector_at)
     read_numbers = numbers_reader(traits.columns)
+    pull_of_triangle = triangle_pull(traits) if traits.membranes else None
+    material_of = material_reader(traits)
+
+    @wp.func
+    def add_triangle(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, velocities: Any, forces: Any):
+        """Of a membrane, on its three corners."""
+        corners = t.membranes.corners[triangle]
+        p = corners[0]
+        balloon = t.particles.balloon[p]
+        n = read_numbers(t, world, balloon)
+        pull, first, second = pull_of_triangle(
+            points[corners[1]] - points[p], points[corners[2]] - points[p],
+            velocities[corners[1]] - velocities[p], velocities[corners[2]] - velocities[p],
+            t.membranes.corner_rests[triangle], material_of(t.membranes, balloon), n,
+        )  # fmt: skip
+        wp.atomic_add(forces, p, pull)
+        wp.atomic_add(forces, corners[1], first)
+        wp.atomic_add(forces, corners[2], second)
 
     @wp.func
     def add_spring(
@@ -77,20 +96,24 @@ def force_kernel(traits: Traits) -> Any:
         # out
         forces: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, spring, or string, or hinge, or face), in this order."""
+        """A thread a (world, spring, or string, or hinge, or triangle, or face), in this order."""
         world, number = wp.tid()
         time = time_of(t, frame, time_in_frame)
         first_string = t.pairs.kinds.shape[0]
         first_hinge = first_string + t.strings.particles.shape[0]
-        first_face = first_hinge + t.hinges.ends.shape[0]
+        first_triangle = first_hinge + t.hinges.ends.shape[0]
+        first_face = first_triangle + t.membranes.corners.shape[0]
         if number < first_string:
             add_spring(t, world, number, points[world], velocities[world], time, forces[world])
         elif number < first_hinge:
             if wp.static(traits.has("string")):
                 add_string(t, world, number - first_string, points[world], velocities[world], time, forces[world])
-        elif number < first_face:
+        elif number < first_triangle:
             if wp.static(traits.has("hinge")):
                 add_hinge(t, world, number - first_hinge, points[world], forces[world])
+        elif number < first_face:
+            if wp.static(pull_of_triangle is not None):
+                add_triangle(t, world, number - first_triangle, points[world], velocities[world], forces[world])
         else:
             if wp.static(traits.has("face")):
                 add_face(t, world, number - first_face, points[world], velocities[world], time, forces[world])

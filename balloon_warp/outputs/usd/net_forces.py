@@ -25,7 +25,7 @@ class NetForcesPrim:
         size = float(np.ptp(mesh.points, axis=0).max())
         values = model.parameters["keyframe_values"].numpy()[0, number]
         inflation = _largest_inflation(balloon.inflation, values, total_area(mesh))
-        weight = balloon.mass * abs(model.scene.gravity)
+        weight = float(model.parameters["mass"].numpy()[0, number]) * abs(model.scene.gravity)
         self.meters_per_newton = 0.05 * size * mesh.vertex_count / max(inflation, weight, 1e-12)
         self.prim = define_lines(stage, path, [2] * mesh.vertex_count, width=0.003 * size)
         paint(self.prim, FORCE_COLOR, roughness=0.6)

@@ -2,6 +2,7 @@
 
 scene          a scene as a whole: time, methods, and the lists of what is in it
 balloon        balloons, their springs and what fills them
+material       rubber and film
 bodies         spheres and strings
 obstacles      rigid things in the way
 surroundings   air, water and ground
@@ -11,6 +12,7 @@ fields         what all of these are made of
 
 from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
+from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
@@ -24,6 +26,7 @@ __all__ = [
     "Change",
     "Ground",
     "Inflation",
+    "Material",
     "Obstacle",
     "Scene",
     "Sphere",

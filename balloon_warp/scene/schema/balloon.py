@@ -2,12 +2,10 @@
 
 import itertools
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, InstanceOf, model_validator
-from pydantic.json_schema import SkipJsonSchema
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -25,14 +23,14 @@ from balloon_warp.scene.schema.fields import (
     NonNegative,
     Positive,
     Real,
+    Rule,
     Table,
     UnitInterval,
     Vector,
     field_of,
     optional_field_of,
 )
-
-Rule = SkipJsonSchema[Callable[[Any], Any]]
+from balloon_warp.scene.schema.material import Material, without_rule
 
 
 class Stiffness(Table):
@@ -192,6 +190,7 @@ class Balloon(Table):
     drag_coefficient: float = field_of("drag_coefficient")
     friction: float | None = optional_field_of("balloon_friction")
     stiffness: Stiffness = Stiffness()
+    material: Material = Material()
     inflation: Inflation = Inflation()
     fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []
     """particles that do not move: by the order of the file's vertices, or all of a group of the mesh, by its name (`g`
@@ -207,21 +206,34 @@ class Balloon(Table):
         """what becomes of the mesh's seams, holes and parts"""
         return Treatment(self.weld, self.holes, self.parts)
 
+    @model_validator(mode="after")
+    def _one_mass(self) -> Self:
+        if self.material.is_membrane and self.mass != type(self).model_fields["mass"].default:
+            raise ValueError(
+                f"mass: follows from the material's thickness and density (got {self.mass:g}); expected none, or "
+                'material.kind = "springs"'
+            )
+        return self
+
     @model_validator(mode="before")
     @classmethod
     def _without_rules(cls, given: Any) -> Any:
         """A function of points becomes what it says, so that a scene can be written down."""
         if not isinstance(given, dict) or "mesh" not in given:
             return given
-        stiffness = given.get("stiffness")
+        stiffness, material = given.get("stiffness"), given.get("material")
         weights = stiffness.get("weights") if isinstance(stiffness, dict) else getattr(stiffness, "weights", None)
-        for field, rule in (("fixed", given.get("fixed")), ("stiffness.weights", weights)):
+        thickness = material.get("weights") if isinstance(material, dict) else None
+        rules = ("fixed", given.get("fixed")), ("stiffness.weights", weights), ("material.weights", thickness)
+        for field, rule in rules:
             if not callable(rule):
                 continue
             try:
                 points = load_mesh(given["mesh"]).points
                 if field == "fixed":
                     given = {**given, "fixed": pinned_by(rule, points)}
+                elif field == "material.weights":
+                    given = {**given, "material": without_rule(material, points)}
                 else:
                     given = {**given, "stiffness": {**dict(stiffness or {}), "weights": weighed_by(rule, points)}}
             except InputError as mistake:

@@ -1,11 +1,12 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import PARAMETERS, Parameter
@@ -26,6 +27,8 @@ Index = Annotated[int, Field(ge=0)]
 """from 0, as in lists of the scene and vertices of a file"""
 Color = tuple[UnitInterval, UnitInterval, UnitInterval]
 """linear RGB"""
+Rule = SkipJsonSchema[Callable[[Any], Any]]
+"""what Python alone may give: a function of the points of a mesh"""
 LawTables = dict[str, dict[str, Real | Vector]]
 """parameters of laws of one's own, by the law's name and the parameter's"""
 

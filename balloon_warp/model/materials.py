@@ -1,0 +1,100 @@
+"""Balloons of rubber or film: their masses, and how stiff their materials ever are. Host side."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.membrane import MEMBRANES, PARAMETERS
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Scene
+
+Values = NDArray[np.float64]
+STATES = 13
+"""stretches that are looked at each way"""
+LEAST_STRETCH = 0.8
+"""of what does not wrinkle, for which the step is made; squeezed further it stiffens without end"""
+MOST_UNEVEN = 3.0
+"""of the larger stretch over the smaller beyond which it does not reach the most: what is pulled one way alone is so
+thin there that some materials are several times as stiff across as anything else in a balloon"""
+APART = 1.0e-3
+"""between the two stretches of a state, at least, so that quotients of differences can be taken"""
+STEP = 1.0e-5
+"""of differences"""
+NAMES = frozenset(row.name for row in PARAMETERS)
+"""parameters that the step of a membrane depends on"""
+
+
+def law_of(scene: Scene, number: int) -> Law | None:
+    """That of a balloon's membrane; None if it is of springs."""
+    return MEMBRANES.get(scene.balloon[number].material.law)
+
+
+def settle_masses(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Values:
+    """Masses [kg], shape (W, balloon_count): of rubber and film, area at rest times thickness and density."""
+    masses = parameters["mass"]
+    for number, shape in enumerate(shapes):
+        if law_of(scene, number):
+            own = parameters["thickness"][:, number] * parameters["initial_density"][:, number]
+            own = own * shape.membrane.areas.sum()
+            masses = np.broadcast_to(masses, (max(len(masses), len(own)), masses.shape[1])).copy()
+            masses[:, number] = own
+    return masses
+
+
+def numbers_of(parameters: Mapping[str, Values], number: int) -> dict[str, Values]:
+    """Of a balloon's material, each of shape (W, 1), a vector's of shape (3, W, 1)."""
+    rows = {row.name: parameters[row.name][:, number] for row in PARAMETERS}
+    return {name: values.T[..., None] if values.ndim > 1 else values[:, None] for name, values in rows.items()}
+
+
+def slopes_by_stretches(law: Law, told: Mapping[str, Values], first: Values, second: Values) -> tuple[Values, Values]:
+    """How the energy for each volume changes with the principal stretches [Pa], the first not the smaller."""
+    major, minor = first * first, second * second
+    invariants = {"trace": major + minor, "det": major * minor, "spread": major - minor}
+    names = law.force.func.__code__.co_varnames[: law.force.func.__code__.co_argcount]
+    by_trace, by_det = law.force.func(**{name: {**told, **invariants}[name] for name in names})
+    return 2.0 * first * (by_trace + by_det * minor), 2.0 * second * (by_trace + by_det * major)
+
+
+def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
+    """Of all states that count [Pa], shape (W,): what the energy's second derivative by the deformation gradient, at
+    rest, does not exceed.
+
+    Those are the taut ones up to the most stretch, not too uneven, or without wrinkles all down to the least. Of a
+    state's second derivative a multiple of the determinant may be taken away: its integral depends on the border alone,
+    and so it gives no force within.
+    """
+    most, wrinkles = told["most_stretch"], told["wrinkling"] != 0.0
+    steps = np.linspace(0.0, 1.0, STATES)
+    least = np.where(wrinkles, 1.0, LEAST_STRETCH) * (1.0 + APART)
+    first = (least * (np.maximum(most, least) / least) ** steps)[:, :, None]
+    lowest = np.maximum(np.where(wrinkles[:, :, None], first**-0.5, LEAST_STRETCH), first / MOST_UNEVEN)
+    highest = (1.0 - APART) * first
+    second = np.minimum(lowest * (highest / lowest) ** steps, highest).reshape(len(first), -1)
+    first = np.broadcast_to(first, (*first.shape[:2], STATES)).reshape(len(first), -1)
+
+    def slopes(a: Any, b: Any) -> tuple[Values, Values]:
+        return slopes_by_stretches(law, told, a, b)
+
+    w1, w2 = slopes(first, second)
+    up, down = slopes(first + STEP, second), slopes(first - STEP, second)
+    w11, w12 = ((upper - lower) / (2.0 * STEP) for upper, lower in zip(up, down, strict=True))
+    w22 = (slopes(first, second + STEP)[1] - slopes(first, second - STEP)[1]) / (2.0 * STEP)
+    shear, spin = (w1 - w2) / (first - second), (w1 + w2) / (first + second)
+    best = np.full(w1.shape, np.inf)
+    for part in np.linspace(0.0, 1.0, 9):
+        taken = part * w12
+        stretching = 0.5 * (w11 + w22) + np.hypot(0.5 * (w11 - w22), w12 - taken)
+        best = np.minimum(best, np.maximum(stretching, np.maximum(shear + taken, spin - taken)))
+    aside = np.maximum(w1 / first, w2 / second)
+    return np.maximum(best, aside).max(axis=1)
+
+
+def thickest_viscosity(told: Mapping[str, Values]) -> Values:
+    """The same of the damping [Pa s], shape (W,): 4 eta over the square of the least stretch that counts."""
+    least = np.where(told["wrinkling"] != 0.0, told["most_stretch"] ** -0.5, LEAST_STRETCH)
+    return (4.0 * told["film_viscosity"] / least**2)[:, 0]

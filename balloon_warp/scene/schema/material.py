@@ -1,0 +1,123 @@
+"""What a balloon is made of."""
+
+from typing import Any, Literal, Self
+
+from pydantic import model_validator
+
+from balloon_warp.kernels.laws.law import FAR
+from balloon_warp.kernels.laws.membrane import MOST_STRETCH
+from balloon_warp.scene.pinned import weighed_by
+from balloon_warp.scene.presets import PRESETS
+from balloon_warp.scene.schema.fields import NonNegative, Positive, Rule, Table, Vector, optional_field_of
+
+Kind = Literal["springs", "neo_hookean", "mooney_rivlin", "ogden", "gent"]
+SpringsBeside = Literal["structural", "shear", "flexion"]
+OF_ALL = ("thickness", "density", "wrinkling", "most_stretch", "viscosity", "springs", "weights")
+FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
+    "springs": (),
+    "neo_hookean": (*OF_ALL, "shear_modulus"),
+    "mooney_rivlin": (*OF_ALL, "shear_modulus", "mooney_ratio"),
+    "ogden": (*OF_ALL, "ogden_moduli", "ogden_exponents"),
+    "gent": (*OF_ALL, "shear_modulus", "gent_limit"),
+}
+NEARLY_LOCKED = 0.9
+"""of the stretch at which a Gent material locks is the most that the step is made for, where nobody says it"""
+
+
+class Material(Table):
+    """What the balloon is made of: springs, as in the paper, or rubber or film that has a thickness.
+
+    Rubber and film are incompressible: stretched, they become thinner. Mass follows from area, thickness and density,
+    so that nothing depends on the mesh. They have no springs but those that are asked for.
+    """
+
+    preset: Literal["latex", "latex_thick", "natural_rubber_treloar", "foil", "nylon"] | None = None
+    """a material that is known: the fields that are left out are its own, see PHYSICS.md"""
+    kind: Kind | None = None
+    """the law of its stretching; when missing, the preset's, or "springs\""""
+    shear_modulus: float | None = optional_field_of("shear_modulus")
+    thickness: float | None = optional_field_of("thickness")
+    density: Positive | None = None
+    """of the material [kg/m^3]; 940 when missing"""
+    mooney_ratio: float | None = optional_field_of("mooney_ratio")
+    ogden_moduli: Vector | None = None
+    """of "ogden": mu of each of its three terms [Pa]; the shear modulus is half the sum of mu alpha"""
+    ogden_exponents: Vector | None = None
+    """of "ogden": alpha of each"""
+    gent_limit: float | None = optional_field_of("gent_limit")
+    wrinkling: bool = True
+    """it gives way to compression, as what is thin does; else it resists that as it resists tension"""
+    most_stretch: float | None = optional_field_of("most_stretch")
+    viscosity: NonNegative = 0.0
+    """damping of the material's own, against any change of its shape [Pa s]"""
+    springs: list[SpringsBeside] = []
+    """kinds of springs that it has beside, such as "flexion" against bending"""
+    weights: list[Positive] | dict[str, Positive] | Rule | None = None
+    """a number for each vertex of the file, or for groups of the mesh by their names, and 1 elsewhere: the thickness is
+    multiplied by it, as for a neck. From Python also a function that takes the mesh's own points, shape (n, 3), and
+    gives the number of each, shape (n,)"""
+
+    @property
+    def law(self) -> Kind:
+        """its kind, or that of its preset"""
+        return self.kind or (PRESETS[self.preset]["kind"] if self.preset else "springs")
+
+    @property
+    def is_membrane(self) -> bool:
+        """whether it is not of springs"""
+        return self.law != "springs"
+
+    @property
+    def own_fields(self) -> tuple[str, ...]:
+        """the fields that its kind has"""
+        return FIELDS_OF_KINDS[self.law]
+
+    def value(self, field: str) -> Any:
+        """What it is: as said, or as its preset has it; None where neither says it."""
+        said = getattr(self, field)
+        if said is None and self.preset:
+            said = PRESETS[self.preset].get(field)
+        if said is None and field == "most_stretch" and (lock := self.locking_stretch) < FAR:
+            return max(min(MOST_STRETCH.default, NEARLY_LOCKED * lock), 1.0)
+        return said
+
+    @property
+    def locking_stretch(self) -> float:
+        """both ways, at which a Gent material's chains are straight"""
+        limit = self.value("gent_limit")
+        return FAR if self.law != "gent" or limit is None else (0.5 * (limit + 3.0)) ** 0.5
+
+    @model_validator(mode="after")
+    def _fields_of_its_kind(self) -> Self:
+        for field, info in type(self).model_fields.items():
+            if field in ("preset", "kind", *self.own_fields) or getattr(self, field) == info.default:
+                continue
+            kinds = " or ".join(f'"{kind}"' for kind, fields in FIELDS_OF_KINDS.items() if field in fields)
+            needed = 'a preset, or a kind such as "neo_hookean"' if field in OF_ALL else f"kind = {kinds}"
+            raise ValueError(f'{field}: needs {needed} (got kind = "{self.law}")')
+        return self
+
+    @model_validator(mode="after")
+    def _stable(self) -> Self:
+        if self.law == "ogden":
+            moduli, exponents = self.value("ogden_moduli"), self.value("ogden_exponents")
+            if moduli is None or exponents is None:
+                missing = "ogden_exponents" if exponents is None else "ogden_moduli"
+                raise ValueError(f'{missing}: is missing; kind = "ogden" needs it, or a preset that has it')
+            products = [mu * alpha for mu, alpha in zip(moduli, exponents, strict=True)]
+            if min(products) < 0.0 or sum(products) <= 0.0:
+                raise ValueError(
+                    f"ogden_moduli: {list(moduli)} with exponents {list(exponents)} make an unstable material; "
+                    "expected each modulus times its exponent to be at least 0, and one more than that"
+                )
+        if self.most_stretch is not None and self.most_stretch >= self.locking_stretch:
+            raise ValueError(
+                f"most_stretch: {self.most_stretch:g} is past the limit of this material, whose chains are straight at "
+                f"{self.locking_stretch:.3g}; expected less, or a larger gent_limit"
+            )
+        return self
+
+
+def without_rule(material: Any, points: Any) -> Any:
+    """What a material is given as, with numbers in the place of a function of points."""
+    return {**dict(material or {}), "weights": weighed_by(material["weights"], points)}

@@ -1,0 +1,72 @@
+"""The tables of membranes."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws.membrane import MEMBRANES
+from balloon_warp.kernels.tables import MembraneTable
+from balloon_warp.model import Model
+from balloon_warp.schedules.slices import slices_of
+from balloon_warp.springs.membrane import Membrane
+
+
+def membrane_laws(model: Model) -> tuple[Law, ...]:
+    """Those that balloons of the model have, each once."""
+    kinds = {balloon.material.law for balloon in model.scene.balloon}
+    return tuple(law for name, law in MEMBRANES.items() if name in kinds)
+
+
+def membrane_table(model: Model) -> Any:
+    """The triangles, each once and from each of its corners."""
+    table = MembraneTable()
+    table.corners, table.corner_rests = model.membrane_corners, model.membrane_rests
+    if not model.triangle_count:
+        return table
+    names = [law.name for law in membrane_laws(model)]
+    of_balloons = [balloon.material.law for balloon in model.scene.balloon]
+    table.materials = _array(model, [names.index(law) if law in names else 0 for law in of_balloons], wp.int32)
+    around = corner_triangles(model)
+    counts = np.bincount(around.particles, minlength=model.particle_count)
+    slices = slices_of(around.particles, counts, 1)
+    others = np.repeat(slices.owners[:, None], 2, axis=1)
+    others[slices.places] = around.others
+    rests = np.zeros((len(others), 4))
+    rests[slices.places] = around.rests
+    table.slice_offsets = _array(model, slices.offsets, wp.int32)
+    table.counts = _array(model, counts, wp.int32)
+    table.others, table.rests = _array(model, others, wp.vec2i), _array(model, rests, wp.vec4)
+    return table
+
+
+class CornerTriangles(NamedTuple):
+    """The triangles from each of their corners, sorted by particle."""
+
+    particles: NDArray[np.int64]
+    """of the corner itself, shape (n,)"""
+    others: NDArray[np.int64]
+    """shape (n, 2)"""
+    rests: NDArray[np.float64]
+    """with the particle as the first corner, see `MembraneTable`, shape (n, 4)"""
+
+
+def corner_triangles(model: Model) -> CornerTriangles:
+    """Of all balloons."""
+    shapes = [shape.membrane for shape in model.shapes]
+    triangles = Membrane(
+        np.asarray(model.membrane_corners.numpy(), dtype=np.int64),
+        np.concatenate([membrane.areas for membrane in shapes]),
+        np.concatenate([membrane.edges for membrane in shapes]),
+    )
+    turned = [triangles.turned(turns) for turns in range(3)]
+    corners = np.concatenate([each.corners for each in turned])
+    rests = np.concatenate([each.rests for each in turned])
+    order = np.argsort(corners[:, 0], kind="stable")
+    return CornerTriangles(corners[order, 0], corners[order, 1:], rests[order])
+
+
+def _array(model: Model, values: Any, dtype: Any) -> wp.array:
+    return wp.array(np.asarray(values), dtype=dtype, device=model.device)

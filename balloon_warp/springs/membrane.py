@@ -1,0 +1,109 @@
+"""The triangles that a membrane is stretched over: of quads and polygons so many that no diagonal is preferred."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.corners import face_starts
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+
+MOST_FANS = 6
+"""that a face of more corners is covered with"""
+LEAST_AREA = 1.0e-6
+"""over its squared longest edge; what has less is left out"""
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """Triangles that together cover each face once, with its whole thickness."""
+
+    corners: NDArray[np.int64]
+    """shape (T, 3)"""
+    areas: NDArray[np.float64]
+    """at rest, times the triangle's part of what covers the face [m^2], shape (T,)"""
+    edges: NDArray[np.float64]
+    """at rest, from the first corner to the others [m], shape (T, 2, 3)"""
+
+    @property
+    def count(self) -> int:
+        """of triangles"""
+        return len(self.corners)
+
+    def turned(self, turns: int) -> "Membrane":
+        """The same triangles from another of their corners on."""
+        ends = np.concatenate([np.zeros((self.count, 1, 3)), self.edges], axis=1)
+        ends = np.roll(ends, -turns, axis=1)
+        return Membrane(np.roll(self.corners, -turns, axis=1), self.areas, ends[:, 1:] - ends[:, :1])
+
+    @property
+    def rests(self) -> NDArray[np.float64]:
+        """a, b and c of the inverse [[a, b], [0, c]] of the two edges in a frame along the first [1/m], and the area
+        [m^2], shape (T, 4)"""
+        first, second = self.edges[:, 0], self.edges[:, 1]
+        length = np.linalg.norm(first, axis=1)
+        along = (first * second).sum(axis=1) / length
+        height = np.linalg.norm(np.cross(first, second), axis=1) / length
+        return np.stack([1.0 / length, -along / (length * height), 1.0 / height, self.areas], axis=1)
+
+    @property
+    def laplacian(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Pairs of particles, shape (3 T, 2), and the half cotangents between them, each times the part of the
+        triangle, shape (3 T,): the squared gradient of what is linear in each triangle, over its area, is the sum of
+        the squared differences times these."""
+        a, b, c, area = self.rests.T
+        between = np.stack([a * a + b * b + b * c, c * c + b * c, -b * c], axis=1) * area[:, None]
+        pairs = self.corners[:, [[0, 1], [0, 2], [1, 2]]]
+        return pairs.reshape(-1, 2), between.ravel()
+
+    def stretches(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """The larger principal stretch of each triangle where its corners are at these points, shape (T,)."""
+        places = np.asarray(points, dtype=np.float64)[self.corners]
+        edges = places[:, 1:] - places[:, :1]
+        a, b, c, _ = self.rests.T
+        first, second = edges[:, 0] * a[:, None], edges[:, 0] * b[:, None] + edges[:, 1] * c[:, None]
+        half = 0.5 * ((first**2).sum(axis=1) - (second**2).sum(axis=1))
+        mean = 0.5 * ((first**2).sum(axis=1) + (second**2).sum(axis=1))
+        return np.sqrt(mean + np.hypot(half, (first * second).sum(axis=1)))
+
+    def lumps(self, count: int) -> NDArray[np.float64]:
+        """The area that falls to each of so many particles [m^2]."""
+        lumps = np.zeros(count)
+        np.add.at(lumps, self.corners, self.areas[:, None] / 3.0)
+        return lumps
+
+
+def no_membrane() -> Membrane:
+    """Of a balloon that has none."""
+    return Membrane(np.zeros((0, 3), dtype=np.int64), np.zeros(0), np.zeros((0, 2, 3)))
+
+
+def build_membrane(mesh: PolygonMesh) -> Membrane:
+    """The membrane of a mesh: each face is the mean of its fans of triangles, one from each corner. A quad has so its
+    four corner triangles, each by half; a face of many corners has fans from a few.
+
+    A face of two corners has none, and neither has what is no wider than a line.
+    """
+    starts, corners, parts = face_starts(mesh), [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0)]
+    for size in np.unique(mesh.face_vertex_counts[mesh.face_vertex_counts > 2]).tolist():
+        places, weights = _fans(size)
+        firsts = starts[mesh.face_vertex_counts == size]
+        of_faces = mesh.face_vertex_indices[firsts[:, None, None] + places].astype(np.int64)
+        corners.append(of_faces.reshape(-1, 3))
+        parts.append(np.tile(weights, len(firsts)))
+    triangles = np.concatenate(corners)
+    points = mesh.points[triangles]
+    edges = points[:, 1:] - points[:, :1]
+    double_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    longest = np.maximum((edges**2).sum(axis=2).max(axis=1), ((edges[:, 1] - edges[:, 0]) ** 2).sum(axis=1))
+    wide = 0.5 * double_areas > LEAST_AREA * longest
+    return Membrane(triangles[wide], (0.5 * double_areas * np.concatenate(parts))[wide], edges[wide])
+
+
+def _fans(size: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The triangles of a face's fans, each once, by the places of its corners in the face, shape (T, 3), and the part
+    of the fans that have it."""
+    tips = np.unique(np.linspace(0, size, min(size, MOST_FANS), endpoint=False).astype(np.int64))
+    found = [sorted((tip, (tip + k) % size, (tip + k + 1) % size)) for tip in tips.tolist() for k in range(1, size - 1)]
+    places, counts = np.unique(np.array(found), axis=0, return_counts=True)
+    return places, counts / len(tips)

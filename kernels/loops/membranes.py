@@ -1,0 +1,146 @@
+"""Membranes: triangle by triangle, and those of a particle.
+
+The energy of a triangle is a function of its edges' products alone, so that its forces are a combination of its edges:
+on the corner that edges d1 and d2 begin at, (T11 + T12) d1 + (T12 + T22) d2, with the tensions T along them.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import number_in
+from balloon_warp.kernels.compose import choice_of_laws
+from balloon_warp.kernels.laws.tension_field import (
+    LEAST_DET,
+    invariants_of,
+    is_taut,
+    pulled_back,
+    pushed_forward,
+    relaxed,
+    stress_of,
+    viscous_stress,
+)
+from balloon_warp.kernels.memory import four_floats_at, int_pair_at
+from balloon_warp.kernels.tables import SLICE, MembraneTable, first_entry
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def tension_function(traits: Traits) -> Any:
+    """The function that gives the tensions along a triangle's edges."""
+    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
+    columns = traits.columns.places
+    thickness, wrinkling, damping = (columns[name] for name in ("thickness", "wrinkling", "film_viscosity"))
+
+    @wp.func
+    def tension(metric: wp.vec3, rate: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any, lane: wp.int32):
+        """T11, T12 and T22 [N/m].
+
+        Args:
+            metric: d1 . d1, d1 . d2 and d2 . d2 [m^2].
+            rate: of their change [m^2/s].
+            rest: see `MembraneTable`.
+            lane: of the numbers, where they are of eight lanes.
+        """
+        wrinkles = number_in(n, wrinkling, lane)
+        c = pulled_back(metric, rest)
+        trace, area_squared, spread = invariants_of(c)
+        det = wp.max(area_squared, LEAST_DET)
+        major = 0.5 * (trace + spread)
+        stretched = wp.max(major, 1.0)
+        stretch = wp.sqrt(stretched)
+        across = 1.0 / stretch
+        taut = is_taut(det, stretch, wrinkles)
+        by_trace, by_det = slopes_of_law(
+            wp.where(taut, trace, stretched + across),
+            wp.where(taut, det, stretch),
+            wp.where(taut, spread, stretched - across),
+            material, n, lane,
+        )  # fmt: skip
+        by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
+        stress = stress_of(c, by_trace, by_det)
+        if wp.static(traits.viscous):
+            stress += viscous_stress(
+                c, pulled_back(rate, rest), det, major, spread, taut, wrinkles, number_in(n, damping, lane)
+            )
+        return (rest[3] * number_in(n, thickness, lane)) * pushed_forward(stress, rest)
+
+    return tension
+
+
+@cache
+def triangle_pull(traits: Traits) -> Any:
+    """The function that gives what a triangle does to the corner that its two edges begin at."""
+    tension = tension_function(traits)
+
+    @wp.func
+    def pull_of_triangle(d1: wp.vec3, d2: wp.vec3, v1: wp.vec3, v2: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any):
+        """The force on it, and those on the ends of both edges [N].
+
+        Args:
+            d1: the first edge [m].
+            v1: how fast it changes [m/s].
+        """
+        metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
+        rate = wp.vec3()
+        if wp.static(traits.viscous):
+            rate = wp.vec3(2.0 * wp.dot(d1, v1), wp.dot(d1, v2) + wp.dot(v1, d2), 2.0 * wp.dot(d2, v2))
+        t = tension(metric, rate, rest, material, n, 0)
+        first = -(t[0] * d1 + t[1] * d2)
+        second = -(t[1] * d1 + t[2] * d2)
+        return -(first + second), first, second
+
+    return pull_of_triangle
+
+
+@cache
+def material_reader(traits: Traits) -> Any:
+    """The function that reads which of the laws a balloon's membrane has."""
+
+    @wp.func
+    def material_of(membranes: MembraneTable, balloon: wp.int32):
+        if wp.static(len(traits.membranes) > 1):
+            return membranes.materials[balloon]
+        else:
+            return 0
+
+    return material_of
+
+
+@cache
+def membrane_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
+    """The function that sums the triangles of a particle."""
+    pull_of_triangle = triangle_pull(traits)
+    material_of = material_reader(traits)
+
+    @wp.func
+    def pull_of_membrane(
+        membranes: MembraneTable,
+        points: Any,
+        velocities: Any,
+        particle: wp.int32,
+        balloon: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        n: Any,
+    ):
+        """Net force of the membrane on a particle [N]."""
+        force = wp.vec3()
+        material = material_of(membranes, balloon)
+        begin = first_entry(membranes.slice_offsets, particle)
+        for entry in range(begin, begin + SLICE * membranes.counts[particle], SLICE):
+            others = int_pair_at(membranes.others, entry)
+            v1 = wp.vec3()
+            v2 = wp.vec3()
+            if wp.static(traits.viscous):
+                v1 = velocity_at(velocities, others[0]) - velocity
+                v2 = velocity_at(velocities, others[1]) - velocity
+            pull, _first, _second = pull_of_triangle(
+                at(points, others[0]) - point, at(points, others[1]) - point, v1, v2,
+                four_floats_at(membranes.rests, entry), material, n,
+            )  # fmt: skip
+            force += pull
+        return force
+
+    return pull_of_membrane

@@ -1,0 +1,211 @@
+"""The laws of rubber and film against textbooks' energies, and their forces against slopes of those: taut, in wrinkles
+and slack, of triangles, quads and polygons."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from law_functions import COUNT, called
+from meshes import mesh_of, polygon, quad_sphere
+from numpy.typing import NDArray
+from rubber_theory import ENERGIES, MATERIALS, quad_energy, relaxed
+
+from balloon_warp.kernels.laws.membrane import MEMBRANES
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model import build_model, initial_state
+from balloon_warp.model.materials import numbers_of, slopes_by_stretches, stiffest_modulus
+from balloon_warp.model.plan import plan_model
+from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp.schedules.readout import ForceReader
+from balloon_warp.schedules.scatter import ScatterSchedule
+from balloon_warp.springs.membrane import build_membrane
+
+each_law = pytest.mark.parametrize("kind", list(MEMBRANES))
+STILL = Inflation(kind="pressure", pressure=0.0)
+
+
+def scene_of(kind: str, mesh: PolygonMesh, **material: Any) -> Scene:
+    made_of = MATERIALS[kind].model_copy(update=material)
+    return Scene(balloon=[Balloon(mesh=mesh, material=made_of, inflation=STILL, damping=0.0)], gravity=0.0)
+
+
+def told_of(kind: str) -> dict[str, NDArray[np.float64]]:
+    return numbers_of(plan_model(scene_of(kind, quad_sphere(1))).parameters, 0)
+
+
+@each_law
+def test_slopes_are_those_of_the_energy_of_textbooks(kind: str):
+    energy, random, h = ENERGIES[kind], np.random.default_rng(0), 1e-4
+    first, second = random.uniform(0.7, 4.0, (2, 1000))
+    first, second = np.maximum(first, second), np.minimum(first, second)
+    first[:100] = second[:100]  # both alike, as in a round balloon
+    found = slopes_by_stretches(MEMBRANES[kind], told_of(kind), first, second)
+    expected = (
+        (energy(first + h, second) - energy(first - h, second)) / (2.0 * h),
+        (energy(first, second + h) - energy(first, second - h)) / (2.0 * h),
+    )
+    size = np.abs(expected).mean()
+    for slope, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(slope[0], other, atol=1e-4 * size, rtol=1e-4)  # `ROUND` of an Ogden material
+
+
+@each_law
+def test_energies_are_those_of_textbooks(kind: str):
+    random, told = np.random.default_rng(1), told_of(kind)
+    first, second = np.sort(random.uniform(0.7, 4.0, (2, COUNT)), axis=0)[::-1]
+    samples = {"trace": first**2 + second**2, "det": (first * second) ** 2, "spread": first**2 - second**2}
+    for row in MEMBRANES[kind].parameters:
+        numbers = told[row.name][..., 0, 0]
+        samples[row.name] = np.broadcast_to(numbers, (COUNT, *numbers.shape))
+    samples = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in samples.items()}
+    expected = ENERGIES[kind](first, second)
+    found = called(MEMBRANES[kind].energy, samples)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * expected.max())
+
+
+def deformed(points: NDArray, seed: int, least: float) -> NDArray:
+    """Stretched two and a half times one way and down to so much another, and shaken."""
+    random = np.random.default_rng(seed)
+    turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    grown = points @ (turn * (2.5, 1.2, least)) @ turn.T
+    return grown + 0.03 * np.ptp(points) * random.normal(size=points.shape)
+
+
+def forces_at(scene: Scene, points: NDArray, device: str) -> dict[str, NDArray[np.float64]]:
+    """As threads of particles sum them, and as those of triangles do [N]."""
+    model = build_model(scene, device)
+    state = initial_state(model)
+    wp.copy(state.points, wp.array(points[None], dtype=wp.vec3, device=device))
+    scatter, reader = ScatterSchedule(model), ForceReader(model)
+    scatter.sum_forces(state)
+    reader.refresh(state)
+    found = {"gather": reader.net_forces(state), "scatter": scatter.forces}
+    return {name: forces.numpy()[0].astype(np.float64) for name, forces in found.items()}
+
+
+def triangles_of(mesh: PolygonMesh) -> PolygonMesh:
+    quads = mesh.face_vertex_indices.reshape(-1, 4)
+    return mesh_of(mesh.points, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]).tolist())
+
+
+@each_law
+@pytest.mark.parametrize("wrinkling", [True, False])
+@pytest.mark.parametrize("shape", ["quads", "triangles"])
+def test_forces_are_the_slopes_of_the_energy(kind: str, wrinkling: bool, shape: str, device: str):
+    """By central differences; of float32, whose points of 3 m are rounded by 2e-7, so that C is off by some 1e-6."""
+    mesh = quad_sphere(2) if shape == "quads" else triangles_of(quad_sphere(2))
+    faces = mesh.face_vertex_indices.reshape(mesh.face_count, -1)
+    scene = scene_of(kind, mesh, wrinkling=wrinkling)
+    points = deformed(mesh.points, 3, 0.35 if wrinkling else 0.8).astype(np.float32).astype(np.float64)
+    bare, h = ENERGIES[kind], 1e-5
+
+    def energy(a: NDArray, b: NDArray) -> NDArray:
+        return relaxed(bare, a, b) if wrinkling else bare(a, b)
+
+    expected = np.zeros_like(points)
+    for particle, axis in np.ndindex(points.shape):
+        aside = np.zeros_like(points)
+        aside[particle, axis] = h
+        more, less = (quad_energy(energy, mesh.points, points + side * aside, faces) for side in (1, -1))
+        expected[particle, axis] = -2.0e-4 * (more - less) / (2.0 * h)
+    size = np.abs(expected).max()
+    for forces in forces_at(scene, points, device).values():
+        np.testing.assert_allclose(forces, expected, atol=3e-4 * size)
+
+
+@each_law
+def test_forces_add_up_to_nothing_and_turn_nothing(kind: str, device: str):
+    mesh = quad_sphere(3)
+    points = deformed(mesh.points, 5, 0.5)
+    for forces in forces_at(scene_of(kind, mesh), points, device).values():
+        size = np.abs(forces).sum()
+        assert np.abs(forces.sum(axis=0)).max() < 1e-6 * size
+        assert np.abs(np.cross(points, forces).sum(axis=0)).max() < 1e-6 * size
+
+
+@each_law
+def test_what_is_slack_has_no_forces_and_wrinkles_none_across(kind: str, device: str):
+    square = mesh_of([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [[0, 1, 2, 3]])
+    slack = square.points * (0.9, 0.5, 1.0)
+    wrinkled = square.points * (2.0, 0.5, 1.0)
+    narrower = square.points * (2.0, 0.3, 1.0)
+    for schedule in ("gather", "scatter"):
+        at = [forces_at(scene_of(kind, square), points, device)[schedule] for points in (slack, wrinkled, narrower)]
+        size = np.abs(at[1]).max()
+        assert size > 1.0
+        assert np.abs(at[0]).max() == 0.0
+        np.testing.assert_allclose(at[1][:, 1:], 0.0, atol=1e-6 * size)
+        np.testing.assert_allclose(at[1], at[2], atol=1e-5 * size)
+        # tension over the width at rest, as in a bar: dW/dl at (l, 1 / root l)
+        energy, h = ENERGIES[kind], 1e-5
+        pull = (energy(2.0 + h, (2.0 + h) ** -0.5) - energy(2.0 - h, (2.0 - h) ** -0.5)) / (2.0 * h)
+        np.testing.assert_allclose(at[1][1, 0] + at[1][2, 0], -2.0e-4 * pull, rtol=1e-4)
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5, 7, 12, 200])
+def test_triangles_cover_a_face_once_whatever_its_corners(corners: int):
+    mesh = polygon(corners)
+    membrane = build_membrane(mesh)
+    area = 0.5 * corners * np.sin(2.0 * np.pi / corners)
+    assert membrane.areas.sum() == pytest.approx(area, rel=1e-9)
+    if corners <= 6:  # no corner is preferred
+        np.testing.assert_allclose(membrane.lumps(corners), area / corners, rtol=1e-9)
+
+
+def test_a_polygon_is_as_stiff_as_the_same_of_quads(device: str):
+    """Stretched both ways alike: the same energy for each area, and so the same sum of forces times places."""
+    for mesh in (polygon(6), polygon(5), polygon(40)):
+        points = 1.7 * mesh.points
+        energy, h = ENERGIES["neo_hookean"], 1e-6
+        area = build_membrane(mesh).areas.sum()
+        work = 2.0e-4 * area * 1.7 * (energy(1.7 + h, 1.7 + h) - energy(1.7 - h, 1.7 - h)) / (2.0 * h)
+        for forces in forces_at(scene_of("neo_hookean", mesh), points, device).values():
+            assert -(forces * points).sum() == pytest.approx(work, rel=1e-4)
+
+
+def test_a_face_without_width_has_no_triangles():
+    line = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0)], [[0, 1, 2], [0, 1, 3]])
+    assert build_membrane(line).count == 1
+
+
+@pytest.mark.parametrize("wrinkling", [True, False])
+@each_law
+def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
+    """Of waves in any direction: the second derivative by gradients of rank one, by differences of the textbook's
+    energy, in taut states up to the most stretch; and the stiffest of them is not far below."""
+    told = told_of(kind) | {"wrinkling": np.full((1, 1), float(wrinkling))}
+    (bound,) = stiffest_modulus(MEMBRANES[kind], told)
+    random, energy, h = np.random.default_rng(2), ENERGIES[kind], 1e-4
+    first = random.uniform(1.0 if wrinkling else 0.8, told["most_stretch"].item(), 4000)
+    first[:500] = random.uniform(0.8, 1.1, 500) if not wrinkling else random.uniform(1.0, 1.1, 500)
+    lowest = np.maximum(first**-0.5 if wrinkling else 0.8, first / 3.0)
+    second = random.uniform(np.minimum(lowest, first), first)
+    angles = random.uniform(0.0, 2.0 * np.pi, (3, len(first)))
+    wave = np.stack([np.cos(angles[0]), np.sin(angles[0])], axis=1)
+    way = np.stack([np.cos(angles[1]) * np.cos(angles[2]), np.sin(angles[1]) * np.cos(angles[2]), np.sin(angles[2])], 1)
+    still = np.zeros((len(first), 3, 2))
+    still[:, 0, 0], still[:, 1, 1] = first, second
+
+    def energy_of(gradient: NDArray) -> NDArray:
+        a, b = np.linalg.svd(gradient, compute_uv=False).T
+        return energy(a, b)
+
+    step = h * way[:, :, None] * wave[:, None, :]
+    stiffness = (energy_of(still + step) - 2.0 * energy_of(still) + energy_of(still - step)) / h**2
+    assert stiffness.max() <= 1.01 * bound
+    assert stiffness.max() >= 0.7 * bound
+
+
+def test_each_balloon_of_a_scene_has_its_own_law(device: str):
+    """The forces are those of each alone, to rounding."""
+    mesh = quad_sphere(2)
+    points = deformed(mesh.points, 3, 0.8)
+    alone = [forces_at(scene_of(kind, mesh), points, device) for kind in MEMBRANES]
+    balloons = [scene_of(kind, mesh).balloon[0] for kind in MEMBRANES]
+    together = forces_at(Scene(balloon=balloons, gravity=0.0), np.tile(points, (len(MEMBRANES), 1)), device)
+    for schedule, forces in together.items():
+        expected = np.concatenate([each[schedule] for each in alone])
+        np.testing.assert_allclose(forces, expected, atol=1e-6 * np.abs(expected).max())
+        parts = expected.reshape(len(MEMBRANES), -1)
+        assert np.abs(parts[1:] - parts[:-1]).max(axis=1).min() > 1e-3 * np.abs(parts).max()  # laws differ

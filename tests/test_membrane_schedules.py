@@ -1,0 +1,208 @@
+"""Rubber and film move alike in every schedule, whatever else a scene has; and masses, thickness and what differs
+between worlds."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from conserved import put
+from meshes import cube, grid, mesh_of, prism, quad_sphere
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.geometry import total_area
+from balloon_warp.model import build_model, plan_model
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Material, Scene, Sphere, Stiffness, load_scene
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.recorder import MEASURES, Recorder
+
+GAS = Inflation(kind="gas", start_pressure=400.0)
+OGDEN = Material(preset="natural_rubber_treloar", wrinkling=False)
+BESIDE = Material(kind="gent", springs=["flexion"])
+
+
+def everything(viscosity: float, inflation: Inflation) -> Scene:
+    """Four laws, and a balloon of springs; polygons, a particle that no face has, fixed ones, springs beside, a skin
+    that is thick at one side, spheres and a ground."""
+    ball = quad_sphere(3, 0.1)
+    ball = mesh_of([*ball.points, (9.0, 9.0, 9.0)], ball.face_vertex_indices.reshape(-1, 4).tolist())
+    thick = Material(preset="latex", viscosity=viscosity, weights=np.linspace(1.0, 3.0, ball.vertex_count).tolist())
+    bending = Stiffness(flexion=1.0, torsion=1e-3)
+    small, given = {"scale": 0.1, "inflation": inflation}, {"inflation": Inflation(pressure=300.0)}
+    slight = inflation if inflation.kind == "gas" else Inflation(pressure=20.0)
+    film = Material(kind="neo_hookean", shear_modulus=5e5, thickness=1e-4)
+    balloons = [
+        Balloon(mesh=ball, material=thick, inflation=inflation, position=(0.0, 0.099, 0.0), fixed=[3]),
+        Balloon(mesh=prism(7), material=film, position=(1.0, 0.3, 0.0), **small),
+        Balloon(mesh=cube(), material=OGDEN, position=(2.0, 0.3, 0.0), scale=0.1, **given),
+        Balloon(mesh=prism(3), material=BESIDE, stiffness=bending, position=(3.0, 0.3, 0.0), **small),
+        Balloon(mesh=quad_sphere(2, 0.1), mass=0.02, position=(4.0, 0.3, 0.0), inflation=slight),
+    ]
+    sphere = Sphere(position=(0.02, 0.24, 0.0), radius=0.05, mass=0.01, velocity=(0.0, -1.0, 0.0))
+    return Scene(balloon=balloons, sphere=[sphere], ground=Ground())
+
+
+@cache
+def moved(schedule: str, device: str, viscosity: float, gas: bool) -> tuple[NDArray, NDArray]:
+    """Points and velocities after four frames, shaken at first."""
+    scene = everything(viscosity, GAS if gas else Inflation(pressure=400.0))
+    vary = {"balloon.0.material.shear_modulus": [2e5, 4e5, 3e5], "balloon.1.material.thickness": [1e-4, 2e-4, 3e-4]}
+    simulator = Simulator(scene, device, 3, vary, schedule=schedule)
+    points = simulator.state.points.numpy()[0]
+    random = np.random.default_rng(2)
+    put(simulator, points + random.normal(scale=0.003, size=points.shape), random.normal(scale=0.3, size=points.shape))
+    for _ in range(4):
+        simulator.step()
+    return simulator.state.points.numpy().astype(np.float64), simulator.state.velocities.numpy().astype(np.float64)
+
+
+@pytest.mark.parametrize("gas", [False, True], ids=["pressure", "gas"])
+@pytest.mark.parametrize("viscosity", [0.0, 1.0], ids=["elastic", "viscous"])
+def test_schedules_agree(schedule: str, device: str, viscosity: float, gas: bool):
+    """Up to float32's rounding, which collisions and wrinkles make more of."""
+    points, velocities = moved(schedule, device, viscosity, gas)
+    expected_points, expected_velocities = moved("scatter", device, viscosity, gas)
+    np.testing.assert_allclose(points, expected_points, atol=2e-5)
+    np.testing.assert_allclose(velocities, expected_velocities, atol=5e-3)
+    assert np.abs(expected_points[0] - expected_points[1]).max() > 1e-3  # worlds differ
+
+
+def latex(**fields: Any) -> Scene:
+    return Scene(balloon=[Balloon(**{"mesh": quad_sphere(3, 0.1), "material": Material(preset="latex")} | fields)])
+
+
+def test_the_mass_is_that_of_the_skin():
+    scene = latex()
+    plan = plan_model(scene, 2, {"balloon.material.thickness": [1e-4, 3e-4]})
+    area = total_area(plan.shapes[0].mesh)
+    # a quad that is not flat is as large as its two triangulations are on average, and so a little larger
+    np.testing.assert_allclose(plan.parameters["mass"][:, 0], [area * 1e-4 * 940.0, area * 3e-4 * 940.0], rtol=2e-3)
+    np.testing.assert_allclose(plan.shapes[0].mass_share.sum(), 1.0)
+    fixed = plan_model(latex(fixed=[0])).shapes[0].mass_share
+    np.testing.assert_allclose(fixed[1:], plan.shapes[0].mass_share[1:])  # what is fixed keeps its own
+    assert fixed[0] == 0.0
+
+
+def test_mass_is_lumped_by_area_and_not_by_particles():
+    """Of a strip of a broad and a narrow square."""
+    strip = mesh_of([(0, 0, 0), (3, 0, 0), (4, 0, 0), (4, 1, 0), (3, 1, 0), (0, 1, 0)], [[0, 1, 4, 5], [1, 2, 3, 4]])
+    shares = plan_model(latex(mesh=strip, inflation=Inflation(pressure=0.0))).shapes[0].mass_share
+    np.testing.assert_allclose(shares, np.array([3.0, 4.0, 1.0, 1.0, 4.0, 3.0]) / 16.0)
+
+
+def test_weights_make_the_skin_thicker():
+    """Twice everywhere is a skin of twice the thickness; a group alone is heavier than before; a function of points is
+    what it says."""
+    points = quad_sphere(3, 0.1).points
+    twice = latex(material=Material(preset="latex", weights=[2.0] * len(points)))
+    thick = latex(material=Material(preset="latex", thickness=4e-4))
+    by_rule = latex(material={"preset": "latex", "weights": lambda points: np.where(points[:, 1] > 0.0, 3.0, 1.0)})
+    mass = {
+        name: plan_model(scene).parameters["mass"].item()
+        for name, scene in {"twice": twice, "thick": thick, "rule": by_rule, "plain": latex()}.items()
+    }
+    assert mass["twice"] == pytest.approx(mass["thick"])
+    assert 1.6 * mass["plain"] < mass["rule"] < 2.4 * mass["plain"]
+    simulators = [Simulator(scene, "cpu") for scene in (twice, thick)]
+    for simulator in simulators:
+        for _ in range(3):
+            simulator.step()
+    one, other = (simulator.read_frame().points[0] for simulator in simulators)
+    np.testing.assert_allclose(one, other, atol=1e-4)
+    assert np.abs(one - points).max() > 1e-3
+
+
+def test_rubber_has_no_springs_but_those_that_are_asked_for():
+    assert build_model(latex(), "cpu").spring_count == 0
+    asked = build_model(latex(material=Material(preset="latex", springs=["flexion"])), "cpu")
+    of_springs = build_model(latex(material=Material()), "cpu")
+    kinds = of_springs.spring_kind.numpy()
+    assert asked.spring_count == (kinds == 2).sum() > 0
+    assert of_springs.triangle_count == 0
+
+
+def test_worlds_differ_in_all_that_a_material_has():
+    paths = {"shear_modulus": [2e5, 4e5], "thickness": [1e-4, 2e-4], "mooney_ratio": [0.0, 0.2], "wrinkling": [0, 1]}
+    for field, values in paths.items():
+        simulator = Simulator(
+            latex(inflation=Inflation(pressure=500.0)), "cpu", 2, {f"balloon.material.{field}": values}
+        )
+        put(simulator, simulator.state.points.numpy()[0] * (1.4, 1.0, 0.7))
+        simulator.step()
+        points = simulator.state.points.numpy()
+        assert np.abs(points[0] - points[1]).max() > 1e-5, field
+
+
+@pytest.mark.parametrize(
+    ("material", "sentence"),
+    [
+        ({"kind": "ogden"}, "material.ogden_exponents: is missing"),
+        (
+            {"kind": "ogden", "ogden_moduli": (1e5, -1e3, 0.0), "ogden_exponents": (2.0, 2.0, 1.0)},
+            "material.ogden_moduli: .* make an unstable material; expected each modulus times its exponent",
+        ),
+        ({"kind": "neo_hookean", "thickness": 0.0}, r"material.thickness: must be greater than .* \(got 0"),
+        ({"kind": "neo_hookean", "shear_modulus": -1.0}, r"material.shear_modulus: must be greater .* \(got -1"),
+        ({"kind": "mooney_rivlin", "mooney_ratio": -0.1}, "material.mooney_ratio: must be greater than or equal to 0"),
+        ({"kind": "gent", "gent_limit": 0.0}, "material.gent_limit: must be greater than 0"),
+        (
+            {"kind": "gent", "gent_limit": 20.0, "most_stretch": 5.0},
+            "material.most_stretch: 5 is past the limit of this material, whose chains are straight at 3.39",
+        ),
+        ({"shear_modulus": 1e5}, 'material.shear_modulus: needs kind = "neo_hookean" or'),
+        ({"thickness": 1e-3}, "material.thickness: needs a preset, or a kind such as"),
+        ({"kind": "gent", "mooney_ratio": 0.2}, 'material.mooney_ratio: needs kind = "mooney_rivlin"'),
+        ({"preset": "lead"}, "material.preset: must be 'latex'"),
+        ({"kind": "neo_hookean", "weights": [1.0, 2.0]}, "material.weights: .* has 56 vertices; expected a number for"),
+        ({"kind": "neo_hookean", "weights": {"neck": 2.0}}, "material.weights: .* has no group neck"),
+        ({"kind": "neo_hookean", "weights": [0.0] * 56}, "material.weights.0: must be greater than 0"),
+    ],
+)
+def test_bad_input_gets_a_sentence(material: dict[str, Any], sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        build_model(latex(material=material), "cpu")
+
+
+def test_what_does_not_go_with_rubber_gets_a_sentence():
+    with pytest.raises(InputError, match=r"balloon.mass: follows from the material's thickness and density \(got 2\)"):
+        latex(mass=2.0)
+    with pytest.raises(InputError, match='"projective" does not simulate mooney-rivlin material'):
+        Simulator(latex(inflation=Inflation(k_normal=0.1)).model_copy(update={"solver": "projective"}), "cpu")
+    with pytest.raises(InputError, match=r"material: .* has no face with an area"):
+        build_model(latex(mesh=mesh_of([(0, 0, 0), (1, 0, 0)], [[0, 1]])), "cpu")
+    with pytest.raises(InputError, match="mass: follows from the material"):
+        plan_model(latex(), 2, {"balloon.mass": [1.0, 2.0]})
+    with pytest.raises(InputError, match=r'material\.gent_limit: needs kind = "gent"'):
+        plan_model(latex(), 2, {"balloon.material.gent_limit": [50.0, 60.0]})
+    with pytest.raises(InputError, match="thickness: cannot change"):
+        plan_model(latex().model_copy(update={"change": [Change(time=0.1, set={"balloon.material.thickness": 1e-3})]}))
+    with pytest.raises(InputError, match="substeps: 2 are too few"):
+        plan_model(latex().model_copy(update={"substeps": 2}))
+
+
+def test_a_preset_is_what_it_says_and_can_be_changed():
+    plain = latex()
+    assert plain.balloon[0].material.value("shear_modulus") == 3.3e5
+    softer = override_scene(plain, [("balloon.material.shear_modulus", 1e5)])
+    assert softer.balloon[0].material.value("shear_modulus") == 1e5
+    assert softer.balloon[0].material.value("thickness") == 2e-4
+    foil = override_scene(plain, [("balloon.material.preset", "foil")])
+    assert foil.balloon[0].material.law == "neo_hookean"
+    assert foil.balloon[0].material.value("thickness") == 1.2e-5
+    rubber = load_scene("squirrel_inflate", {"balloon.material.preset": "latex"})
+    assert rubber.balloon[0].material.is_membrane
+
+
+def test_the_largest_stretch_is_that_of_the_skin(device: str):
+    """In a batch's table and on the page: of a sheet that is stretched askew by 1.5 and 0.9."""
+    sheet = latex(mesh=grid(3, 3), inflation=Inflation(pressure=0.0))
+    simulator = Simulator(sheet, device)
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    points = simulator.state.points.numpy()[0]
+    put(simulator, points @ (np.array([[1.2, 0.3, 0.0], [0.3, 1.2, 0.0], [0.0, 0.0, 1.0]]) @ turn))
+    measured = Recorder(simulator, np.arange(1)).read().measures[0, MEASURES.index("largest_stretch")]
+    assert measured == pytest.approx(1.5, rel=1e-5)
+    membrane = simulator.model.shapes[0].membrane
+    np.testing.assert_allclose(membrane.stretches(simulator.state.points.numpy()[0]), 1.5, rtol=1e-5)

@@ -1,0 +1,63 @@
+"""Two flat discs of foil, sewn at the rim and inflated: Paulsen 1994, What is the shape of a mylar balloon?"""
+
+import numpy as np
+from meshes import mesh_of
+from scipy.integrate import quad
+
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.scene import Balloon, Inflation, Material, Scene
+from balloon_warp.simulator import Simulator
+
+RADIUS, PRESSURE = 0.3, 40.0
+FOIL = Material(kind="neo_hookean", shear_modulus=1.0e7, thickness=2.0e-4, density=1000.0, most_stretch=1.1)
+"""stretched by two thousandths, at its center, by this pressure: p r / (2 E h)"""
+RINGS = 29
+"""of triangles: 5,048 particles"""
+
+
+def two_discs(rings: int, radius: float) -> PolygonMesh:
+    """Of even triangles in rings around the centers; the first particle is that of one disc, `1 + 3 rings (rings + 1)`
+    that of the other, and those before it are on the rim."""
+    points, starts = [(0.0, 0.0)], [0]
+    for ring in range(1, rings + 1):
+        starts.append(len(points))
+        angles = 2.0 * np.pi * np.arange(6 * ring) / (6 * ring)
+        points += list(zip(ring / rings * np.cos(angles), ring / rings * np.sin(angles), strict=True))
+    faces = []
+    for ring in range(1, rings + 1):
+        around, inside = 6 * ring, max(6 * (ring - 1), 1)
+        for sector in range(6):
+            for step in range(ring):
+                outer = [starts[ring] + (sector * ring + step + k) % around for k in (0, 1)]
+                inner = [starts[ring - 1] + (sector * (ring - 1) + step + k) % inside for k in (0, 1)]
+                faces.append([*outer, inner[0]])
+                faces += [[outer[1], inner[1], inner[0]]] if step < ring - 1 else []
+    count, border = len(points), starts[-1]
+    other = [[corner + count if corner < border else corner for corner in face[::-1]] for face in faces]
+    flat = radius * np.array(points + points[:border])
+    return mesh_of(np.column_stack([flat, np.zeros(len(flat))]), faces + other)
+
+
+def test_it_has_the_rim_the_thickness_and_the_volume_of_the_elliptic_integrals(device: str):
+    """Foil that does not stretch, but wrinkles: from the rim, at the radius r, its meridian is
+    z(x) = integral from x to r of t^2 / root(r^4 - t^4), as long as the disc's radius."""
+    mesh = two_discs(RINGS, RADIUS)
+    balloon = Balloon(mesh=mesh, material=FOIL, inflation=Inflation(pressure=PRESSURE), damping=2.0)
+    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device)
+    for _ in range(48):
+        simulator.step()
+    points = simulator.read_frame().points[0].astype(np.float64)
+    center = 1 + 3 * RINGS * (RINGS + 1)
+    rim = np.linalg.norm(points[center - 6 * RINGS : center, :2], axis=1).mean()
+    thickness = np.linalg.norm(points[0] - points[center])
+    volume = signed_volume(mesh_of(points, mesh.face_vertex_indices.reshape(-1, 3).tolist()))
+
+    def height(x: float) -> float:
+        return quad(lambda t: t * t / np.sqrt(1.0 - t**4), x, 1.0)[0]
+
+    r = RADIUS / quad(lambda t: 1.0 / np.sqrt(1.0 - t**4), 0.0, 1.0)[0]
+    found = np.array([rim / r, thickness / (2.0 * r * height(0.0))])
+    np.testing.assert_allclose(found, 1.0, atol=0.02)
+    expected = 4.0 * np.pi * r**3 * quad(lambda x: x * height(x), 0.0, 1.0)[0]
+    np.testing.assert_allclose(volume, expected, rtol=0.02)
