@@ -93,6 +93,8 @@ METHODS = (
     Method("forward Euler", ("solver=forward_euler",)),
     Method("spheres, penalty", ("sphere=[{position=[0, 2, 0]}]",)),
     Method("spheres, impulse", ("sphere=[{position=[0, 2, 0]}]", "contact=impulse")),
+    Method("spheres that meet spheres", ("sphere=[{position=[0, 2, 0]}, {position=[1, 2, 0]}]",)),
+    Method("spheres that touch faces", ("touch={}", "sphere=[{position=[0, 2, 0], radius=0.01}]")),
     Method("ground", ("ground={}",)),
     Method("obstacles", ("obstacle=[{position=[0, -2, 0]}]",)),
     Method("obstacles that move", ("obstacle=[{position=[0, -2, 0], motion=[[0, [0, 0, 0]], [1, [0, 1, 0]]]}]",)),

@@ -10,6 +10,12 @@ class SphereTable:
     mass: wp.array2d[float]
     radius: wp.array2d[float]
     penalty: wp.array2d[float]
+    restitution: wp.array2d[float]
+    """of spheres that meet spheres"""
+    small: wp.array[wp.int32]
+    """whether each is so small beside faces that it meets these, too; empty where none is"""
+    triangles: wp.array[wp.vec3i]
+    """the particles of each triangle that they meet; empty where none is small"""
 
 
 @wp.struct

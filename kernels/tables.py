@@ -237,3 +237,9 @@ def sphere_radius(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
 def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Force on it, over the inflation of a particle that touches."""
     return spheres.penalty[row_of_world(world, spheres.penalty.shape[0]), sphere]
+
+
+@wp.func
+def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
+    """Rebound speed over impact speed, for two alike that meet."""
+    return spheres.restitution[row_of_world(world, spheres.restitution.shape[0]), sphere]

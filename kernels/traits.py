@@ -42,6 +42,8 @@ class Traits(NamedTuple):
     """points move by the old velocities"""
     impulses: bool = False
     """particles and spheres exchange momentum, once all have moved"""
+    small_spheres: bool = False
+    """a sphere is so small beside faces that it meets these, too, and not only particles"""
     ground: bool = False
     fixtures: bool = False
     """there are obstacles that go where they are told"""
@@ -132,6 +134,16 @@ class Traits(NamedTuple):
     def stands_on_fixtures(self) -> bool:
         """Whether particles may come to what goes where it is told."""
         return self.fixtures and self.frames != "free"
+
+    @property
+    def spheres_meet(self) -> bool:
+        """Whether there are spheres that may meet each other."""
+        return self.spheres > 1
+
+    @property
+    def keeps_starts(self) -> bool:
+        """Whether it is needed where spheres were before a substep."""
+        return self.spheres_meet or self.small_spheres
 
     @property
     def penalties(self) -> bool:

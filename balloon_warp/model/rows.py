@@ -28,6 +28,7 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("sphere_mass", "kg", 1.0, least=TINY, of="sphere", path="mass"),
     Parameter("sphere_radius", "m", 0.15, least=TINY, of="sphere", path="radius"),
     Parameter("sphere_penalty", "1", 1.0, least=0.0, of="sphere", path="penalty"),
+    Parameter("sphere_restitution", "1", 0.3, least=0.0, most=1.0, of="sphere", path="restitution"),
     Parameter("string_anchor", "m", of="string", path="anchor", size=3),
     Parameter("string_length", "m", np.nan, least=TINY, of="string", path="length"),
     Parameter("string_stiffness", "N/m", 20.0, least=TINY, of="string", path="stiffness"),

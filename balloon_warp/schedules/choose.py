@@ -6,6 +6,7 @@ from typing import Protocol
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.model import Model, State
+from balloon_warp.model.small_spheres import small_spheres
 
 
 class Schedule(Protocol):
@@ -47,6 +48,8 @@ SCHEDULES = {
 }
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
+LAUNCHED = ("scatter", "gather")
+"""those that launch a kernel for each piece of a substep: in these alone spheres touch faces"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -70,6 +73,8 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
+    if name not in LAUNCHED and any(small_spheres(model)):
+        raise InputError(f"--schedule {name}: cannot let spheres touch faces; auto, {' and '.join(LAUNCHED)} can")
     module, schedule = SCHEDULES[name]
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
@@ -89,6 +94,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     sooner if it has few particles. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
+    if any(small_spheres(model)):
+        return "gather"
     if model.device.is_cpu and not model.scene.touches:
         return "lanes" if world_count > 1 else "octets"
     from balloon_warp.schedules.block_launch import fits_in_block

@@ -13,6 +13,7 @@ from balloon_warp.kernels.schedules.between import (
 )
 from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
+from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP, face_kernel
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
     PARTICLES_OF_PART,
@@ -21,7 +22,7 @@ from balloon_warp.kernels.schedules.launched_gas import (
     swelling_kernel,
     tube_kernel,
 )
-from balloon_warp.kernels.schedules.launched_roll import roll_kernel
+from balloon_warp.kernels.schedules.launched_roll import collide_kernel, roll_kernel
 from balloon_warp.kernels.schedules.launched_touch import touch_kernel
 from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
@@ -111,10 +112,15 @@ class Pieces:
             self._aims.refresh(points, self.working.aims)
 
     def roll(self, state: State, time_in_frame: float) -> None:
-        """Spheres move, by the paper's rule under the contacts of the substep before."""
+        """Spheres move, by the paper's rule under the contacts of the substep before, and meet each other."""
         if self.model.sphere_count:
-            moving = state.sphere_positions, state.sphere_velocities, state.sphere_forces, self.working.sphere_quanta
-            self._over_spheres(roll_kernel(self.traits), self.tables, time_in_frame, state.frame, *moving)
+            now, starts = (self.tables, time_in_frame, state.frame), self.working.sphere_starts
+            moving = state.sphere_positions, state.sphere_velocities
+            pushed = state.sphere_forces, self.working.sphere_quanta
+            self._over_spheres(roll_kernel(self.traits), *now, *moving, *pushed, starts)
+            if self.traits.spheres_meet:
+                inputs = [*now, starts, *moving]
+                wp.launch(collide_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
 
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""
@@ -161,19 +167,30 @@ class Pieces:
             self.over_particles(leave_kernel(self.traits), self.tables, time_in_frame, *moving)
 
     def press(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
-        """Balloons that touch push each other off; now and then it is found which may."""
+        """Balloons that touch push each other off; now and then it is found which may. Where particles are is kept for
+        the spheres that meet faces."""
+        if self.traits.small_spheres:
+            wp.copy(self.working.point_starts, points)
         if self._touching:
             self._touching.search(state, substep, points, velocities)
             self._touching.press(state, points, velocities)
 
     def touch(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
-        """Spheres and particles exchange momentum."""
+        """Spheres and particles exchange momentum, and small spheres and faces."""
         m = self.model
         if self.traits.impulses:
             wp.launch_tiled(
                 touch_kernel(self.traits),
                 dim=[m.world_count],
                 inputs=[self.tables, time_in_frame, world_state(state), self.working, points, velocities],
+                block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
+                device=m.device,
+            )
+        if self.traits.small_spheres:
+            wp.launch_tiled(
+                face_kernel(self.traits),
+                dim=[m.world_count],
+                inputs=[self.tables, world_state(state), self.working, points, velocities],
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )
@@ -212,6 +229,9 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "inflations": vectors(traits.keeps_inflations),
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
+        "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
+        "point_starts": vectors(traits.small_spheres),
+        "lumps": room.array((worlds, int(MOST_IN_LUMP) if traits.small_spheres else 0), wp.int32),
         **touch_arrays(model, traits, room),
         "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
     }

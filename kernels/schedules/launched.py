@@ -43,6 +43,12 @@ class Working:
     """of each balloon in parts, where one has several"""
     sphere_quanta: wp.array3d[wp.int64]
     """forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
+    sphere_starts: wp.array2d[wp.vec3]
+    """where spheres were before this substep [m]; empty unless they may meet each other, or faces"""
+    point_starts: wp.array2d[wp.vec3]
+    """where particles were; empty unless spheres meet faces, as is the next"""
+    lumps: wp.array2d[wp.int32]
+    """particles of each world that go on together with a sphere, see `launched_faces`"""
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
     balloon_boxes: wp.array3d[wp.vec3]

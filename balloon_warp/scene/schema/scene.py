@@ -98,6 +98,11 @@ class Scene(Table):
         return self.touches_itself or (self.touch is not None and self.touch.balloons and len(self.balloon) > 1)
 
     @property
+    def touches_spheres(self) -> bool:
+        """whether spheres that are small beside faces touch these"""
+        return self.touch is not None and self.touch.spheres and bool(self.sphere)
+
+    @property
     def touches_itself(self) -> bool:
         """whether parts of a balloon can"""
         return self.touch is not None and self.touch.itself
