@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from balloon_warp.scene import (
         Atmosphere,
         Balloon,
+        Body,
         Change,
         Ground,
         Inflation,
@@ -58,6 +59,7 @@ __all__ = [
     "Atmosphere",
     "Balloon",
     "BlowUpError",
+    "Body",
     "Change",
     "Cluster",
     "Frame",
@@ -121,6 +123,7 @@ _HOMES = {
         "Change",
         "Ground",
         "Inflation",
+        "Body",
         "Obstacle",
         "Scene",
         "Sphere",

@@ -5,7 +5,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import FixtureTable, SphereTable, TouchTable
+from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereTable, TouchTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
 
@@ -173,6 +173,7 @@ class Tables:
     fans: FanTable
     spheres: SphereTable
     fixtures: FixtureTable
+    bodies: BodyTable
     tubes: TubeTable
     touch: TouchTable
     correction: CorrectionTable
@@ -206,6 +207,10 @@ class WorldState:
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]
+    body_positions: wp.array2d[wp.vec3]
+    body_turns: wp.array2d[wp.quat]
+    body_velocities: wp.array2d[wp.vec3]
+    body_momenta: wp.array2d[wp.vec3]
     first_bad: wp.array[wp.int32]
 
 

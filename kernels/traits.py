@@ -51,6 +51,10 @@ class Traits(NamedTuple):
     """a mesh is among them"""
     fixtures_move: bool = False
     """one of them does not stay where it is"""
+    bodies: int = 0
+    """free rigid bodies"""
+    body_meshes: bool = False
+    """a mesh is among them"""
     touches: bool = False
     """balloons touch each other"""
     touches_itself: bool = False
@@ -143,7 +147,7 @@ class Traits(NamedTuple):
     @property
     def keeps_starts(self) -> bool:
         """Whether it is needed where spheres were before a substep."""
-        return self.spheres_meet or self.small_spheres
+        return self.spheres_meet or self.small_spheres or (self.bodies > 0 and self.spheres > 0)
 
     @property
     def penalties(self) -> bool:

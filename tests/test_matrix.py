@@ -72,6 +72,7 @@ def features(model: Model) -> set[str]:
         for name, neutral in law.neutral.items()
         if (model.parameters[name].numpy() != np.float32(neutral)).any()
     }
+    found |= {"spheres that meet"} if traits.spheres_meet else set()
     found |= {f"{name} {bool(value > 1 if name == 'balloons' else value)}" for name, value in switches(traits).items()}
     return found | ({"fixed"} if any(balloon.fixed for balloon in model.scene.balloon) else set())
 

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.laws.grip import Grip
 from balloon_warp.kernels.schedules.between import (
     correct_color,
     read_sphere_forces,
@@ -13,6 +14,7 @@ from balloon_warp.kernels.schedules.between import (
 )
 from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
+from balloon_warp.kernels.schedules.launched_bodies import body_kernel, tumble_kernel
 from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP, face_kernel
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
@@ -122,6 +124,13 @@ class Pieces:
                 inputs = [*now, starts, *moving]
                 wp.launch(collide_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
 
+    def tumble(self, state: State, time_in_frame: float) -> None:
+        """Free bodies move, once spheres have."""
+        m = self.model
+        if self.traits.bodies:
+            inputs = [self.tables, time_in_frame, world_state(state), self.working]
+            wp.launch(tumble_kernel(self.traits), m.world_count, inputs, device=m.device)
+
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""
         if self._gas_changes:
@@ -176,7 +185,7 @@ class Pieces:
             self._touching.press(state, points, velocities)
 
     def touch(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
-        """Spheres and particles exchange momentum, and small spheres and faces."""
+        """Spheres and particles exchange momentum, as do bodies and particles, and small spheres and faces."""
         m = self.model
         if self.traits.impulses:
             wp.launch_tiled(
@@ -186,9 +195,10 @@ class Pieces:
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )
-        if self.traits.small_spheres:
+        kernels = {body_kernel: self.traits.bodies > 0, face_kernel: self.traits.small_spheres}
+        for kernel in [kernel for kernel, needed in kernels.items() if needed]:
             wp.launch_tiled(
-                face_kernel(self.traits),
+                kernel(self.traits),
                 dim=[m.world_count],
                 inputs=[self.tables, world_state(state), self.working, points, velocities],
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
@@ -230,6 +240,9 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
         "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
+        "body_starts": room.array((worlds, model.body_count), wp.vec3),
+        "body_start_turns": room.array((worlds, model.body_count), wp.quat),
+        "grips": room.array((worlds, sum(len(shape.samples) for shape in model.bodies)), Grip),
         "point_starts": vectors(traits.small_spheres),
         "lumps": room.array((worlds, int(MOST_IN_LUMP) if traits.small_spheres else 0), wp.int32),
         **touch_arrays(model, traits, room),

@@ -24,7 +24,7 @@ from balloon_warp.kernels.tables import (
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.small_spheres import small_spheres
-from balloon_warp.schedules.fixtures import fixture_table
+from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
@@ -55,7 +55,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
         triangles = [triangles_of(s.mesh) + n for s, n in zip(model.shapes, model.particle_offsets, strict=False)]
         t.spheres.small = _array(model, small_spheres(model), wp.int32)
         t.spheres.triangles = _array(model, np.concatenate(triangles), wp.vec3i)
-    t.fixtures = fixture_table(model)
+    t.fixtures, t.bodies = fixture_table(model), body_table(model)
     t.tubes = _tubes(model)
     t.touch = touch_table(model, traits)
     t.correction = _correction(model, traits)
@@ -76,7 +76,7 @@ def tables_of_world(model: Model, tables: Any) -> Any:
     _put_string_parameters(strings, model)
     t.strings, t.spheres, t.tubes = strings, _spheres(model), _tubes(model)
     t.spheres.small, t.spheres.triangles = tables.spheres.small, tables.spheres.triangles
-    t.fixtures = tables.fixtures
+    t.fixtures, t.bodies = tables.fixtures, body_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
     return t
 

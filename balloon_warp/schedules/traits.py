@@ -51,6 +51,8 @@ def model_traits(model: Model) -> Traits:
         fixtures=bool(scene.obstacle),
         fixture_meshes=any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
         fixtures_move=model.obstacle_motion.shape[0] > 1,
+        bodies=model.body_count,
+        body_meshes=any(body.shape == "mesh" for body in scene.body),
         touches=scene.touches,
         touches_itself=scene.touches_itself,
     )

@@ -74,6 +74,8 @@ def _beyond(traits: Traits) -> str | None:
     """What it does not simulate, in words, or None."""
     if traits.touches:
         return "balloons that touch"
+    if traits.bodies:
+        return "free rigid bodies"
     if traits.small_spheres:
         return "spheres that touch faces"
     if traits.pressures:

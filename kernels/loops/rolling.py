@@ -33,7 +33,7 @@ def leaving_function(traits: Traits) -> Any:
             time: at the end of the step [s].
             start: where it was before the step.
         """
-        for fixture in range(t.fixtures.kinds.shape[0]):
+        for fixture in range(t.fixtures.solids.kinds.shape[0]):
             met = meet(t, world, fixture, time, start, position, radius)
             if wp.length_sq(met.normal) > 0.0:
                 row = row_of_world(world, t.fixtures.restitutions.shape[0])

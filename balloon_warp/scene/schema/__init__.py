@@ -4,6 +4,7 @@ scene          a scene as a whole: time, methods, and the lists of what is in it
 balloon        balloons, their springs and what fills them
 bodies         spheres and strings
 obstacles      rigid things in the way
+rigid          rigid bodies that move freely
 surroundings   air, water and ground
 touch          balloons that touch
 fields         what all of these are made of
@@ -12,6 +13,7 @@ fields         what all of these are made of
 from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.obstacles import Obstacle
+from balloon_warp.scene.schema.rigid import Body
 from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 from balloon_warp.scene.schema.touch import Touch
@@ -21,6 +23,7 @@ __all__ = [
     "WITHOUT_MESHES",
     "Atmosphere",
     "Balloon",
+    "Body",
     "Change",
     "Ground",
     "Inflation",
