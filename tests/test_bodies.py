@@ -118,6 +118,12 @@ def test_nonsense_gets_one_sentence(fields, sentence):
     assert "\n" not in str(refused.value)
 
 
+def test_what_is_far_away_or_beside_a_body_may_start(device):
+    """However large a sphere is, and however near it stands."""
+    spheres = [Sphere(position=(20, 2, 0), radius=5.0), Sphere(position=(0, 2.8, 0), radius=0.29)]
+    started(device, Body(position=(0, 2, 0)), sphere=spheres, ground=Ground(height=1.5))
+
+
 def test_a_schedule_that_cannot_is_refused(device):
     model = started(device, Body()).model
     with pytest.raises(InputError, match="--schedule block: cannot let bodies move; auto, scatter and gather can"):

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conserved import energy, motion, sphere_momenta
+from conserved import energy, momentum, motion, sphere_momenta
 from meshes import quad_sphere
 from rigid import EPSILON, SPACE, after, body_state, kinetic, scene_of, started, whole
 
@@ -123,9 +123,8 @@ def test_a_ball_that_is_a_body_does_what_a_sphere_does(device):
     """The balloon does not know which it is: by the impulse rule, both are the same, but for how sums are rounded."""
     ball = Balloon(mesh=quad_sphere(6, 0.5), mass=0.5, damping=0.0, inflation=Inflation(pressure=0.0))
     setting = SPACE | {"balloon": [ball], "substeps": 40, "frames_per_second": 60.0, "contact": "impulse"}
-    as_body = started(
-        device, Body(radius=0.3, length=0.0, position=(0.1, 0.9, 0), mass=0.3, velocity=(0, -2, 0)), **setting
-    )
+    smooth = Body(radius=0.3, length=0.0, position=(0.1, 0.9, 0), mass=0.3, velocity=(0, -2, 0), friction=0.0)
+    as_body = started(device, smooth, **setting)
     sphere = Sphere(position=(0.1, 0.9, 0), radius=0.3, mass=0.3, velocity=(0, -2, 0))
     as_sphere = Simulator(scene_of(sphere=[sphere], **setting), device, schedule="gather")
     after(as_body, 20), after(as_sphere, 20)
@@ -146,25 +145,36 @@ def test_gather_gives_scatters_trajectory(device):
 
 
 def test_a_balloon_carries_a_body_by_its_weight(device):
-    """A tray on a pillow of air, between walls so that it does not slip off: at rest the balloon is pressed by exactly
-    what the tray weighs, so that neither falls."""
-    ball = Balloon(mesh=quad_sphere(8, 0.5), mass=0.1, damping=0.5, position=(0, 0.5, 0))
-    tray = Body(size=(0.8, 0.05, 0.8), position=(0, 1.3, 0), mass=0.2, restitution=0.0)
-    walls = [
-        Obstacle(size=(0.2, 4.0, 4.0), position=(0.51, 2, 0), friction=0.0),
-        Obstacle(size=(0.2, 4.0, 4.0), position=(-0.51, 2, 0), friction=0.0),
-        Obstacle(size=(4.0, 4.0, 0.2), position=(0, 2, 0.51), friction=0.0),
-        Obstacle(size=(4.0, 4.0, 0.2), position=(0, 2, -0.51), friction=0.0),
-    ]
-    walls = [
-        wall.model_copy(update={"position": tuple(1.6 * x if abs(x) == 0.51 else x for x in wall.position)})
-        for wall in walls
-    ]
-    simulator = Simulator(Scene(balloon=[ball], body=[tray], obstacle=walls, ground=Ground(friction=2.0)), device)
-    assert simulator.schedule.name == "gather"
-    heights = [body_state(after(simulator, 1), "positions")[0, 1] for _ in range(360)]
-    assert 0.3 < np.mean(heights[-60:]) < 1.3
-    assert np.ptp(heights[-60:]) < 0.05
+    """A tray on a balloon: when it has come to rest, particles press it with what it weighs, and it presses them with
+    the same. Later it tips over, as an upright pendulum does."""
+    ball = Balloon(mesh=quad_sphere(8, 0.5), mass=0.1, damping=3.0, position=(0, 0.5, 0))
+    tray = Body(size=(0.8, 0.05, 0.8), position=(0, 1.3, 0), mass=0.2)
+    simulator = Simulator(Scene(balloon=[ball], body=[tray], ground=Ground()), device, schedule="scatter")
+    after(simulator, 180)
+    height, pressed = body_state(simulator, "positions")[0, 1], []
+    for _ in range(20):
+        for _ in simulator.schedule.substeps(simulator.state):
+            pushes = simulator.schedule.pieces.working.body_pushes.numpy()[0].astype(float)
+            pressed.append(pushes.sum(axis=0) / simulator.model.step_seconds)
+    assert abs(body_state(simulator, "positions")[0, 1] - height) < 0.01
+    assert height > 0.9
+    np.testing.assert_allclose(np.mean(pressed, axis=0), (0.0, -0.2 * 9.81, 0.0), atol=0.02 * 0.2 * 9.81)
+
+
+def test_friction_stops_what_slides_on_a_body(device):
+    """A ball that slides on a heavy plate without gravity but pressed by its speed: of the impulse along the normal,
+    friction takes no more than its part, and none where it has none."""
+    slid = []
+    for friction in (0.0, 0.1, 5.0):
+        plate = Body(size=(4.0, 0.2, 4.0), position=(0, -0.7, 0), mass=1e4, friction=friction)
+        ball = Balloon(mesh=quad_sphere(4, 0.5), mass=0.2, damping=0.0, velocity=(2.0, -1.0, 0.0))
+        simulator = after(started(device, plate, balloon=[ball], **SPACE, substeps=40), 60)
+        lost = 0.4 - momentum(simulator)[0]
+        gained = momentum(simulator)[1] + 0.2
+        assert gained > 0.2
+        slid.append(lost / gained)
+    np.testing.assert_allclose(slid[:2], (0.0, 0.1), atol=2e-3)
+    assert 0.1 < slid[2] < 1.5
 
 
 def test_a_body_shot_at_a_balloon_does_not_go_through_particles(device):

@@ -107,14 +107,10 @@ def require_clear_bodies(
 
 
 def _depth_in(solid: "_Solid", points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
-    """Of the deepest of some points [m], negative outside; at least minus the solid's reach far away."""
+    """Of the deepest of some points [m], negative outside; minus infinity far away."""
     seen = solid.seen(points[None], center[None])[0]
-    near = (
-        np.linalg.norm(seen, axis=1) < 2.0 * solid.shape.reach
-        if np.isfinite(solid.shape.reach)
-        else seen[:, 0] == seen[:, 0]
-    )
-    return -float(solid.distances(seen[near]).min()) if near.any() else -solid.shape.reach
+    near = np.linalg.norm(seen, axis=1) < 2.0 * solid.shape.reach
+    return -float(solid.distances(seen[near]).min()) if near.any() else -np.inf
 
 
 def _require_shallow(what: str, where: str, depth: float, allowed: float) -> None:

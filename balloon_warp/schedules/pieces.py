@@ -242,6 +242,7 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
         "body_starts": room.array((worlds, model.body_count), wp.vec3),
         "body_start_turns": room.array((worlds, model.body_count), wp.quat),
+        "body_pushes": vectors(model.body_count > 0),
         "grips": room.array((worlds, sum(len(shape.samples) for shape in model.bodies)), Grip),
         "point_starts": vectors(traits.small_spheres),
         "lumps": room.array((worlds, int(MOST_IN_LUMP) if traits.small_spheres else 0), wp.int32),

@@ -12,8 +12,14 @@ the arm r from its center of mass, with c = (n, r x n), its velocity and spin ch
 
     (diag(M I, J) + sum m c c^T) D = -sum m a c       over particles that it presses, those with c . D + a > 0
 
-and each of those by (c . D + a) n. Impulses act where particles are at the start of the step, from where all go on at
-their new velocities: so momentum and angular momentum stay, and kinetic energy does not grow.
+and each of those by (c . D + a) n. Then friction, as Coulomb has it: a particle that slides at s beside the body gets
+an impulse against s where it is, the lesser of k m |s| and of `friction` times the impulse along n, and the body the
+opposite there. With
+
+    k = 1 / (1 + M e)    M the mass of all that are pressed, e no less than what a point of the body gains by 1 N s
+
+all of them together give no energy, whatever is heavier. Impulses act where particles are at the start of the step,
+from where all go on at their new velocities: so momentum and angular momentum stay, and kinetic energy does not grow.
 """
 
 import warp as wp
@@ -162,6 +168,29 @@ def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
     change.spin = wp.vec3(spin)
     change.velocity = wp.vec3(-(back * (lost + mixed * spin)))
     return change
+
+
+@wp.func
+def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
+    """k, of a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], how far it reaches [m], and the mass of
+    what it presses [kg]."""
+    widest = wp.sqrt(wp.ddot(ease, ease))  # no less than the largest eigenvalue
+    return 1.0 / (1.0 + pressed * (1.0 + reach * reach * widest) / mass)
+
+
+@wp.func
+def friction_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
+    """The impulse of friction on a particle [N s].
+
+    Args:
+        beside: its velocity beside the body's point there.
+        pushed: the impulse along n.
+    """
+    normal = wp.normalize(pushed)
+    sliding = beside - wp.dot(beside, normal) * normal
+    most = friction * wp.length(pushed)
+    wanted = share * mass * wp.length(sliding)
+    return -wp.min(wanted, most) * wp.normalize(sliding)
 
 
 @wp.func

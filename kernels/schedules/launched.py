@@ -51,8 +51,10 @@ class Working:
     lumps: wp.array2d[wp.int32]
     """particles of each world that go on together with a sphere, see `launched_faces`"""
     body_starts: wp.array2d[wp.vec3]
-    """where free bodies were before this substep [m]; empty where there are none, as are the next two"""
+    """where free bodies were before this substep [m]; empty where there are none, as are the next three"""
     body_start_turns: wp.array2d[wp.quat]
+    body_pushes: wp.array2d[wp.vec3]
+    """what a body has pressed each particle with [N s]"""
     grips: wp.array2d[Grip]
     """what points of bodies meet in this substep"""
     near: wp.array2d[wp.int32]

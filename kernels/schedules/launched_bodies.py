@@ -11,6 +11,8 @@ from balloon_warp.kernels.laws.rigid import (
     Change,
     Push,
     change_of_rigid,
+    friction_on,
+    friction_share,
     gain_at,
     inertia_in_world,
     is_pushed,
@@ -24,7 +26,7 @@ from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.substep import end_of_step
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 
@@ -86,6 +88,8 @@ def body_kernel(traits: Traits) -> Any:
     @wp.func
     def answer_of_thread(
         t: Tables,
+        working: Working,
+        world: wp.int32,
         thread: wp.int32,
         rigid: Rigid,
         last: Change,
@@ -94,19 +98,54 @@ def body_kernel(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """What they gain."""
+        """What they gain; and the mass of those that are pressed [kg]."""
+        pressed = float(0.0)
         for particle in range(thread, points.shape[0], wp.block_dim()):
             end = points[particle]
             velocity = velocities[particle]
             stop = stop_at(t, rigid, end - t.step_seconds * velocity, end, velocity, 0.0)
+            pushed = wp.vec3()
             if wp.length_sq(stop.normal) > 0.0 and t.particles.mass_share[particle] > 0.0:
                 if gain_at(last, stop.arm, stop.normal) + stop.excess > 0.0:
+                    mass = inertia(working, read_own(t, world, particle))
                     gain = (gain_at(change, stop.arm, stop.normal) + stop.excess) * stop.normal
+                    pressed += mass
+                    pushed = mass * gain
                     velocities[particle] = velocity + gain
                     end += t.step_seconds * gain
                 if stop.out > 0.0:
                     end += (wp.dot(stop.normal, shift) + stop.out) * stop.normal
                 points[particle] = end
+            working.body_pushes[world, particle] = pushed
+        return pressed
+
+    @wp.func
+    def rub_of_thread(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        rigid: Rigid,
+        share: float,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Friction on those that are pressed; the impulse on the body [N s], and its torque's [N m s]."""
+        total = wp.spatial_vector()
+        friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), rigid.number]
+        center = rigid.end - t.step_seconds * rigid.velocity
+        for particle in range(thread, points.shape[0], wp.block_dim()):
+            pushed = working.body_pushes[world, particle]
+            if wp.length_sq(pushed) > 0.0:
+                mass = inertia(working, read_own(t, world, particle))
+                velocity = velocities[particle]
+                arm = points[particle] - t.step_seconds * velocity - center
+                beside = velocity - rigid.velocity - wp.cross(rigid.spin, arm)
+                rubbed = friction_on(beside, pushed, mass, share, friction)
+                velocities[particle] = velocity + rubbed / mass
+                points[particle] = points[particle] + (t.step_seconds / mass) * rubbed
+                total -= wp.spatial_vector(rubbed, wp.cross(arm, rubbed))
+        return total
 
     @wp.kernel(module="unique", enable_backward=False)
     def touch_bodies(
@@ -136,9 +175,18 @@ def body_kernel(traits: Traits) -> Any:
                     change = change_of_rigid(push, rigid.mass, tensor)
                     turn += 1
                 shift = shift_of_body(overlap_of(push), rigid.mass, t.up)
-                answer_of_thread(t, thread, rigid, last, change, shift, points[world], velocities[world])
+                mine = answer_of_thread(
+                    t, working, world, thread, rigid, last, change, shift, points[world], velocities[world]
+                )
+                pressed = wp.tile_sum(wp.tile(mine))[0]
+                rigid = pushed_on(t, rigid, change.velocity, tensor * change.spin, shift)
+                share = friction_share(rigid.mass, t.bodies.eases[body], rigid.reach, pressed)
+                rubbed = rub_of_thread(t, working, world, thread, rigid, share, points[world], velocities[world])
+                rub = wp.tile_sum(wp.tile(rubbed, preserve_type=True))[0]
+                nothing = wp.vec3()
+                rigid = pushed_on(t, rigid, wp.spatial_top(rub) / rigid.mass, wp.spatial_bottom(rub), nothing)
                 if thread == 0:
-                    put_body(state, world, pushed_on(t, rigid, change.velocity, tensor * change.spin, shift))
+                    put_body(state, world, rigid)
                 block_barrier()
 
     return touch_bodies
