@@ -12,7 +12,7 @@ from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.scene import Body, Scene
 
-MOST_SAMPLES = 256
+MOST_SAMPLES = 1024
 """points of a mesh's surface that are held out of the ground, obstacles and other bodies"""
 SIDE_SAMPLES = 5
 """the same along an edge of a box"""

@@ -81,28 +81,40 @@ def tumbling_function(traits: Traits) -> Any:
     gravity = traits.columns.places["gravity"] - split
 
     @wp.func
+    def farthest_way(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
+        """How much nearer than now a point of a body may come to anything in a step [m]."""
+        fastest = t.fixtures.fastest
+        for other in range(state.body_positions.shape[1]):
+            mass = body_mass(t, world, other)
+            spin = spin_of(
+                state.body_turns[world, other], t.bodies.eases[other], mass, state.body_momenta[world, other]
+            )
+            speed = wp.length(state.body_velocities[world, other]) + wp.length(spin) * t.bodies.solids.reaches[other]
+            fastest += speed
+        return 1.01 * t.step_seconds * fastest
+
+    @wp.func
     def take_hold(
-        t: Tables, state: WorldState, world: wp.int32, body: wp.int32, sample: wp.int32, time: float, pull: float
+        t: Tables,
+        state: WorldState,
+        world: wp.int32,
+        body: wp.int32,
+        sample: wp.int32,
+        time: float,
+        pull: float,
+        within: float,
     ):
-        """What a point of a body meets in a step that begins at a time, and by how far it overlaps that [m]."""
+        """What a point of a body meets in a step that begins at a time, and by how far it overlaps that [m].
+
+        Args:
+            within: what is no nearer is not met [m].
+        """
         told = t.bodies.samples[sample]
         grip = Grip()
         grip.other = -1
         center = state.body_positions[world, body]
         arm = wp.quat_rotate(state.body_turns[world, body], wp.vec3(told[0], told[1], told[2]))
-        velocity = velocity_at(t, state, world, body, arm)
-        fastest = wp.length(velocity) + t.fixtures.fastest
-        for other in range(state.body_positions.shape[1]):
-            if other != body:
-                mass = body_mass(t, world, other)
-                spin = spin_of(
-                    state.body_turns[world, other], t.bodies.eases[other], mass, state.body_momenta[world, other]
-                )
-                speed = wp.length(state.body_velocities[world, other])
-                fastest = wp.max(
-                    fastest, wp.length(velocity) + speed + wp.length(spin) * t.bodies.solids.reaches[other]
-                )
-        near = nearest_to(t, state, world, body, time, center + arm, told[3], 1.01 * t.step_seconds * fastest)
+        near = nearest_to(t, state, world, body, time, center + arm, told[3], within)
         overlap = float(0.0)
         if wp.length_sq(near.normal) > 0.0:
             grip.normal = near.normal
@@ -188,8 +200,9 @@ def tumbling_function(traits: Traits) -> Any:
             state.body_velocities[world, body] = state.body_velocities[world, body] - fall
         held = bool(False)
         for body in range(bodies):
+            within = farthest_way(t, state, world, body)
             for sample in range(t.bodies.sample_offsets[body], t.bodies.sample_offsets[body + 1]):
-                grip, _overlap = take_hold(t, state, world, body, sample, time, pull)
+                grip, _overlap = take_hold(t, state, world, body, sample, time, pull, within)
                 grips[world, sample] = grip
                 held = held or wp.length_sq(grip.normal) > 0.0
         if held:
@@ -206,7 +219,7 @@ def tumbling_function(traits: Traits) -> Any:
                 deepest = float(0.0)
                 for sample in range(t.bodies.sample_offsets[body], t.bodies.sample_offsets[body + 1]):
                     if wp.length_sq(grips[world, sample].normal) > 0.0:
-                        grip, overlap = take_hold(t, state, world, body, sample, time, pull)
+                        grip, overlap = take_hold(t, state, world, body, sample, time, pull, 0.0)
                         if overlap > deepest:
                             deepest = overlap
                             shift = way_apart(-overlap, t.step_seconds) * grip.normal
