@@ -159,7 +159,9 @@ def in_touch(itself: bool = False) -> Scene:
     scene = in_air_with_rubber()
     third = scene.balloon[2].model_copy(update={"position": (0.1, 0.85, 0.0), "helium": 0.0, "velocity": (0, -1, 0)})
     balloons = [*scene.balloon[:2], third, *scene.balloon[3:]]
-    return scene.model_copy(update={"balloon": balloons, "touch": Touch(itself=itself, spheres=False), "substeps": "auto"})
+    return scene.model_copy(
+        update={"balloon": balloons, "touch": Touch(itself=itself, spheres=False), "substeps": "auto"}
+    )
 
 
 def with_bodies() -> Scene:

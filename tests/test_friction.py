@@ -8,7 +8,6 @@ from touching import SLACK, centers, ramp
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene import Balloon, Ground, Obstacle, Scene, load_scene
-from balloon_warp.schedules import SCHEDULES
 from balloon_warp.simulator import Simulator
 
 SURFACES = {

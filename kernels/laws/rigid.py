@@ -179,7 +179,7 @@ def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
 
 
 @wp.func
-def friction_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
+def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
     """The impulse of friction on a particle [N s].
 
     Args:

@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.collision import SLOW
+from balloon_warp.kernels.laws.contact import friction_between
 from balloon_warp.kernels.laws.grip import Grip, grip_impulse, least_speed
 from balloon_warp.kernels.laws.impulse import way_apart
 from balloon_warp.kernels.laws.rigid import ease_along, spin_of, turned
@@ -130,7 +131,7 @@ def tumbling_function(traits: Traits) -> Any:
             rebound = wp.sqrt(own * near.restitution)
             grip.least = least_speed(near.gap, -wp.dot(beside, near.normal), rebound, pull, t.step_seconds)
             own_friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
-            grip.friction = wp.sqrt(own_friction * near.friction)
+            grip.friction = friction_between(own_friction, near.friction)
             overlap = wp.max(-near.gap, 0.0)
         return grip, overlap
 

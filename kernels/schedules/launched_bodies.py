@@ -6,12 +6,12 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, shift_of_body
 from balloon_warp.kernels.laws.rigid import (
     Change,
     Push,
     change_of_rigid,
-    friction_on,
     friction_share,
     gain_at,
     inertia_in_world,
@@ -19,6 +19,7 @@ from balloon_warp.kernels.laws.rigid import (
     is_same,
     overlap_of,
     push_of_particle,
+    rub_on,
 )
 from balloon_warp.kernels.loops.bodies import Rigid, body_at, pushed_on, put_body, stop_function
 from balloon_warp.kernels.loops.tumbling import tumbling_function
@@ -60,6 +61,7 @@ def body_kernel(traits: Traits) -> Any:
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stop_at = stop_function(traits)
+    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def push_of_thread(
@@ -132,16 +134,18 @@ def body_kernel(traits: Traits) -> Any:
     ):
         """Friction on those that are pressed; the impulse on the body [N s], and its torque's [N m s]."""
         total = wp.spatial_vector()
-        friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), rigid.number]
+        its = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), rigid.number]
         center = rigid.end - t.step_seconds * rigid.velocity
         for particle in range(thread, points.shape[0], wp.block_dim()):
             pushed = working.body_pushes[world, particle]
             if wp.length_sq(pushed) > 0.0:
-                mass = inertia(working, read_own(t, world, particle))
+                own = read_own(t, world, particle)
+                mass = inertia(working, own)
                 velocity = velocities[particle]
                 arm = points[particle] - t.step_seconds * velocity - center
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, arm)
-                rubbed = friction_on(beside, pushed, mass, share, friction)
+                friction = friction_on(own.n[friction_column], its)
+                rubbed = rub_on(beside, pushed, mass, share, friction)
                 velocities[particle] = velocity + rubbed / mass
                 points[particle] = points[particle] + (t.step_seconds / mass) * rubbed
                 total -= wp.spatial_vector(rubbed, wp.cross(arm, rubbed))

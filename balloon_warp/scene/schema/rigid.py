@@ -24,7 +24,7 @@ class Body(Solid):
     density: Positive | None = None
     """of its material, which fills it, or is as thick as a sheet [kg/m^3]; instead of `mass`"""
     friction: NonNegative = 0.5
-    """Coulomb's coefficient, for balloons; of it and the ground, an obstacle or a body the geometric mean [1]"""
+    """Coulomb's coefficient; of it and what it meets the geometric mean, as of a balloon that says its own [1]"""
     restitution: UnitInterval = 0.3
     """rebound speed over impact speed; of it and what it meets the geometric mean [1]"""
     thickness: NonNegative | None = None
