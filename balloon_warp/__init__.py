@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from balloon_warp.scene import (
         Atmosphere,
         Balloon,
+        Body,
         Change,
         Ground,
         Inflation,
@@ -60,6 +61,7 @@ __all__ = [
     "Atmosphere",
     "Balloon",
     "BlowUpError",
+    "Body",
     "Change",
     "Cluster",
     "Frame",
@@ -127,6 +129,7 @@ _HOMES = {
         "Change",
         "Ground",
         "Inflation",
+        "Body",
         "Material",
         "Obstacle",
         "Scene",

@@ -40,6 +40,8 @@ class Frame:
     """[m], shape (string_count,)"""
     obstacle_poses: NDArray[np.float64]
     """origins [m] and quaternions (x, y, z, w) of how they are turned, shape (obstacle_count, 7)"""
+    body_poses: NDArray[np.float32]
+    """centers of mass [m] and quaternions (x, y, z, w) of how bodies are turned, shape (body_count, 7)"""
     ground_height: float
     """[m], minus infinity where there is no ground"""
     water_level: float
@@ -74,5 +76,5 @@ class Frame:
     def is_finite(self) -> bool:
         """Whether all that is written of it is."""
         lists = (self.points, self.velocities, self.net_forces, self.inflation_forces)
-        arrays = (self.pressures, self.gas_amounts, self.sphere_positions, self.sphere_velocities)
+        arrays = (self.pressures, self.gas_amounts, self.sphere_positions, self.sphere_velocities, self.body_poses)
         return all(np.isfinite(array).all() for array in (*(array for each in lists for array in each), *arrays))

@@ -13,6 +13,7 @@ from balloon_warp.reading import HostBuffer, Reading, Recorded
 MOST_RECORDED = 16
 """worlds whose reading is recorded on a GPU; more are read launch by launch"""
 STATE = ("points", "velocities", "pressures", "gas_amounts", "sphere_positions", "sphere_velocities")
+BODIES = ("body_positions", "body_turns")
 PARAMETERS = ("string_anchor", "string_length", "obstacle_position", "ground_height", "water_level")
 
 
@@ -68,7 +69,7 @@ class WorldReader:
         if stream:
             self._own, self._first_bad = copy_of(self._here), wp.clone(state.first_bad)
         self._take_copy = Recorded(self._take, model.device.stream if stream else None)
-        sources = {name: getattr(self._own, name) for name in STATE}
+        sources = {name: getattr(self._own, name) for name in (*STATE, *BODIES)}
         sources |= {name: model.parameters[name] for name in PARAMETERS}
         sources["first_bad"] = self._first_bad  # of all worlds, since whoever reads one asks for them all
         self._sources = {name: source for name, source in sources.items() if source.size}

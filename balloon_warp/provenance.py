@@ -40,7 +40,7 @@ def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dic
 
 
 def meshes_of(scene: Scene) -> list[Path | PolygonMesh]:
-    """Those of balloons and obstacles."""
+    """Those of balloons, obstacles and bodies."""
     return [each.mesh for name in MESHED for each in getattr(scene, name) if each.mesh is not None]
 
 

@@ -108,6 +108,7 @@ class Reading:
             string_anchors=self._rows("string_anchor"),
             string_lengths=self._row("string_length", np.float32),
             obstacle_poses=obstacle_poses(self._rows("obstacle_position"), self._obstacle_motion, self.number),
+            body_poses=np.concatenate([self._rows("body_positions"), self._rows("body_turns", 4)], axis=1),
             ground_height=self._height("ground_height"),
             water_level=self._height("water_level"),
             meshes=[shape.mesh for shape in self.model.shapes],
@@ -124,9 +125,9 @@ class Reading:
             self._buffer.arrays[name].numpy()[0] if name in self._buffer.arrays else np.zeros(0), dtype=dtype
         )
 
-    def _rows(self, name: str) -> NDArray[np.float32]:
+    def _rows(self, name: str, size: int = 3) -> NDArray[np.float32]:
         """The same of vectors."""
-        return self._row(name, np.float32).reshape(-1, 3)
+        return self._row(name, np.float32).reshape(-1, size)
 
     def _of_balloons(self, name: str) -> list[NDArray[np.float32]]:
         """The rows of particles, split by balloon; none if they are not read."""

@@ -17,7 +17,7 @@ from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene
+from balloon_warp.scene import Balloon, Body, Inflation, Obstacle, Scene
 from balloon_warp.scene.overrides import override_scene, parse_override
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.solvers.choose import PROJECTIVE, solver_named
@@ -61,12 +61,15 @@ class Method(NamedTuple):
     """of one's own"""
     obstacles: tuple[PolygonMesh, ...] = ()
     """in the way"""
+    bodies: tuple[PolygonMesh, ...] = ()
+    """that move freely"""
 
     def scene(self) -> Scene:
         """The least that has it."""
         balloons = [Balloon(mesh=mesh, inflation=Inflation(k_normal=0.2)) for mesh in self.meshes]
         obstacles = [Obstacle(mesh=mesh, position=(0.0, -9.0, 0.0)) for mesh in self.obstacles]
-        scene = Scene(balloon=balloons, obstacle=obstacles, normals="cached")
+        bodies = [Body(mesh=mesh, position=(0.0, -9.0, 0.0)) for mesh in self.bodies]
+        scene = Scene(balloon=balloons, obstacle=obstacles, body=bodies, normals="cached")
         return override_scene(scene, map(parse_override, self.overrides))
 
     def model(self) -> Model:
@@ -95,10 +98,14 @@ METHODS = (
     Method("forward Euler", ("solver=forward_euler",)),
     Method("spheres, penalty", ("sphere=[{position=[0, 2, 0]}]",)),
     Method("spheres, impulse", ("sphere=[{position=[0, 2, 0]}]", "contact=impulse")),
+    Method("spheres that meet spheres", ("sphere=[{position=[0, 2, 0]}, {position=[1, 2, 0]}]",)),
+    Method("spheres that touch faces", ("touch={}", "sphere=[{position=[0, 2, 0], radius=0.01}]")),
     Method("ground", ("ground={}",)),
     Method("obstacles", ("obstacle=[{position=[0, -2, 0]}]",)),
     Method("obstacles that move", ("obstacle=[{position=[0, -2, 0], motion=[[0, [0, 0, 0]], [1, [0, 1, 0]]]}]",)),
     Method("obstacles, meshes", obstacles=(PYRAMID,)),
+    Method("free bodies", ("body=[{position=[0, -3, 0]}]",)),
+    Method("free bodies, meshes", bodies=(PYRAMID,)),
     Method("strings", ("string=[{anchor=[0, 0, 0]}]",)),
     Method("fixed particles", ("balloon.fixed=[0]",)),
     Method("faces of any size", meshes=(PYRAMID,)),

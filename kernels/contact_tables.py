@@ -10,11 +10,17 @@ class SphereTable:
     mass: wp.array2d[float]
     radius: wp.array2d[float]
     penalty: wp.array2d[float]
+    restitution: wp.array2d[float]
+    """of spheres that meet spheres"""
+    small: wp.array[wp.int32]
+    """whether each is so small beside faces that it meets these, too; empty where none is"""
+    triangles: wp.array[wp.vec3i]
+    """the particles of each triangle that they meet; empty where none is small"""
 
 
 @wp.struct
-class FixtureTable:
-    """Obstacles that go where they are told, see `laws.fixture`."""
+class SolidTable:
+    """Shapes as signed distances, see `laws.fixture`."""
 
     kinds: wp.array[wp.int32]
     sizes: wp.array[wp.vec3]
@@ -25,6 +31,13 @@ class FixtureTable:
     """how far from the surface particles are held [m]"""
     reaches: wp.array[float]
     """of the farthest point from the origin [m]"""
+
+
+@wp.struct
+class FixtureTable:
+    """Obstacles that go where they are told."""
+
+    solids: SolidTable
     motion: wp.array2d[wp.transform]
     """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
@@ -36,6 +49,24 @@ class FixtureTable:
     looks: wp.array2d[wp.vec4]
     """working memory, of each world and particle: where it was when it last looked at them, and up to which distance
     there was nothing, plus how far `fastest` goes until then [m]; 0 at the start of a frame"""
+
+
+@wp.struct
+class BodyTable:
+    """Free rigid bodies about their centers of mass, see `loops.bodies`; empty where there are none."""
+
+    solids: SolidTable
+    mass: wp.array2d[float]
+    friction: wp.array2d[float]
+    restitution: wp.array2d[float]
+    inertias: wp.array[wp.mat33]
+    """of 1 kg, about the center of mass [m^2]"""
+    eases: wp.array[wp.mat33]
+    """their inverses [1/m^2]"""
+    samples: wp.array[wp.vec4]
+    """points that are held out of what is in the way [m], and how far from each a body begins [m]"""
+    sample_offsets: wp.array[wp.int32]
+    """where each body's samples begin, and after the last, where they end"""
 
 
 @wp.struct

@@ -5,7 +5,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import FixtureTable, SphereTable, TouchTable
+from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereTable, TouchTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
 
@@ -197,6 +197,7 @@ class Tables:
     fans: FanTable
     spheres: SphereTable
     fixtures: FixtureTable
+    bodies: BodyTable
     tubes: TubeTable
     touch: TouchTable
     correction: CorrectionTable
@@ -230,6 +231,10 @@ class WorldState:
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]
+    body_positions: wp.array2d[wp.vec3]
+    body_turns: wp.array2d[wp.quat]
+    body_velocities: wp.array2d[wp.vec3]
+    body_momenta: wp.array2d[wp.vec3]
     first_bad: wp.array[wp.int32]
 
 
@@ -261,3 +266,9 @@ def sphere_radius(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
 def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Force on it, over the inflation of a particle that touches."""
     return spheres.penalty[row_of_world(world, spheres.penalty.shape[0]), sphere]
+
+
+@wp.func
+def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
+    """Rebound speed over impact speed, for two alike that meet."""
+    return spheres.restitution[row_of_world(world, spheres.restitution.shape[0]), sphere]

@@ -46,6 +46,8 @@ class Traits(NamedTuple):
     """points move by the old velocities"""
     impulses: bool = False
     """particles and spheres exchange momentum, once all have moved"""
+    small_spheres: bool = False
+    """a sphere is so small beside faces that it meets these, too, and not only particles"""
     ground: bool = False
     fixtures: bool = False
     """there are obstacles that go where they are told"""
@@ -53,6 +55,10 @@ class Traits(NamedTuple):
     """a mesh is among them"""
     fixtures_move: bool = False
     """one of them does not stay where it is"""
+    bodies: int = 0
+    """free rigid bodies"""
+    body_meshes: bool = False
+    """a mesh is among them"""
     touches: bool = False
     """balloons touch each other"""
     touches_itself: bool = False
@@ -136,6 +142,16 @@ class Traits(NamedTuple):
     def stands_on_fixtures(self) -> bool:
         """Whether particles may come to what goes where it is told."""
         return self.fixtures and self.frames != "free"
+
+    @property
+    def spheres_meet(self) -> bool:
+        """Whether there are spheres that may meet each other."""
+        return self.spheres > 1
+
+    @property
+    def keeps_starts(self) -> bool:
+        """Whether it is needed where spheres were before a substep."""
+        return self.spheres_meet or self.small_spheres or (self.bodies > 0 and self.spheres > 0)
 
     @property
     def penalties(self) -> bool:

@@ -7,6 +7,7 @@ from meshes import cube, grid, mesh_of, prism, quad_sphere
 from balloon_warp.scene import (
     Atmosphere,
     Balloon,
+    Body,
     Ground,
     Inflation,
     Material,
@@ -171,7 +172,20 @@ def in_touch(itself: bool = False) -> Scene:
     scene = in_air_with_rubber()
     third = scene.balloon[2].model_copy(update={"position": (0.1, 0.85, 0.0), "helium": 0.0, "velocity": (0, -1, 0)})
     balloons = [*scene.balloon[:2], third, *scene.balloon[3:]]
-    return scene.model_copy(update={"balloon": balloons, "touch": Touch(itself=itself), "substeps": "auto"})
+    return scene.model_copy(
+        update={"balloon": balloons, "touch": Touch(itself=itself, spheres=False), "substeps": "auto"}
+    )
+
+
+def with_bodies() -> Scene:
+    """A scene with everything, and free bodies: one falls on a balloon, one on the ground and one on an obstacle."""
+    scene = everything().model_copy(update={"obstacle": STILL, "touch": Touch(balloons=False)})
+    marble = Sphere(position=(0.1, 3.0, 0.05), radius=0.004)
+    bodies = [
+        Body(size=(0.2, 0.3, 0.4), position=(-0.7, 0.6, 0.1), velocity=(1, 0, 0), mass=0.05),
+        Body(mesh=quad_sphere(3, 0.2), position=(5.0, 0.3, 0.0), angular_velocity=(0, 0, 3)),
+    ]
+    return scene.model_copy(update={"sphere": [*scene.sphere, marble], "body": bodies})
 
 
 SCENES = {
@@ -196,6 +210,7 @@ SCENES = {
     "obstacles": among(STILL, everything()),
     "obstacles in air": among(MOVING, in_air()),
     "corrected impulse among obstacles": among(MOVING, everything().model_copy(update=CORRECTED | IMPULSE)),
+    "bodies": with_bodies(),
     "touch": in_touch(),
     "touch itself": in_touch(itself=True),
 }

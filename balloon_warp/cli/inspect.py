@@ -55,6 +55,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
         "sphere": scene.sphere,
         "string": scene.string,
         "obstacle": scene.obstacle,
+        "body": scene.body,
     }
     counts = [counted(len(many), name) for name, many in things.items() if many]
     console = _console()

@@ -25,6 +25,7 @@ DTYPES: dict[str, Any] = {
         ("initial_sphere_positions", "initial_sphere_velocities", "string_anchor", "obstacle_position"), wp.vec3
     ),
     **dict.fromkeys(("initial_velocities", "initial_spins"), wp.vec3),
+    **dict.fromkeys(("initial_body_positions", "initial_body_velocities", "initial_body_spins"), wp.vec3),
     **dict.fromkeys(("initial_shifts", "initial_centers"), wp.vec3d),
     "initial_turns": wp.mat33d,
     "initial_loads": wp.vec2,
@@ -113,6 +114,8 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         ),
         obstacles=plan.obstacles,
         obstacle_meshes=[warp_mesh(shape, device) for shape in plan.obstacles],
+        bodies=plan.bodies,
+        body_meshes=[warp_mesh(shape.solid, device) for shape in plan.bodies],
         obstacle_motion=_items(obstacle_motion(scene), wp.transform, device),
         columns=columns,
         balloon_numbers=balloon_numbers,

@@ -1,4 +1,5 @@
-"""That no balloon starts inside an obstacle: it would be torn to the surface in its first step. Host side, float64."""
+"""That nothing starts inside an obstacle or a free body: it would be torn to the surface in its first step. Host side,
+float64."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.size import box_corners
+from balloon_warp.model.bodies import BodyShape, initial_centers, initial_turns
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.parameters import Parameters
@@ -41,11 +43,83 @@ def require_clear_starts(
         solid = _Solid(obstacle, np.array(scene.up), Rotation.from_quat(motion[number, 3:]))
         centers = parameters["obstacle_position"][:, number] + motion[number, :3]
         for balloon, shape in enumerate(shapes):
-            _require_outside(scene, balloon, shape, number, solid, centers, parameters)
+            named = f"obstacle {number}, {scene.obstacle[number].name or f'a {solid.shape.kind}'}"
+            _require_outside(scene, balloon, shape, named, solid, centers, parameters)
+
+
+def require_clear_bodies(
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    obstacles: Sequence[ObstacleShape],
+    bodies: Sequence[BodyShape],
+    parameters: Parameters,
+) -> None:
+    """Refuse free bodies that start in the ground, in obstacles or in each other, and balloons and spheres that start
+    in them, in any world. Sheets have no inside.
+
+    Args:
+        parameters: with what `settle_starts` makes.
+
+    Raises:
+        InputError: names both, and how deep the one is in the other.
+    """
+    up, motion = np.array(scene.up), obstacle_motion(scene)[0]
+    solids = [
+        _Solid(shape.solid, up, Rotation.from_quat(turn)) if shape.solid.closed else None
+        for shape, turn in zip(bodies, initial_turns(scene), strict=True)
+    ]
+    centers = initial_centers(scene, bodies, parameters["initial_body_positions"])
+    ways = [
+        (f"obstacle {n}", _Solid(shape, up, Rotation.from_quat(motion[n, 3:])), places)
+        for n, shape in enumerate(obstacles)
+        for places in [parameters["obstacle_position"][:, n] + motion[n, :3]]
+        if shape.closed
+    ]
+    ways += [(f"body {n}", solid, centers[:, n]) for n, solid in enumerate(solids) if solid]
+    for number, (shape, turn) in enumerate(zip(bodies, initial_turns(scene), strict=True)):
+        arms = Rotation.from_quat(turn).apply(np.concatenate([shape.samples[:, :3], np.zeros((1, 3))]))
+        for world in range(len(centers)):
+            points, allowed = centers[world, number] + arms, DEEP * shape.solid.reach
+            found = [
+                (way, _depth_in(solid, points, _row(at, world)[0]))
+                for way, solid, at in ways
+                if way != f"body {number}"
+            ]
+            if scene.ground is not None:
+                height = float(_row(parameters["ground_height"], world)[0])
+                found.append(("the ground", height - float((points @ up).min())))
+            found = [(way, deep + shape.samples[0, 3]) for way, deep in found]
+            for way, deep in found:
+                _require_shallow(f"body.{number}.position: it", way, deep, allowed)
+    for number, solid in enumerate(solids):
+        if solid is None:
+            continue
+        for balloon, shape in enumerate(shapes):
+            _require_outside(scene, balloon, shape, f"body {number}", solid, centers[:, number], parameters)
+        for sphere in range(len(scene.sphere)):
+            worlds = max(len(centers), len(parameters["initial_sphere_positions"]))
+            for world in range(worlds):
+                at = _row(parameters["initial_sphere_positions"], world)[0, sphere]
+                radius = float(_row(parameters["sphere_radius"], world)[0, sphere])
+                deep = _depth_in(solid, at[None], _row(centers[:, number], world)[0]) + radius
+                if radius > 0.0:
+                    _require_shallow(f"sphere.{sphere}.position: it", f"body {number}", deep, DEEP * radius)
+
+
+def _depth_in(solid: "_Solid", points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
+    """Of the deepest of some points [m], negative outside; minus infinity far away."""
+    seen = solid.seen(points[None], center[None])[0]
+    near = np.linalg.norm(seen, axis=1) < 2.0 * solid.shape.reach
+    return -float(solid.distances(seen[near]).min()) if near.any() else -np.inf
+
+
+def _require_shallow(what: str, where: str, depth: float, allowed: float) -> None:
+    if depth > allowed:
+        raise InputError(f"{what} starts {depth:.3g} m deep inside {where}; expected it outside")
 
 
 class _Solid:
-    """An obstacle with an inside, turned."""
+    """An obstacle or a body with an inside, turned."""
 
     def __init__(self, shape: ObstacleShape, up: NDArray[np.float64], turn: Rotation):
         self.shape, self._up, self._turn = shape, up, turn
@@ -99,7 +173,7 @@ def _require_outside(
     scene: Scene,
     balloon: int,
     shape: BalloonShape,
-    number: int,
+    named: str,
     solid: _Solid,
     centers: NDArray[np.float64],
     parameters: Parameters,
@@ -117,11 +191,10 @@ def _require_outside(
         within = points[((points > lowest) & (points < highest)).all(axis=1)]
         depth = -float(solid.distances(within).min()) if len(within) else 0.0
         if depth > allowed:
-            named = scene.obstacle[number].name or f"a {solid.shape.kind}"
             where = f" in world {world}" if len(near) > 1 else ""
             raise InputError(
-                f"balloon.{balloon}.position: {shape.name} starts{where} {depth:.3g} m deep inside obstacle {number}, "
-                f"{named}; expected it outside"
+                f"balloon.{balloon}.position: {shape.name} starts{where} {depth:.3g} m deep inside {named}; "
+                "expected it outside"
             )
 
 

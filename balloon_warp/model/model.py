@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.model.bodies import BodyShape
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.packing import views_of
 from balloon_warp.model.shape import BalloonShape
@@ -105,6 +106,12 @@ class Model:
     """shifts from their positions, and how they are turned, at the start of each frame until all rest, shape (frames,
     obstacle_count), transform"""
 
+    # bodies
+    bodies: list[BodyShape]
+    """their shapes, in the scene's order"""
+    body_meshes: list[wp.Mesh | None]
+    """those of the bodies that have one"""
+
     # parameters
     columns: Columns
     """where the laws' parameters stand in the next two"""
@@ -122,7 +129,7 @@ class Model:
       `initial_free_volumes` [m^3], float64, see `State`; `initial_pressures`, given, or of a gas, above the air's [Pa];
       `initial_loads`, the pressure at height 0 [Pa], and its rise with height [Pa/m], vec2; and `keyframe_values`:
       k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, shape (W, balloon_count, keyframe_count)
-    - of spheres, strings, obstacles and tubes: see `model.rows`, shape (W, count of them)
+    - of spheres, strings, obstacles, bodies and tubes: see `model.rows`, shape (W, count of them)
     """
 
     def __repr__(self) -> str:
@@ -194,6 +201,10 @@ class Model:
     @property
     def sphere_count(self) -> int:
         return self.parameters["sphere_mass"].shape[1]
+
+    @property
+    def body_count(self) -> int:
+        return len(self.bodies)
 
     @property
     def string_count(self) -> int:

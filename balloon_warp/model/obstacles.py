@@ -16,7 +16,7 @@ from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.mesh.units import in_unit
-from balloon_warp.scene import Obstacle, Scene
+from balloon_warp.scene import Body, Obstacle, Scene
 
 SHEET = 1.0e-3
 """thickness of a sheet over its size"""
@@ -44,8 +44,8 @@ class ObstacleShape:
         return triangulate(self.mesh)[0] if self.mesh else np.zeros((0, 3), dtype=np.int32)
 
 
-def shape_obstacle(number: int, obstacle: Obstacle, scene: Scene) -> ObstacleShape:
-    """Read an obstacle's mesh and measure it.
+def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> ObstacleShape:
+    """Read the mesh of an obstacle, or of a body, and measure it.
 
     Raises:
         InputError: the mesh cannot be read, or has no face or no size.

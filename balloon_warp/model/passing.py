@@ -32,7 +32,7 @@ def passing_spheres(
         radii: of the spheres at the start [m], shape (W, sphere_count); 0 before it appears.
         step_seconds: a substep [s].
     """
-    if not scene.sphere:
+    if not scene.sphere or scene.touches_spheres:
         return []
     sentences = []
     widest = max(shapes, key=lambda shape: widest_opening(shape.mesh))
@@ -56,8 +56,8 @@ def _fits_through(number: int, radius: float, opening: float, shape: BalloonShap
     where = "as they are at rest" if stretch <= 1.0 else f"once they are stretched {stretch:.2g} times"
     return (
         f"sphere {number}: with a radius of {radius:.2g} m it fits through faces of {shape.name}, whose longest edge "
-        f"is {_longest_edge(shape.mesh):.2g} m at rest, {where}, since only particles touch it; a larger sphere or a "
-        "finer mesh helps"
+        f"is {_longest_edge(shape.mesh):.2g} m at rest, {where}, since only particles touch it; [touch], a larger "
+        "sphere or a finer mesh helps"
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
+from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.gas import require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.materials import settle_masses
@@ -40,6 +41,7 @@ class ModelPlan:
     world_count: int
     shapes: list[BalloonShape]
     obstacles: list[ObstacleShape]
+    bodies: list[BodyShape]
     held: list[int]
     """the particle that each string holds, numbered within its balloon"""
     own_laws: tuple[Law, ...]
@@ -120,10 +122,16 @@ def plan_model(
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     parameters = _settled(scene, shapes, held, said)
     obstacles = [shape_obstacle(number, obstacle, scene) for number, obstacle in enumerate(scene.obstacle)]
+    bodies = [shape_body(number, body, scene) for number, body in enumerate(scene.body)]
+    parameters |= settle_bodies(scene, bodies, parameters)
     if obstacles:
         from balloon_warp.model.clear_starts import require_clear_starts  # takes long to load
 
         require_clear_starts(scene, shapes, obstacles, parameters)
+    if bodies:
+        from balloon_warp.model.clear_starts import require_clear_bodies  # takes long to load
+
+        require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
     changes = list(turns(scene, rows))
     network = Network(shapes, held, (*LAWS, *laws))
     return ModelPlan(
@@ -131,6 +139,7 @@ def plan_model(
         world_count=world_count,
         shapes=shapes,
         obstacles=obstacles,
+        bodies=bodies,
         held=held,
         own_laws=tuple(laws),
         parameters=parameters,

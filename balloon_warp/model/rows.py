@@ -29,15 +29,22 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("sphere_mass", "kg", 1.0, least=TINY, of="sphere", path="mass"),
     Parameter("sphere_radius", "m", 0.15, least=TINY, of="sphere", path="radius"),
     Parameter("sphere_penalty", "1", 1.0, least=0.0, of="sphere", path="penalty"),
+    Parameter("sphere_restitution", "1", 0.3, least=0.0, most=1.0, of="sphere", path="restitution"),
     Parameter("string_anchor", "m", of="string", path="anchor", size=3),
     Parameter("string_length", "m", np.nan, least=TINY, of="string", path="length"),
     Parameter("string_stiffness", "N/m", 20.0, least=TINY, of="string", path="stiffness"),
     Parameter("obstacle_position", "m", of="obstacle", path="position", size=3),
     Parameter("obstacle_friction", "1", 0.5, least=0.0, of="obstacle", path="friction"),
     Parameter("obstacle_restitution", "1", 0.3, least=0.0, most=1.0, of="obstacle", path="restitution"),
+    Parameter("initial_body_positions", "m", of="body", path="position", size=3),
+    Parameter("initial_body_velocities", "m/s", of="body", path="velocity", size=3),
+    Parameter("initial_body_spins", "rad/s", of="body", path="angular_velocity", size=3),
+    Parameter("body_mass", "kg", np.nan, least=TINY, of="body", path="mass"),
+    Parameter("body_friction", "1", 0.5, least=0.0, of="body", path="friction"),
+    Parameter("body_restitution", "1", 0.3, least=0.0, most=1.0, of="body", path="restitution"),
     Parameter("tube_conductance", "mol/(s Pa)", least=0.0, of="tube", path="conductance"),
 )
-"""NaN is settled once all is known: a string's length, and an amount of gas"""
+"""NaN is settled once all is known: a string's length, a body's mass, and an amount of gas"""
 
 
 def rows_of(laws: Sequence[Law]) -> tuple[Parameter, ...]:

@@ -9,6 +9,8 @@ import warp as wp
 
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.schedules.frame import place_balloons
+from balloon_warp.mesh.placement import rotation_matrix
+from balloon_warp.model.bodies import initial_centers, initial_turns
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 
@@ -53,6 +55,14 @@ class State:
     """of particles where balloons touch: how far they have slipped from where they took hold of another surface [m],
     and how much of their overlap with it pushes [m], negative if they are behind it, 0 if they touch none;
     shape (world_count, particle_count), vec4, or (world_count, 0) where balloons do not touch"""
+    body_positions: wp.array
+    """centers of mass [m], shape (world_count, body_count), vec3"""
+    body_turns: wp.array
+    """shape (world_count, body_count), quat"""
+    body_velocities: wp.array
+    """[m/s], shape (world_count, body_count), vec3"""
+    body_momenta: wp.array
+    """angular, about their centers of mass [kg m^2/s], shape (world_count, body_count), vec3"""
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
@@ -73,7 +83,7 @@ def new_state(model: Model, room: Room) -> State:
     """A state of zeros, taken of a room."""
     worlds = model.world_count
     particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
-    balloons = (worlds, model.balloon_count)
+    balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
     return State(
         frame=room.array(1, wp.int32),
         points=room.array(particles, wp.vec3),
@@ -89,6 +99,10 @@ def new_state(model: Model, room: Room) -> State:
         free_volumes=room.array(balloons, wp.float64),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
         holds=room.array((worlds, model.particle_count if model.scene.touches else 0), wp.vec4),
+        body_positions=room.array(bodies, wp.vec3),
+        body_turns=room.array(bodies, wp.quat),
+        body_velocities=room.array(bodies, wp.vec3),
+        body_momenta=room.array(bodies, wp.vec3),
         first_bad=room.array(worlds, wp.int32),
     )
 
@@ -116,8 +130,29 @@ def initial_state(model: Model) -> State:
     ):
         row = parameters[name].numpy()
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
+    if model.bodies:
+        _place_bodies(model, state)
     state.first_bad.fill_(HEALTHY)
     return state
+
+
+def _place_bodies(model: Model, state: State) -> None:
+    """Where the scene puts them, with the angular momenta of the spins that it says."""
+    positions, velocities, spins, masses = (
+        np.asarray(model.parameters[name].numpy(), dtype=np.float64)
+        for name in ("initial_body_positions", "initial_body_velocities", "initial_body_spins", "body_mass")
+    )
+    matrices = [rotation_matrix(body.rotation) for body in model.scene.body]
+    tensors = np.array(
+        [turn @ shape.inertia @ turn.T for turn, shape in zip(matrices, model.bodies, strict=True)]
+    ).reshape(-1, 3, 3)
+    for array, rows in (
+        (state.body_positions, initial_centers(model.scene, model.bodies, positions)),
+        (state.body_turns, initial_turns(model.scene)[None]),
+        (state.body_velocities, velocities),
+        (state.body_momenta, masses[..., None] * np.einsum("bij,wbj->wbi", tensors, spins)),
+    ):
+        array.assign(np.broadcast_to(rows, (model.world_count, *rows.shape[1:])).astype(np.float32))
 
 
 def carry_over(state: State, before: State, spheres: Sequence[int | None]) -> None:

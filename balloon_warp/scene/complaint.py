@@ -11,7 +11,7 @@ from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.meant import ask, closest, did_you_mean
 from balloon_warp.scene.nesting import table_in
 
-LISTS = ("balloon", "sphere", "string", "obstacle", "tube", "change")
+LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "change")
 """tables of which there may be several"""
 MOST_ASKED = 3
 """fields that a question names"""

@@ -17,11 +17,11 @@ from balloon_warp.mesh.load import LOADERS, load_mesh
 from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, OverrideError, apply_overrides, override_scene
-from balloon_warp.scene.schema import Balloon, Obstacle, Scene
+from balloon_warp.scene.schema import Balloon, Body, Obstacle, Scene
 
 SceneLike: TypeAlias = Scene | str | Path | MeshLike
 """a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh, in a file or not"""
-Meshed = TypeVar("Meshed", Balloon, Obstacle)
+Meshed = TypeVar("Meshed", Balloon, Obstacle, Body)
 LARGEST_FILE = 1 << 24
 """bytes of a scene file"""
 
@@ -190,12 +190,13 @@ def check_scene(table: dict[str, Any], path: Path) -> Scene:
         update={
             "balloon": [_beside(balloon, path) for balloon in scene.balloon],
             "obstacle": [_beside(obstacle, path) for obstacle in scene.obstacle],
+            "body": [_beside(body, path) for body in scene.body],
         }
     )
 
 
 def _beside(meshed: Meshed, path: Path) -> Meshed:
-    """A balloon or obstacle whose mesh file is named from where the scene's file is."""
+    """A balloon, obstacle or body whose mesh file is named from where the scene's file is."""
     return meshed.model_copy(update={"mesh": path.parent / meshed.mesh}) if isinstance(meshed.mesh, Path) else meshed
 
 

@@ -13,6 +13,8 @@ from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Scene
 
 Override = tuple[str, Any]
 """a dotted path, and the value to put there"""
+LISTED = ("balloon", "sphere", "string", "obstacle", "body", "tube")
+"""tables that a path with a number begins a list of"""
 
 
 class OverrideError(InputError):
@@ -85,7 +87,7 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
             place[int(name)] = value
     elif isinstance(place, dict):
         if rest:
-            listed = len(names) == path.count(".") + 1 and name in ("balloon", "sphere", "string", "obstacle", "tube")
+            listed = len(names) == path.count(".") + 1 and name in LISTED
             _put(place.setdefault(name, [] if listed else {}), rest, value, path)
         else:
             place[name] = value

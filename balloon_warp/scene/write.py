@@ -13,7 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.scene.reference import default_of, first_line, meaning_of
-from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Obstacle, Scene
+from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
 from balloon_warp.scene.toml import toml_value
 
 HEADER = """\
@@ -68,7 +68,7 @@ def _meshes(scene: Scene) -> list[Path]:
     return [path for path in paths if path]
 
 
-def _path_of(meshed: Balloon | Obstacle) -> Path | None:
+def _path_of(meshed: Balloon | Body | Obstacle) -> Path | None:
     """The file of its mesh."""
     return None if meshed.mesh is None else Path(os.path.abspath(str(meshed.mesh)))
 

@@ -6,6 +6,7 @@ from typing import Protocol
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.model import Model, State
+from balloon_warp.model.small_spheres import small_spheres
 
 
 class Schedule(Protocol):
@@ -47,6 +48,8 @@ SCHEDULES = {
 }
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
+LAUNCHED = ("scatter", "gather")
+"""those that launch a kernel for each piece of a substep: in these alone spheres touch faces, and bodies move"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -70,8 +73,17 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
         raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
+    if name not in LAUNCHED and (what := only_launched(model)):
+        raise InputError(f"--schedule {name}: cannot let {what}; auto, {' and '.join(LAUNCHED)} can")
     module, schedule = SCHEDULES[name]
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
+
+
+def only_launched(model: Model) -> str | None:
+    """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
+    if model.bodies:
+        return "bodies move"
+    return "spheres touch faces" if any(small_spheres(model)) else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
@@ -89,6 +101,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     sooner if it has few particles. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
+    if only_launched(model):
+        return "gather"
     if model.device.is_cpu and not model.scene.touches:
         return "lanes" if world_count > 1 else "octets"
     from balloon_warp.schedules.block_launch import fits_in_block

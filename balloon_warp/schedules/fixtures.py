@@ -1,15 +1,17 @@
 """From obstacles to the table that kernels read."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact_tables import FixtureTable
+from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SolidTable
 from balloon_warp.kernels.laws.fixture import SHAPES
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.model.obstacles import ObstacleShape
 
 NOWHERE = 1.0e18
 """reach of what has no end [m], whose square is a float32"""
@@ -33,24 +35,48 @@ def fastest(motion: NDArray[np.floating], reaches: NDArray[np.floating], frame_s
 
 def fixture_table(model: Model) -> Any:
     """The obstacles of a model; Warp's meshes live as long as the model does."""
-
-    def array(values: Any, dtype: Any) -> wp.array:
-        return wp.array(np.asarray(values), dtype=dtype, device=model.device)
-
-    shapes = model.obstacles
     table = FixtureTable()
-    table.kinds = array([SHAPES.index(shape.kind) for shape in shapes], wp.int32)
-    table.sizes = array(np.array([shape.size for shape in shapes]).reshape(-1, 3), wp.vec3)
-    table.meshes = array([mesh.id if mesh else 0 for mesh in model.obstacle_meshes], wp.uint64)
-    table.closed = array([shape.closed for shape in shapes], wp.int32)
-    table.thicknesses = array([shape.thickness for shape in shapes], float)
-    table.reaches = array([min(shape.reach, NOWHERE) for shape in shapes], float)
+    table.solids = solid_table(model.obstacles, model.obstacle_meshes, model.device)
     table.motion = model.obstacle_motion
     table.positions = model.parameters["obstacle_position"]
     table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
-    table.fastest = fastest(_floats(model.obstacle_motion), _floats(table.reaches), model.frame_seconds)
+    table.fastest = fastest(_floats(model.obstacle_motion), _floats(table.solids.reaches), model.frame_seconds)
     table.looks = look_array(model, Allocating(model.device))
+    return table
+
+
+def solid_table(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None], device: wp.Device) -> Any:
+    """Shapes, of which those that are meshes have one of Warp's."""
+
+    def array(values: Any, dtype: Any) -> wp.array:
+        return wp.array(np.asarray(values), dtype=dtype, device=device)
+
+    table = SolidTable()
+    table.kinds = array([SHAPES.index(shape.kind) for shape in shapes], wp.int32)
+    table.sizes = array(np.array([shape.size for shape in shapes]).reshape(-1, 3), wp.vec3)
+    table.meshes = array([mesh.id if mesh else 0 for mesh in meshes], wp.uint64)
+    table.closed = array([shape.closed for shape in shapes], wp.int32)
+    table.thicknesses = array([shape.thickness for shape in shapes], float)
+    table.reaches = array([min(shape.reach, NOWHERE) for shape in shapes], float)
+    return table
+
+
+def body_table(model: Model) -> Any:
+    """The free bodies of a model; empty where there are none."""
+    table = BodyTable()
+    if not model.bodies:
+        return table
+    shapes, parameters = model.bodies, model.parameters
+    inertias = np.array([shape.inertia for shape in shapes])
+    table.solids = solid_table([shape.solid for shape in shapes], model.body_meshes, model.device)
+    table.mass, table.friction = parameters["body_mass"], parameters["body_friction"]
+    table.restitution = parameters["body_restitution"]
+    table.inertias = wp.array(inertias, dtype=wp.mat33, device=model.device)
+    table.eases = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
+    table.samples = wp.array(np.concatenate([shape.samples for shape in shapes]), dtype=wp.vec4, device=model.device)
+    offsets = np.cumsum([0, *(len(shape.samples) for shape in shapes)])
+    table.sample_offsets = wp.array(offsets, dtype=wp.int32, device=model.device)
     return table
 
 

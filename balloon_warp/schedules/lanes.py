@@ -149,6 +149,7 @@ def _group_count(model: Model, layout: Layout) -> int:
 def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:
     """The memory of `LaneState`; arrays that a scene does not need are empty."""
     groups, items = _group_count(model, layout), items_of(model, layout).count
+    worlds = groups * (LANE_COUNT if layout.worlds else 1)
     a_vector = 1 if layout.worlds else LANE_COUNT
     faces = model.face_count if layout.worlds else LANE_COUNT * len(face_octets(model)) + 1
 
@@ -182,6 +183,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "masses": lanes(model.balloon_count, Lanes),
         "sphere_centers": lanes(model.sphere_count),
         "sphere_motions": lanes(model.sphere_count, needed=traits.impulses),
+        "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
         "near_items": lanes(items, wp.int32, needed=traits.impulses),
         "sphere_squared_radii": lanes(model.sphere_count, Lanes),
         "fastest": room.array(groups if traits.frames == "free" else 0, Lanes),

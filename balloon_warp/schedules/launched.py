@@ -81,6 +81,7 @@ class LaunchedSchedule(ABC):
             if substep == 0 or self.traits.fresh_normals:
                 pieces.refresh(now[0])
             pieces.roll(state, time_in_frame)
+            pieces.tumble(state, time_in_frame)
             pieces.press(state, substep, *now)
             now = self.advance_substep(state, time_in_frame, now)
             pieces.touch(state, time_in_frame, *now)

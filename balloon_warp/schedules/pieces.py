@@ -6,12 +6,15 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.laws.grip import Grip
 from balloon_warp.kernels.schedules.between import (
     correct_color,
     read_sphere_forces,
     write_sphere_forces,
 )
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
+from balloon_warp.kernels.schedules.launched_bodies import body_kernel, tumble_kernel
+from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP, face_kernel
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
     PARTICLES_OF_PART,
@@ -20,7 +23,7 @@ from balloon_warp.kernels.schedules.launched_gas import (
     swelling_kernel,
     tube_kernel,
 )
-from balloon_warp.kernels.schedules.launched_roll import roll_kernel
+from balloon_warp.kernels.schedules.launched_roll import collide_kernel, roll_kernel
 from balloon_warp.kernels.schedules.launched_touch import touch_kernel
 from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
@@ -75,10 +78,22 @@ class Pieces:
             self._aims.refresh(points, self.working.aims)
 
     def roll(self, state: State, time_in_frame: float) -> None:
-        """Spheres move, by the paper's rule under the contacts of the substep before."""
+        """Spheres move, by the paper's rule under the contacts of the substep before, and meet each other."""
         if self.model.sphere_count:
-            moving = state.sphere_positions, state.sphere_velocities, state.sphere_forces, self.working.sphere_quanta
-            self._over_spheres(roll_kernel(self.traits), self.tables, time_in_frame, state.frame, *moving)
+            now, starts = (self.tables, time_in_frame, state.frame), self.working.sphere_starts
+            moving = state.sphere_positions, state.sphere_velocities
+            pushed = state.sphere_forces, self.working.sphere_quanta
+            self._over_spheres(roll_kernel(self.traits), *now, *moving, *pushed, starts)
+            if self.traits.spheres_meet:
+                inputs = [*now, starts, *moving]
+                wp.launch(collide_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
+
+    def tumble(self, state: State, time_in_frame: float) -> None:
+        """Free bodies move, once spheres have."""
+        m = self.model
+        if self.traits.bodies:
+            inputs = [self.tables, time_in_frame, world_state(state), self.working]
+            wp.launch(tumble_kernel(self.traits), m.world_count, inputs, device=m.device)
 
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""
@@ -125,19 +140,31 @@ class Pieces:
             self.over_particles(leave_kernel(self.traits), self.tables, time_in_frame, *moving)
 
     def press(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
-        """Balloons that touch push each other off; now and then it is found which may."""
+        """Balloons that touch push each other off; now and then it is found which may. Where particles are is kept for
+        the spheres that meet faces."""
+        if self.traits.small_spheres:
+            wp.copy(self.working.point_starts, points)
         if self._touching:
             self._touching.search(state, substep, points, velocities)
             self._touching.press(state, points, velocities)
 
     def touch(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
-        """Spheres and particles exchange momentum."""
+        """Spheres and particles exchange momentum, as do bodies and particles, and small spheres and faces."""
         m = self.model
         if self.traits.impulses:
             wp.launch_tiled(
                 touch_kernel(self.traits),
                 dim=[m.world_count],
                 inputs=[self.tables, time_in_frame, world_state(state), self.working, points, velocities],
+                block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
+                device=m.device,
+            )
+        kernels = {body_kernel: self.traits.bodies > 0, face_kernel: self.traits.small_spheres}
+        for kernel in [kernel for kernel, needed in kernels.items() if needed]:
+            wp.launch_tiled(
+                kernel(self.traits),
+                dim=[m.world_count],
+                inputs=[self.tables, world_state(state), self.working, points, velocities],
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )
@@ -176,6 +203,13 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "inflations": vectors(traits.keeps_inflations),
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
+        "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
+        "body_starts": room.array((worlds, model.body_count), wp.vec3),
+        "body_start_turns": room.array((worlds, model.body_count), wp.quat),
+        "body_pushes": vectors(model.body_count > 0),
+        "grips": room.array((worlds, sum(len(shape.samples) for shape in model.bodies)), Grip),
+        "point_starts": vectors(traits.small_spheres),
+        "lumps": room.array((worlds, int(MOST_IN_LUMP) if traits.small_spheres else 0), wp.int32),
         **touch_arrays(model, traits, room),
         "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
     }

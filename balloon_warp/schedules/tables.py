@@ -23,13 +23,14 @@ from balloon_warp.kernels.tables import (
 )
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
-from balloon_warp.schedules.fixtures import fixture_table
+from balloon_warp.model.small_spheres import small_spheres
+from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.membranes import membrane_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
-from balloon_warp.schedules.touch_table import touch_table
+from balloon_warp.schedules.touch_table import touch_table, triangles_of
 from balloon_warp.springs.coloring import color_springs
 
 
@@ -52,7 +53,11 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.faces = _faces(model)
     t.fans = _fans(model, traits)
     t.spheres = _spheres(model)
-    t.fixtures = fixture_table(model)
+    if traits.small_spheres:
+        triangles = [triangles_of(s.mesh) + n for s, n in zip(model.shapes, model.particle_offsets, strict=False)]
+        t.spheres.small = _array(model, small_spheres(model), wp.int32)
+        t.spheres.triangles = _array(model, np.concatenate(triangles), wp.vec3i)
+    t.fixtures, t.bodies = fixture_table(model), body_table(model)
     t.tubes = _tubes(model)
     t.touch = touch_table(model, traits)
     t.correction = _correction(model, traits)
@@ -72,7 +77,8 @@ def tables_of_world(model: Model, tables: Any) -> Any:
         setattr(strings, name, getattr(tables.strings, name))
     _put_string_parameters(strings, model)
     t.strings, t.spheres, t.tubes = strings, _spheres(model), _tubes(model)
-    t.fixtures = tables.fixtures
+    t.spheres.small, t.spheres.triangles = tables.spheres.small, tables.spheres.triangles
+    t.fixtures, t.bodies = tables.fixtures, body_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
     return t
 
@@ -229,6 +235,7 @@ def _spheres(model: Model) -> Any:
     table = SphereTable()
     table.mass, table.radius = model.parameters["sphere_mass"], model.parameters["sphere_radius"]
     table.penalty = model.parameters["sphere_penalty"]
+    table.restitution = model.parameters["sphere_restitution"]
     return table
 
 

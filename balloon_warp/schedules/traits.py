@@ -7,6 +7,7 @@ from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, values_over_time
+from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
@@ -48,10 +49,13 @@ def model_traits(model: Model) -> Traits:
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
+        small_spheres=any(small_spheres(model)),
         ground=scene.ground is not None,
         fixtures=bool(scene.obstacle),
         fixture_meshes=any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
         fixtures_move=model.obstacle_motion.shape[0] > 1,
+        bodies=model.body_count,
+        body_meshes=any(body.shape == "mesh" for body in scene.body),
         touches=scene.touches,
         touches_itself=scene.touches_itself,
     )

@@ -76,6 +76,10 @@ def _beyond(traits: Traits) -> str | None:
         return "balloons that touch"
     if traits.membranes:
         return f"{traits.membranes[0].name.replace('_', '-')} material"
+    if traits.bodies:
+        return "free rigid bodies"
+    if traits.small_spheres:
+        return "spheres that touch faces"
     if traits.pressures:
         return "pressure or gas"
     if traits.corrected:

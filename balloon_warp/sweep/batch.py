@@ -13,7 +13,7 @@ from balloon_warp.endings import BadEnding, ending_sentences
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.resume import CHECKPOINT_SECONDS
-from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
@@ -136,7 +136,7 @@ def run_batch(
     """
     scene = scene_of(scene)
     check_policy(on_blowup)
-    vary, chosen = vary or {}, _chosen(export, world_count)
+    vary, chosen = vary or {}, _chosen(scene, export, world_count)
     device = cluster.device(device) if cluster else device
     require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
     groups = plan_groups(scene, world_count, vary, laws)
@@ -157,13 +157,15 @@ def run_batch(
     return _summary(task, outcome, name)
 
 
-def _chosen(export: Sequence[int], world_count: int) -> NDArray[np.int64]:
+def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np.int64]:
     """The worlds to export, ascending.
 
     Raises:
         InputError: one is not there.
     """
     chosen = np.unique(np.asarray(export, dtype=np.int64))
+    if scene.body and len(chosen):
+        raise InputError("export: a batch's stage has no place for [[body]] yet; expected no worlds to export")
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
     return chosen

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, OBSTACLE_COLOR, SPHERE_COLORS
+from balloon_warp.outputs.usd.material import BALLOON_COLORS, BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS
 from balloon_warp.scene import Scene
 
 Color = tuple[int, int, int]
@@ -43,6 +43,11 @@ def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:
 def obstacle_color(scene: Scene, number: int) -> Color:
     """As in the stage: the scene's, or gray."""
     return _encoded(scene.obstacle[number].color or OBSTACLE_COLOR)
+
+
+def body_color(number: int, own: tuple[float, float, float] | None) -> Color:
+    """As in the stage: its own, or the palette's."""
+    return _encoded(own or BODY_COLORS[number % len(BODY_COLORS)])
 
 
 def _encoded(linear: tuple[float, float, float]) -> Color:

@@ -1,4 +1,4 @@
-"""Obstacles in the page: a mesh for each, moved to where it is."""
+"""Obstacles and free bodies in the page: a mesh for each, moved to where it is."""
 
 from typing import Any
 
@@ -36,11 +36,13 @@ class ObstacleLayer:
     def __init__(self, server: viser.ViserServer, picture: Picture, center: NDArray[np.floating], size: float):
         server.scene.add_frame(ROOT, show_axes=False)
         self._meshes, self._surfaces, seen = [], [], [np.zeros((0, 3))]
-        for number, shape in enumerate(picture.model.obstacles):
-            pose = picture.frame.obstacle_poses[number]
+        model = picture.model
+        shapes = [*model.obstacles, *(body.solid for body in model.bodies)]
+        own_colors = [colors.obstacle_color(picture.scene, n) for n in range(len(model.obstacles))]
+        own_colors += [colors.body_color(n, body.color) for n, body in enumerate(picture.scene.body)]
+        for number, (shape, pose, color) in enumerate(zip(shapes, _poses(picture), own_colors, strict=True)):
             below = Rotation.from_quat(pose[3:]).inv().apply(center - pose[:3])
             points, triangles = surface_of(shape, picture.scene.up, below, SIZES * size)
-            color = colors.obstacle_color(picture.scene, number)
             mesh = server.scene.add_mesh_simple(
                 f"{ROOT}/{number}", points, triangles, color=color, flat_shading=shape.kind != "capsule", side="double"
             )
@@ -54,7 +56,7 @@ class ObstacleLayer:
 
     def draw(self, picture: Picture) -> None:
         """Move them to where they are; only what moves is told to the page."""
-        for number, (mesh, pose) in enumerate(zip(self._meshes, picture.frame.obstacle_poses, strict=True)):
+        for number, (mesh, pose) in enumerate(zip(self._meshes, _poses(picture), strict=True)):
             shown = self._shown[number]
             if shown is None or not np.array_equal(shown, pose):
                 mesh.position, mesh.wxyz = tuple(pose[:3].tolist()), tuple(pose[[6, 3, 4, 5]].tolist())
@@ -68,6 +70,11 @@ class ObstacleLayer:
                 back = Rotation.from_quat(pose[3:]).inv()
                 hits.append(hit_distance(back.apply(origin - pose[:3]), back.apply(direction), points, triangles))
         return min((hit for hit in hits if hit is not None), default=None)
+
+
+def _poses(picture: Picture) -> NDArray[np.float64]:
+    """Of all that has one, shape (n, 7)."""
+    return np.concatenate([picture.frame.obstacle_poses, picture.frame.body_poses.astype(np.float64)])
 
 
 def surface_of(

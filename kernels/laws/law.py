@@ -94,7 +94,7 @@ class Parameter:
     """where the scene does not say it"""
     least: float = -FAR
     most: float = FAR
-    of: Literal["world", "balloon", "sphere", "string", "obstacle", "tube"] = "balloon"
+    of: Literal["world", "balloon", "sphere", "string", "obstacle", "body", "tube"] = "balloon"
     meaning: str = ""
     path: str = ""
     """where it stands in a scene, or in a balloon of it; of a law, when empty, in the table `law.NAME` of that law"""

@@ -6,24 +6,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.contact import friction_on, stand_on
-from balloon_warp.kernels.laws.fixture import (
-    BOX,
-    CAPSULE,
-    FAR_AWAY,
-    LEAST_STEP,
-    MESH,
-    MOST_LOOKS,
-    box_surface,
-    capsule_surface,
-    mesh_surface,
-    toward,
-)
+from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
+from balloon_warp.kernels.loops.solids import surface_function, way_function
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
-OTHER_SIDE = wp.constant(0.1)
-"""product of two normals, of which the one may be on another side of something"""
 SURELY = wp.constant(0.999)
 """part of a distance that rounding leaves"""
 
@@ -38,104 +26,6 @@ class Around:
     ground_friction: float  # between it and the particle's balloon
     friction: float  # of that balloon, negative where it does not say it
     time: float  # [s]
-
-
-@cache
-def surface_function(traits: Traits) -> Any:
-    """The function that measures the distance to an obstacle's surface."""
-
-    @wp.func
-    def surface_at(t: Tables, fixture: wp.int32, point: wp.vec3, radius: float, farthest: float):
-        """Signed [m], less the obstacle's thickness and a radius, and the normal; the point is seen from the obstacle.
-        Of a mesh, very large beyond `farthest`."""
-        kind = t.fixtures.kinds[fixture]
-        size = t.fixtures.sizes[fixture]
-        distance = wp.dot(point, t.up)
-        normal = t.up
-        if kind == BOX:
-            of_box, out_of_box = box_surface(point, size)
-            distance = of_box
-            normal = out_of_box
-        elif kind == CAPSULE:
-            of_capsule, out_of_capsule = capsule_surface(point, size[0], size[1], t.up)
-            distance = of_capsule
-            normal = out_of_capsule
-        if wp.static(traits.fixture_meshes):
-            if kind == MESH:
-                of_mesh, out_of_mesh = mesh_surface(
-                    t.fixtures.meshes[fixture], t.fixtures.closed[fixture], point, farthest, t.fixtures.reaches[fixture]
-                )
-                distance = of_mesh
-                normal = out_of_mesh
-        return distance - t.fixtures.thicknesses[fixture] - radius, normal
-
-    return surface_at
-
-
-@cache
-def way_function(traits: Traits) -> Any:
-    """The function that says where an obstacle lets a particle go, as seen from the obstacle."""
-    surface_at = surface_function(traits)
-
-    @wp.func
-    def stopped_on_the_way(
-        t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, radius: float, first: float, farthest: float
-    ):
-        """Where a particle first came inside that may have gone through: its place on the surface there, the normal,
-        zero if nowhere, and what part of its way that is. As far as the surface is away, it may go unseen (Hart 1996,
-        *Sphere tracing*)."""
-        way = wp.length(end - start)
-        least = LEAST_STEP * (way + wp.length(start))
-        ahead = toward(end - start, t.up)
-        gone = wp.max(first, 0.0)
-        stop = end
-        outward = wp.vec3()
-        looks = wp.int32(0)
-        reached = float(1.0)
-        while gone < way and looks < MOST_LOOKS:
-            here = start + gone * ahead
-            distance, normal = surface_at(t, fixture, here, radius, farthest)
-            reached_here = gone / way
-            gone += wp.max(distance, least / wp.max(-wp.dot(normal, ahead), 0.01))
-            looks += 1
-            if distance < 0.0:
-                stop = here - distance * normal
-                outward = normal
-                reached = reached_here
-                looks = MOST_LOOKS
-        return stop, outward, wp.min(reached, 1.0)
-
-    @wp.func
-    def let_through(t: Tables, fixture: wp.int32, start: wp.vec3, end: wp.vec3, radius: float):
-        """The end of a particle's way, on the surface if that is in it; then the normal there, or else zero; how far
-        from the end there is nothing for sure; and what part of its way it went."""
-        way = wp.length(end - start)
-        farthest = way + t.fixtures.thicknesses[fixture] + radius + 0.1 * t.fixtures.reaches[fixture]
-        let = end
-        outward = wp.vec3()
-        part = float(1.0)
-        first, facing = surface_at(t, fixture, start, radius, farthest)
-        free = wp.min(first, farthest) - way
-        if first <= way:
-            last, normal = surface_at(t, fixture, end, radius, farthest)
-            free = wp.min(last, farthest)
-            if wp.dot(normal, facing) < OTHER_SIDE:
-                stop, there, reached = stopped_on_the_way(t, fixture, start, end, radius, first, farthest)
-                outward = there
-                if wp.length_sq(there) > 0.0:  # it slides on from where it came in, as its speed does
-                    let = end + wp.max(wp.dot(stop - end, there), 0.0) * there
-                    beyond, _side = surface_at(t, fixture, let, radius, farthest)
-                    if beyond < 0.0:
-                        let = stop
-                        part = reached
-            if wp.length_sq(outward) == 0.0 and last < 0.0:
-                let = end - last * normal
-                outward = normal
-            if wp.length_sq(outward) > 0.0:
-                free = 0.0
-        return let, outward, free, part
-
-    return let_through
 
 
 @wp.struct
@@ -154,7 +44,7 @@ def meeting_function(traits: Traits) -> Any:
     """The function by which a particle, or a ball, meets an obstacle."""
     pose_at = pose_function(traits)
     center_at = center_function(traits)
-    let_through = way_function(traits)
+    let_through = way_function(traits.fixture_meshes)
 
     @wp.func
     def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3, radius: float):
@@ -163,7 +53,7 @@ def meeting_function(traits: Traits) -> Any:
         met.let = end
         arm = end - center_at(t, world, fixture, time)
         way = wp.length(end - start) + t.step_seconds * t.fixtures.fastest
-        met.free = wp.length(arm) - t.fixtures.reaches[fixture] - radius
+        met.free = wp.length(arm) - t.fixtures.solids.reaches[fixture] - radius
         if met.free <= way:
             pose = pose_at(t, world, fixture, time)
             before = start - pose.center
@@ -172,7 +62,12 @@ def meeting_function(traits: Traits) -> Any:
                 # where the particle would have been, had the obstacle stood already where it is now
                 before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
             place, outward, free, part = let_through(
-                t, fixture, wp.quat_rotate_inv(pose.turn, before), wp.quat_rotate_inv(pose.turn, arm), radius
+                t.fixtures.solids,
+                t.up,
+                fixture,
+                wp.quat_rotate_inv(pose.turn, before),
+                wp.quat_rotate_inv(pose.turn, arm),
+                radius,
             )
             met.free = wp.max(met.free, free)
             if wp.length_sq(outward) > 0.0:
@@ -191,20 +86,20 @@ def meeting_function(traits: Traits) -> Any:
 def free_ball_function(traits: Traits) -> Any:
     """The function that says how far a ball may go in any direction before it meets an obstacle."""
     pose_at = pose_function(traits)
-    surface_at = surface_function(traits)
+    surface_at = surface_function(traits.fixture_meshes)
 
     @wp.func
     def free_ball(t: Tables, world: wp.int32, time: float, center: wp.vec3, radius: float):
         """No less than that [m], negative where one is in the way already; it is looked for as far as the ball is
         wide."""
         free = float(FAR_AWAY)
-        for fixture in range(t.fixtures.kinds.shape[0]):
+        for fixture in range(t.fixtures.solids.kinds.shape[0]):
             pose = pose_at(t, world, fixture, time)
             place = wp.quat_rotate_inv(pose.turn, center - pose.center)
-            beyond = wp.length(place) - t.fixtures.reaches[fixture] - radius
+            beyond = wp.length(place) - t.fixtures.solids.reaches[fixture] - radius
             if beyond < radius:
-                farthest = 3.0 * radius + t.fixtures.thicknesses[fixture]
-                distance, _normal = surface_at(t, fixture, place, radius, farthest)
+                farthest = 3.0 * radius + t.fixtures.solids.thicknesses[fixture]
+                distance, _normal = surface_at(t.fixtures.solids, t.up, fixture, place, radius, farthest)
                 beyond = wp.max(beyond, wp.min(distance, 2.0 * radius))
             free = wp.min(free, beyond)
         return SURELY * free
@@ -238,7 +133,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
         if not is_free(t, around.world, around.particle, around.time, point):
             start = point - t.step_seconds * velocity
             free = float(FAR_AWAY)
-            for fixture in range(t.fixtures.kinds.shape[0]):
+            for fixture in range(t.fixtures.solids.kinds.shape[0]):
                 met = meet(t, around.world, fixture, around.time, start, point, 0.0)
                 free = wp.min(free, met.free)
                 if wp.length_sq(met.normal) > 0.0:
@@ -260,7 +155,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
         outside = end
         outward = last_normal
         if not is_free(t, around.world, around.particle, around.time, end):
-            for fixture in range(t.fixtures.kinds.shape[0]):
+            for fixture in range(t.fixtures.solids.kinds.shape[0]):
                 met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_of(t, around, fixture)

@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.loops.colliding import colliding_function
 from balloon_warp.kernels.loops.rolling import rolling_function
 from balloon_warp.kernels.measure.health import look_at_sphere
 from balloon_warp.kernels.schedules.block_memory import Layout
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
+    block_barrier,
     read_entry,
     shared_words,
     warp_sum_of_stamped,
@@ -38,7 +40,8 @@ class Board(NamedTuple):
     roll_sphere: Any
     """(t, world, thread, substep, sphere): a sphere by a substep, by all threads of a warp, who learn where it is"""
     roll: Any
-    """(t, world, thread, substep): every sphere, a warp a sphere; a barrier must follow"""
+    """(t, world, thread, substep): every sphere, a warp a sphere, and how they meet each other; a barrier must
+    follow"""
     sphere_at: Any
     """(t, substep, world, sphere): center, velocity and radius of a sphere that has moved"""
     post: Any
@@ -59,7 +62,7 @@ def board_of(traits: Traits, layout: Layout) -> Board:
     and restitution.
     """
     count, warps = max(traits.spheres, 1), layout.warps
-    rolls_by_warps = layout.resident and not traits.gas
+    rolls_by_warps = layout.resident and not traits.gas and not traits.spheres_meet
     posts = 2 * warps * count
     motions = posts + 2 * count
     surroundings = motions + 2 * count
@@ -133,10 +136,34 @@ def board_of(traits: Traits, layout: Layout) -> Board:
         return center, velocity, place[3]
 
     @wp.func
+    def path_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):
+        start = read_entry(board(), place_of(substep - 1, sphere))
+        place = read_entry(board(), place_of(substep, sphere))
+        motion = read_entry(board(), motion_of(substep, sphere))
+        return (
+            wp.vec3(start[0], start[1], start[2]),
+            wp.vec3(place[0], place[1], place[2]),
+            wp.vec3(motion[0], motion[1], motion[2]),
+        )
+
+    @wp.func
+    def put_path(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32, position: wp.vec3, velocity: wp.vec3):
+        place = read_entry(board(), place_of(substep, sphere))
+        motion = read_entry(board(), motion_of(substep, sphere))
+        write_entry(board(), place_of(substep, sphere), position, place[3])
+        write_entry(board(), motion_of(substep, sphere), velocity, motion[3])
+
+    collide = colliding_function(traits, path_at, put_path) if traits.spheres_meet else None
+
+    @wp.func
     def roll(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, end: float):
         for sphere in range(count):
             if thread // WARP_THREADS == sphere % warps:
                 _center, _velocity, _radius = roll_sphere(t, world, thread, substep, end, sphere)
+        if wp.static(traits.spheres_meet):
+            block_barrier()
+            if thread == 0:
+                collide(t, substep, world, end)
 
     @wp.func
     def sphere_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):

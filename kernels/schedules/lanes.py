@@ -13,7 +13,6 @@ from balloon_warp.kernels.schedules.lanes_contact import (
     correct_function,
     leave_all_function,
     leave_function,
-    roll_function,
 )
 from balloon_warp.kernels.schedules.lanes_free import free_functions
 from balloon_warp.kernels.schedules.lanes_gas import load_in_lanes, pump_in_lanes, swell_in_lanes
@@ -21,6 +20,7 @@ from balloon_warp.kernels.schedules.lanes_hinges import bend_function
 from balloon_warp.kernels.schedules.lanes_loops import lane_loops
 from balloon_warp.kernels.schedules.lanes_membranes import stretch_function
 from balloon_warp.kernels.schedules.lanes_refresh import refresh_function
+from balloon_warp.kernels.schedules.lanes_roll import roll_function
 from balloon_warp.kernels.schedules.lanes_state import read_function, write_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.lanes_touch import touch_function

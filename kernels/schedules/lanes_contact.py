@@ -20,10 +20,9 @@ from balloon_warp.kernels.laws.correction import excess, moves_of_ends
 from balloon_warp.kernels.loops.fixture_poses import center_function
 from balloon_warp.kernels.loops.fixtures import Around
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
-from balloon_warp.kernels.loops.rolling import rolling_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, places_of, put_item
-from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 
 WIDER = wp.constant(1.1)
@@ -35,56 +34,6 @@ A_STEP = wp.constant(11.0)
 def add_to_state(forces: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32, force: wp.vec3):
     """Add a force to those on a sphere, by the one thread of its world."""
     forces[world, sphere] += force
-
-
-@cache
-def roll_function(traits: Traits, layout: Layout) -> Any:
-    """The function that moves spheres."""
-    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
-    places = places_of(layout)
-    split = traits.columns.balloon_width
-    gravity, height, restitution = (
-        traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
-    )
-    roll_by_a_step = rolling_function(traits)
-
-    @wp.func
-    def roll_sphere(t: LaneTables, state: WorldState, world: wp.int32, end: float, sphere: wp.int32):
-        """One sphere by one substep, under the contacts since the last, which are then cleared."""
-        row = row_of_world(world, t.all.world_numbers.shape[0])
-        radius = sphere_radius(t.all.spheres, world, sphere)
-        position = state.sphere_positions[world, sphere]
-        velocity = state.sphere_velocities[world, sphere]
-        around = wp.vec3(
-            t.all.world_numbers[row, gravity], t.all.world_numbers[row, height], t.all.world_numbers[row, restitution]
-        )
-        pushed = state.sphere_forces[world, sphere] / sphere_mass(t.all.spheres, world, sphere)
-        position, velocity = roll_by_a_step(t.all, world, end, position, velocity, pushed, radius, around)
-        state.sphere_positions[world, sphere] = position
-        state.sphere_velocities[world, sphere] = velocity
-        state.sphere_forces[world, sphere] = wp.vec3()
-
-    @wp.func
-    def roll(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, end: float):
-        """Every sphere by a substep that ends at a time; its center, and where it is asked for its velocity, into the
-        lanes."""
-        first = places.first_world(group)
-        for sphere in range(lanes.sphere_centers.shape[1]):
-            for place in range(places.worlds(group, t.world_count)):
-                roll_sphere(t, state, first + place, end, sphere)
-            centers = Lanes3()
-            for lane in range(LANE_COUNT):
-                center = state.sphere_positions[places.world(group, lane, t.world_count), sphere]
-                centers = set_lane(centers, lane, center)
-            lanes.sphere_centers[group, sphere] = centers
-            if wp.static(traits.impulses):
-                motions = Lanes3()
-                for lane in range(LANE_COUNT):
-                    motion = state.sphere_velocities[places.world(group, lane, t.world_count), sphere]
-                    motions = set_lane(motions, lane, motion)
-                lanes.sphere_motions[group, sphere] = motions
-
-    return roll
 
 
 @cache
@@ -103,7 +52,7 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
         for lane in range(LANE_COUNT):
             world = places.world(own.group, lane, t.world_count)
             centers = set_lane(centers, lane, center_at(t.all, world, fixture, time))
-        reach = t.all.fixtures.reaches[fixture]
+        reach = t.all.fixtures.solids.reaches[fixture]
         steps = (A_STEP * t.step_seconds * t.step_seconds) * squared_length(velocity)
         gaps = squared_length(point - centers) - steps
         for lane in range(LANE_COUNT):
@@ -120,7 +69,7 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
                 gaps = squared_length(point - lanes.sphere_centers[own.group, sphere])
                 touches = touches or any_negative(gaps - lanes.sphere_squared_radii[own.group, sphere])
         if wp.static(traits.stands_on_fixtures):
-            for fixture in range(t.all.fixtures.kinds.shape[0]):
+            for fixture in range(t.all.fixtures.solids.kinds.shape[0]):
                 touches = touches or is_near_fixture(t, own, fixture, time, point, velocity)
         return touches
 

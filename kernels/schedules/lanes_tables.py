@@ -114,6 +114,8 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         """of balloons with their gas [kg]"""
         sphere_centers: wp.array2d[Lanes3]
         sphere_motions: wp.array2d[Lanes3]
+        sphere_starts: wp.array2d[wp.vec3]
+        """of each world; empty unless spheres may meet"""
         """their velocities; empty unless they exchange momentum with particles, as is what follows"""
         near_items: wp.array2d[wp.int32]
         """the items that may touch a sphere"""

@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.laws.grip import Grip
 from balloon_warp.kernels.loops.obstacles import around_function, obstacle_loop
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
@@ -43,6 +44,19 @@ class Working:
     """of each balloon in parts, where one has several"""
     sphere_quanta: wp.array3d[wp.int64]
     """forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
+    sphere_starts: wp.array2d[wp.vec3]
+    """where spheres were before this substep [m]; empty unless they may meet each other, or faces"""
+    point_starts: wp.array2d[wp.vec3]
+    """where particles were; empty unless spheres meet faces, as is the next"""
+    lumps: wp.array2d[wp.int32]
+    """particles of each world that go on together with a sphere, see `launched_faces`"""
+    body_starts: wp.array2d[wp.vec3]
+    """where free bodies were before this substep [m]; empty where there are none, as are the next three"""
+    body_start_turns: wp.array2d[wp.quat]
+    body_pushes: wp.array2d[wp.vec3]
+    """what a body has pressed each particle with [N s]"""
+    grips: wp.array2d[Grip]
+    """what points of bodies meet in this substep"""
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
     balloon_boxes: wp.array3d[wp.vec3]

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.loops.colliding import colliding_function, path_in_arrays, paths_of, put_in_arrays
 from balloon_warp.kernels.loops.rolling import rolling_function
 from balloon_warp.kernels.schedules.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.substep import end_of_step
@@ -33,6 +34,8 @@ def roll_kernel(traits: Traits) -> Any:
         sphere_velocities: wp.array2d[wp.vec3],
         sphere_forces: wp.array2d[wp.vec3],
         sphere_quanta: wp.array3d[wp.int64],
+        # out
+        sphere_starts: wp.array2d[wp.vec3],
     ):
         """A thread a (world, sphere): one substep."""
         world, sphere = wp.tid()
@@ -44,6 +47,8 @@ def roll_kernel(traits: Traits) -> Any:
             set_quanta(sphere_quanta, world, sphere, wp.vec3())
         else:
             sphere_forces[world, sphere] = wp.vec3()
+        if wp.static(traits.keeps_starts):
+            sphere_starts[world, sphere] = sphere_positions[world, sphere]
         position, velocity = roll(
             t, world, end_of_step(t, frame, time_in_frame), sphere_positions[world, sphere],
             sphere_velocities[world, sphere], pushed, sphere_radius(t.spheres, world, sphere), around,
@@ -52,3 +57,28 @@ def roll_kernel(traits: Traits) -> Any:
         sphere_velocities[world, sphere] = velocity
 
     return roll_spheres
+
+
+@cache
+def collide_kernel(traits: Traits) -> Any:
+    """The kernel by which spheres that have moved meet each other."""
+    collide = colliding_function(traits, path_in_arrays, put_in_arrays)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def collide_spheres(
+        # model
+        t: Tables,
+        time_in_frame: float,
+        frame: wp.array[wp.int32],
+        # in
+        sphere_starts: wp.array2d[wp.vec3],
+        # state in and out
+        sphere_positions: wp.array2d[wp.vec3],
+        sphere_velocities: wp.array2d[wp.vec3],
+    ):
+        """A thread a world."""
+        world = wp.tid()
+        paths = paths_of(sphere_starts, sphere_positions, sphere_velocities)
+        collide(t, paths, world, end_of_step(t, frame, time_in_frame))
+
+    return collide_spheres

@@ -7,6 +7,7 @@ Color = tuple[float, float, float]
 
 BALLOON_COLORS: list[Color] = [(0.80, 0.07, 0.06), (0.05, 0.30, 0.75), (0.95, 0.50, 0.03), (0.10, 0.50, 0.16)]
 SPHERE_COLORS: list[Color] = [(0.06, 0.16, 0.45), (0.85, 0.60, 0.05), (0.08, 0.40, 0.35), (0.45, 0.10, 0.35)]
+BODY_COLORS: list[Color] = [(0.50, 0.28, 0.10), (0.30, 0.34, 0.40), (0.42, 0.42, 0.16), (0.40, 0.16, 0.12)]
 STRING_COLOR: Color = (0.25, 0.20, 0.16)
 OBSTACLE_COLOR: Color = (0.45, 0.45, 0.47)
 FORCE_COLOR: Color = (0.02, 0.30, 0.10)

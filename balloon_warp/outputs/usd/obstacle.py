@@ -15,7 +15,7 @@ from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, paint
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square
-from balloon_warp.scene import Obstacle, Scene
+from balloon_warp.scene import Body, Obstacle, Scene
 
 
 class Look(NamedTuple):
@@ -36,7 +36,7 @@ def obstacle_names(scene: Scene, taken: Collection[str] = ()) -> list[str]:
 def define_obstacle(
     stage: Usd.Stage,
     path: Sdf.Path,
-    obstacle: Obstacle,
+    obstacle: Obstacle | Body,
     shape: ObstacleShape,
     pose: NDArray[np.float64],
     look: Look,

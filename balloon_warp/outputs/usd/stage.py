@@ -13,6 +13,7 @@ from balloon_warp.files import check_writable, whole_file
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.balloon import BalloonPrim
+from balloon_warp.outputs.usd.body import BodyPrim, body_names
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
@@ -22,7 +23,7 @@ from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.outputs.usd.tube import TubePrim
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
-Prim = BalloonPrim | PlanePrim | SpherePrim | ObstaclePrim | StringPrim | TubePrim | NetForcesPrim
+Prim = BalloonPrim | PlanePrim | SpherePrim | ObstaclePrim | BodyPrim | StringPrim | TubePrim | NetForcesPrim
 SAVE_BYTES = 64 * 2**20
 """time samples that are kept in memory before they are added to the file; when that is depends on the frames alone, and
 so do the bytes"""
@@ -153,6 +154,10 @@ class StageWriter:
             ObstaclePrim(stage, Sdf.Path(f"/World/Obstacles/{name}"), model, n)
             for n, name in enumerate(obstacle_names(model.scene))
         ]
+        bodies = [
+            BodyPrim(stage, Sdf.Path(f"/World/Bodies/{name}"), model, n)
+            for n, name in enumerate(body_names(model.scene))
+        ]
         strings = [
             StringPrim(stage, Sdf.Path(f"/World/Strings/String_{n}"), model, n) for n in range(model.string_count)
         ]
@@ -163,7 +168,7 @@ class StageWriter:
                 NetForcesPrim(stage, Sdf.Path(f"/World/NetForces/{path.name}"), model, n)
                 for n, path in enumerate(paths)
             ]
-        grouped = [*spheres, *obstacles, *strings, *tubes, *forces]
+        grouped = [*spheres, *obstacles, *bodies, *strings, *tubes, *forces]
         for group in {prim.prim.GetPath().GetParentPath() for prim in grouped}:
             UsdGeom.Scope.Define(stage, group)
         return [*self._balloons, *planes, *grouped]

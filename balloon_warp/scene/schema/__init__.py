@@ -5,6 +5,7 @@ balloon        balloons, their springs and what fills them
 material       rubber and film
 bodies         spheres and strings
 obstacles      rigid things in the way
+rigid          rigid bodies that move freely
 surroundings   air, water and ground
 touch          balloons that touch
 fields         what all of these are made of
@@ -14,6 +15,7 @@ from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
+from balloon_warp.scene.schema.rigid import Body
 from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 from balloon_warp.scene.schema.touch import Touch
@@ -23,6 +25,7 @@ __all__ = [
     "WITHOUT_MESHES",
     "Atmosphere",
     "Balloon",
+    "Body",
     "Change",
     "Ground",
     "Inflation",

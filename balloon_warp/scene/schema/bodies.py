@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from balloon_warp.scene.schema.fields import Color, Index, NonNegative, Positive, Table, Vector
+from balloon_warp.scene.schema.fields import Color, Index, NonNegative, Positive, Table, UnitInterval, Vector
 
 
 def _ends_after_its_start(lasting: Any) -> Any:
@@ -14,7 +14,7 @@ def _ends_after_its_start(lasting: Any) -> Any:
 
 
 class Sphere(Table):
-    """A rigid sphere that collides with balloons and the ground."""
+    """A rigid sphere that collides with balloons, spheres, obstacles and the ground."""
 
     radius: Positive = 0.15
     """[m]"""
@@ -27,6 +27,8 @@ class Sphere(Table):
     penalty: NonNegative = 1.0
     """force it gets from a touching particle, as a multiple of that particle's inflation force; without meaning where
     `contact = "impulse"`"""
+    restitution: UnitInterval = 0.3
+    """rebound speed over impact speed where it meets a sphere; of two different ones, their geometric mean [1]"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     start: NonNegative = 0.0

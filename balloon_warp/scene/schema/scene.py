@@ -10,10 +10,11 @@ from balloon_warp.scene.schema.balloon import Balloon
 from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Table, Vector, field_of
 from balloon_warp.scene.schema.obstacles import Obstacle
+from balloon_warp.scene.schema.rigid import Body
 from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
 from balloon_warp.scene.schema.touch import Touch
 
-MESHED = ("balloon", "obstacle")
+MESHED = ("balloon", "obstacle", "body")
 """lists of the scene whose tables may have a mesh"""
 WITHOUT_MESHES = {name: {"__all__": {"mesh"}} for name in MESHED}
 """what to leave out of a scene that is to be plain values: a mesh that came from Python is none"""
@@ -77,6 +78,7 @@ class Scene(Table):
     sphere: list[Sphere] = []
     string: list[String] = []
     obstacle: list[Obstacle] = []
+    body: list[Body] = []
     ground: Ground | None = None
     water: Water | None = None
     tube: list[Tube] = []
@@ -96,6 +98,11 @@ class Scene(Table):
     def touches(self) -> bool:
         """whether any surfaces can touch"""
         return self.touches_itself or (self.touch is not None and self.touch.balloons and len(self.balloon) > 1)
+
+    @property
+    def touches_spheres(self) -> bool:
+        """whether spheres that are small beside faces touch these"""
+        return self.touch is not None and self.touch.spheres and bool(self.sphere)
 
     @property
     def touches_itself(self) -> bool:

@@ -1,4 +1,4 @@
-"""Balloons that touch each other, and themselves."""
+"""Balloons that touch each other, and themselves, and spheres that are small beside their faces."""
 
 from typing import Self
 
@@ -14,12 +14,17 @@ class Touch(Table):
     """whether balloons touch each other"""
     itself: bool = False
     """whether parts of a balloon touch each other"""
+    spheres: bool = True
+    """whether spheres that are small beside faces touch these, and not only particles: then none comes through, however
+    small it is and however fast"""
     thickness: float | None = optional_field_of("touch_thickness")
     stiffness: float | None = optional_field_of("touch_stiffness")
     friction: float = field_of("touch_friction")
 
     @model_validator(mode="after")
     def _something_touches(self) -> Self:
-        if not self.balloons and not self.itself:
-            raise ValueError("balloons: must be true, or `itself` must (got neither); without [touch] nothing touches")
+        if not self.balloons and not self.itself and not self.spheres:
+            raise ValueError(
+                "balloons: must be true, or `itself` or `spheres` must (got none); without [touch] nothing touches"
+            )
         return self

@@ -1,0 +1,159 @@
+"""Free rigid bodies on the host: their shapes about their centers of mass, what they weigh and how they turn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.placement import rotation_matrix
+from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.scene import Body, Scene
+
+MOST_SAMPLES = 1024
+"""points of a mesh's surface that are held out of the ground, obstacles and other bodies"""
+SIDE_SAMPLES = 5
+"""the same along an edge of a box"""
+PLAIN_MASS = 1.0
+"""[kg] where neither mass nor density is given"""
+
+
+@dataclass(frozen=True)
+class BodyShape:
+    """A body about its center of mass, not turned."""
+
+    solid: ObstacleShape
+    center: NDArray[np.float64]
+    """of mass, from the body's own origin [m], shape (3,)"""
+    inertia: NDArray[np.float64]
+    """tensor about the center of mass, of 1 kg [m^2], shape (3, 3)"""
+    volume: float
+    """of what it is made of [m^3]"""
+    samples: NDArray[np.float64]
+    """points that are held out of what is in the way, and how far from each it begins [m], shape (n, 4)"""
+
+
+def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
+    """Read a body's mesh and weigh it.
+
+    Raises:
+        InputError: the mesh cannot be read, has no size, or is open and without a thickness.
+    """
+    solid = shape_obstacle(number, body, scene)
+    center, up = np.zeros(3), np.array(scene.up)
+    if solid.mesh is None:
+        volume, second = _moments_of_box(solid.size) if solid.kind == "box" else _moments_of_capsule(solid.size, up)
+        points = _box_points(solid.size) if solid.kind == "box" else _axis_points(solid.size, up)
+    else:
+        if not solid.closed and not body.thickness:
+            raise InputError(
+                f"body.{number}.thickness: is missing, and {solid.mesh.name} is not closed; expected half of what the "
+                "sheet is thick, or a closed mesh"
+            )
+        corners = solid.mesh.points[solid.triangles]
+        volume, center, second = _moments_of_solid(corners) if solid.closed else _moments_of_sheet(corners)
+        if volume <= 0.0:
+            raise InputError(f"body.{number}.mesh: {solid.mesh.name} encloses nothing; expected a mesh with an inside")
+        if not solid.closed:
+            volume *= 2.0 * solid.thickness
+        mesh = replace(solid.mesh, points=solid.mesh.points - center)
+        points = _spread(mesh.points[np.unique(mesh.face_vertex_indices)])
+        reach = float(np.linalg.norm(mesh.points[mesh.face_vertex_indices], axis=1).max()) + solid.thickness
+        solid = replace(solid, mesh=mesh, reach=reach)
+    radius = solid.thickness + (float(solid.size[0]) if solid.kind == "capsule" else 0.0)
+    samples = np.concatenate([points, np.full((len(points), 1), radius)], axis=1)
+    return BodyShape(solid, center, np.trace(second) * np.eye(3) - second, volume, samples)
+
+
+def settle_bodies(scene: Scene, shapes: Sequence[BodyShape], parameters: Parameters) -> Parameters:
+    """What bodies weigh that the scene gives a density or nothing [kg], shape (W, body_count)."""
+    said = parameters["body_mass"]
+    settled = [
+        PLAIN_MASS if body.density is None else body.density * shape.volume
+        for body, shape in zip(scene.body, shapes, strict=True)
+    ]
+    return {"body_mass": np.where(np.isnan(said), np.array(settled).reshape(1, -1), said)}
+
+
+def initial_turns(scene: Scene) -> NDArray[np.float64]:
+    """Quaternions (x, y, z, w) of how bodies are turned at the start, shape (body_count, 4)."""
+    if not scene.body:
+        return np.zeros((0, 4))
+    from scipy.spatial.transform import Rotation  # takes long to load
+
+    return np.array([Rotation.from_matrix(rotation_matrix(body.rotation)).as_quat() for body in scene.body])
+
+
+def initial_centers(scene: Scene, shapes: Sequence[BodyShape], positions: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Of mass [m], shape (W, body_count, 3), of where the scene puts their origins, of the same shape."""
+    arms = [rotation_matrix(body.rotation) @ shape.center for body, shape in zip(scene.body, shapes, strict=True)]
+    return positions + np.array(arms).reshape(-1, 3)
+
+
+def _moments_of_box(half: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Volume, and the mean of x x^T, shape (3, 3)."""
+    return float(8.0 * half.prod()), np.diag(half**2 / 3.0)
+
+
+def _moments_of_capsule(size: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """A cylinder and two halves of a ball, along the up axis."""
+    radius, half = float(size[0]), float(size[1])
+    tube, ball = 2.0 * np.pi * radius**2 * half, 4.0 / 3.0 * np.pi * radius**3
+    across = (tube * radius**2 / 4.0 + ball * radius**2 / 5.0) / (tube + ball)
+    cap = radius**2 / 5.0 + half**2 + 0.75 * half * radius
+    along = (tube * half**2 / 3.0 + ball * cap) / (tube + ball)
+    return tube + ball, across * np.eye(3) + (along - across) * np.outer(up, up)
+
+
+def _moments_of_solid(corners: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Volume, center of mass, and the mean of x x^T about it, of tetrahedra between a point and outward triangles."""
+    origin = corners.mean(axis=(0, 1))
+    arms = corners - origin
+    volumes = np.einsum("ij,ij->i", arms[:, 0], np.cross(arms[:, 1], arms[:, 2])) / 6.0
+    return _moments(arms, volumes, origin, 4)
+
+
+def _moments_of_sheet(corners: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Area, center of mass, and the mean of x x^T about it, of triangles."""
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return _moments(corners, areas, np.zeros(3), 3)
+
+
+def _moments(
+    corners: NDArray[np.float64], sizes: NDArray[np.float64], origin: NDArray[np.float64], corner_count: int
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Of simplices with that many corners, of which those that are not given are at the origin."""
+    whole, sums = float(sizes.sum()), corners.sum(axis=1)
+    if whole <= 0.0:
+        return whole, origin, np.zeros((3, 3))
+    middle = sizes @ sums / (corner_count * whole)
+    products = np.einsum("nki,nkj->nij", corners, corners) + np.einsum("ni,nj->nij", sums, sums)
+    second = np.einsum("n,nij->ij", sizes, products) / (corner_count * (corner_count + 1) * whole)
+    return whole, origin + middle, second - np.outer(middle, middle)
+
+
+def _box_points(half: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of its surface."""
+    steps = np.linspace(-1.0, 1.0, SIDE_SAMPLES)
+    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid[np.abs(grid).max(axis=1) == 1.0] * half
+
+
+def _axis_points(size: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of its axis, no further apart than its radius, but for very long ones."""
+    count = int(min(np.ceil(2.0 * size[1] / size[0]) + 1, 33)) if size[1] > 0.0 else 1
+    return np.outer(np.linspace(-size[1], size[1], count) if count > 1 else np.zeros(1), up)
+
+
+def _spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Some of many, each as far as can be from those before it."""
+    if len(points) <= MOST_SAMPLES:
+        return points
+    chosen = [int(np.linalg.norm(points, axis=1).argmax())]
+    distances = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < MOST_SAMPLES:
+        chosen.append(int(distances.argmax()))
+        distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]

@@ -1,0 +1,159 @@
+"""A sphere that meets a triangle of a balloon: where on its way in a step, and what both exchange there.
+
+With y the triangle's point nearest to the center c, of the corners' weights w_i, and n the unit vector from y to c, an
+impulse along n stops what comes nearer,
+
+    n . (V' - sum w_i v_i') >= 0,
+
+the sphere's and, by their weights, the corners'. It acts where |c - y| comes down to the radius, on straight ways, and
+all go on from there at their new velocities: so momentum stays, and angular momentum, since n passes through both; and
+kinetic energy does not grow. What rebounds, springs and gas push back.
+
+When they come so near is found in steps over which they cannot (conservative advancement: the distance falls by no more
+than the center's way beside the corners'). The nearest point is on the side where the center is, and the center never
+comes to the surface: so none changes sides, from outside or from within, at any speed, however small it is.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.collision import NEVER
+from balloon_warp.kernels.laws.impulse import way_apart
+from balloon_warp.kernels.laws.touch import nearest_weights, weighted
+
+MOST_LOOKS = wp.constant(256)
+"""at a sphere's way beside a triangle; where they do not reach the end, it stops"""
+BAND = wp.constant(1.0e-3)
+"""of the radius, within which a sphere is at a triangle"""
+FREE = wp.constant(0.2)
+"""of the radius, by which they may overlap before they are moved apart: that strains springs"""
+KEPT = wp.constant(0.5)
+"""of how near they are, which they keep at least, whatever has moved them"""
+SAME_WAY = wp.constant(0.5)
+"""cosine between a normal on straight ways and on those that an impact has bent"""
+LITTLE = wp.constant(1.0e-4)
+"""of the radius, by which it may come nearer in a step"""
+ROUNDING = wp.constant(5.0e-7)
+"""of a coordinate, that a few operations round"""
+LEAST_RADIUS = wp.constant(1.0e-3)
+"""of a triangle's size: float32 tells no distances that are much less"""
+
+
+@wp.struct
+class Facing:
+    """A sphere and a triangle in a step. Ways are straight, from the start to the end."""
+
+    start: wp.vec3  # of the center [m]
+    way: wp.vec3
+    starts: wp.mat33  # of the corners, row by row
+    ways: wp.mat33
+    radius: float
+
+
+@wp.struct
+class Impact:
+    """What a contact does beside its normal: shifts [m] and gains [m/s] of the sphere and the three corners."""
+
+    normal: wp.vec3
+    shifts: wp.vec4
+    gains: wp.vec4
+
+
+@wp.func
+def facing_of(start: wp.vec3, end: wp.vec3, radius: float, starts: wp.mat33, ends: wp.mat33):
+    """Of where center and corners are before a step and after it."""
+    facing = Facing()
+    facing.start = start
+    facing.way = end - start
+    facing.starts = starts
+    facing.ways = ends - starts
+    size = wp.length(starts[1] - starts[0]) + wp.length(starts[2] - starts[0])
+    facing.radius = wp.max(radius, LEAST_RADIUS * size)
+    return facing
+
+
+@wp.func
+def seen_at(facing: Facing, part: float):
+    """After a part of the step, the weights of the nearest point, and the arm from there to the center."""
+    corners = facing.starts + part * facing.ways
+    center = facing.start + part * facing.way
+    weights = nearest_weights(center, corners[0], corners[1], corners[2])
+    return weights, center - weighted(weights, corners[0], corners[1], corners[2])
+
+
+@wp.func
+def way_beside(facing: Facing, weights: wp.vec3):
+    """Of the center beside the triangle's point of these weights."""
+    return facing.way - weighted(weights, facing.ways[0], facing.ways[1], facing.ways[2])
+
+
+@wp.func
+def part_until_contact(facing: Facing, radius: float):
+    """The part of the step after which they come nearer than a radius; `NEVER` if they do not."""
+    longest = wp.max(
+        wp.max(wp.length(facing.way - facing.ways[0]), wp.length(facing.way - facing.ways[1])),
+        wp.length(facing.way - facing.ways[2]),
+    )
+    little = LITTLE * facing.radius + ROUNDING * wp.length(facing.start)
+    part = float(0.0)
+    found = float(NEVER)
+    looks = wp.int32(0)
+    while part <= 1.0 and found > 1.0:
+        weights, arm = seen_at(facing, part)
+        distance = wp.length(arm)
+        nearer = -(1.0 - part) * wp.dot(way_beside(facing, weights), arm)
+        if distance < radius and nearer > little * distance:
+            found = part
+        # no further than to half the distance, so that it cannot be on the other side
+        ahead = wp.max(distance - (1.0 - 0.5 * BAND) * radius, 0.5 * distance)
+        looks += 1
+        if looks >= MOST_LOOKS:
+            found = part
+        part = wp.where(ahead < longest and longest > 0.0, part + ahead / wp.max(longest, 1.0e-30), NEVER)
+    return found
+
+
+@wp.func
+def impact(
+    facing: Facing,
+    part: float,
+    velocity: wp.vec3,
+    velocities: wp.mat33,
+    eases: wp.vec4,
+    step_seconds: float,
+):
+    """What comes of it after a part of the step.
+
+    Args:
+        velocity: of the sphere.
+        velocities: of the corners, row by row.
+        eases: 1 over the masses of sphere and corners, 0 of what is fixed [1/kg].
+    """
+    weights, arm = seen_at(facing, part)
+    normal = wp.normalize(arm)
+    nearest = wp.min(wp.length(arm), facing.radius)
+    end = facing.start + facing.way
+    end -= weighted(
+        weights,
+        facing.starts[0] + facing.ways[0],
+        facing.starts[1] + facing.ways[1],
+        facing.starts[2] + facing.ways[2],
+    )
+    beside = velocity - weighted(weights, velocities[0], velocities[1], velocities[2])
+    rest_of_step = (1.0 - part) * step_seconds
+    # where an earlier impact has bent the ways, angular momentum stays along the line through where both are then
+    bent = end - rest_of_step * beside
+    if wp.dot(bent, normal) > SAME_WAY * wp.length(bent):
+        normal = wp.normalize(bent)
+    gain = wp.max(-wp.dot(beside, normal), 0.0)
+    shift = rest_of_step * gain
+    gap = wp.dot(end, normal) + shift - (1.0 - FREE) * facing.radius
+    if gap < 0.0:  # something else has moved them nearer
+        out = wp.max(way_apart(gap, step_seconds), (KEPT * nearest - (1.0 - FREE) * facing.radius) - gap)
+        shift += out
+    pulled = wp.vec4(eases[0], -weights[0] * eases[1], -weights[1] * eases[2], -weights[2] * eases[3])
+    whole = pulled[0] - wp.dot(weights, wp.vec3(pulled[1], pulled[2], pulled[3]))
+    met = Impact()
+    met.normal = normal
+    met.shifts = (shift / whole) * pulled
+    met.gains = (gain / whole) * pulled
+    return met

@@ -1,0 +1,200 @@
+"""A free rigid body: how it turns, and what it exchanges with the particles that it meets.
+
+Without torque its angular momentum L stays, in the axes of the world, to the last bit: it is L that is kept, and the
+spin w = R J^-1 R^T L follows from how the body is turned, R. A step turns it by the midpoint rule,
+
+    R' = exp(h w(exp(h/2 w(R)) R)) R,
+
+so that energy of motion is off by the square of the step, and turns remain turns.
+
+With particles it exchanges momentum as a sphere does, see `laws.impulse`, but that it turns, too: along the normal n at
+the arm r from its center of mass, with c = (n, r x n), its velocity and spin change by the D of
+
+    (diag(M I, J) + sum m c c^T) D = -sum m a c       over particles that it presses, those with c . D + a > 0
+
+and each of those by (c . D + a) n. Then friction, as Coulomb has it: a particle that slides at s beside the body gets
+an impulse against s where it is, the lesser of k m |s| and of `friction` times the impulse along n, and the body the
+opposite there. With
+
+    k = 1 / (1 + M e)    M the mass of all that are pressed, e no less than what a point of the body gains by 1 N s
+
+all of them together give no energy, whatever is heavier. Impulses act where particles are at the start of the step,
+from where all go on at their new velocities: so momentum and angular momentum stay, and kinetic energy does not grow.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.impulse import OVERLAPPING, Press, put_part
+
+Push = wp.types.vector(length=36, dtype=wp.float32)
+"""Summed over particles, with t = r x n. Of those that a body presses: m n n^T, m t t^T (six numbers each), m n t^T
+(nine), m a n, m a t. Of those that overlap it: nine numbers as in `Press`"""
+FORWARD, TURNING, MIXED, LOST, OVERLAPS = (
+    wp.constant(0),
+    wp.constant(6),
+    wp.constant(12),
+    wp.constant(21),
+    wp.constant(27),
+)
+"""where their numbers begin"""
+
+
+@wp.func
+def spin_of(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3):
+    """w [rad/s] of a body so turned, with an angular momentum [kg m^2/s].
+
+    Args:
+        ease: inverse of the inertia tensor of 1 kg [1/m^2].
+    """
+    return wp.quat_rotate(turn, ease * wp.quat_rotate_inv(turn, momentum)) / mass
+
+
+@wp.func
+def turned_by(turn: wp.quat, way: wp.vec3):
+    """Turned on about an axis, by its length [rad]."""
+    angle = wp.length(way)
+    if angle > 0.0:
+        return wp.normalize(wp.quat_from_axis_angle(way / angle, angle) * turn)
+    return turn
+
+
+@wp.func
+def turned(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3, step_seconds: float):
+    """How a body is turned after a step."""
+    middle = turned_by(turn, (0.5 * step_seconds) * spin_of(turn, ease, mass, momentum))
+    return turned_by(turn, step_seconds * spin_of(middle, ease, mass, momentum))
+
+
+@wp.func
+def inertia_in_world(turn: wp.quat, inertia: wp.mat33):
+    """R J R^T"""
+    matrix = wp.quat_to_matrix(turn)
+    return matrix * inertia * wp.transpose(matrix)
+
+
+@wp.func
+def ease_along(turn: wp.quat, ease: wp.mat33, mass: float, arm: wp.vec3, normal: wp.vec3):
+    """How much faster a body's point becomes along n by an impulse of 1 N s along it [1/kg]."""
+    torque = wp.cross(arm, normal)
+    return 1.0 / mass + wp.dot(torque, spin_of(turn, ease, mass, torque))
+
+
+@wp.struct
+class Change:
+    """What a body gains."""
+
+    velocity: wp.vec3  # [m/s]
+    spin: wp.vec3  # [rad/s]
+
+
+@wp.func
+def gain_at(change: Change, arm: wp.vec3, normal: wp.vec3):
+    """Along n, of the body's point at an arm: c . D [m/s]"""
+    return wp.dot(normal, change.velocity + wp.cross(change.spin, arm))
+
+
+@wp.func
+def push_of_particle(mass: float, arm: wp.vec3, normal: wp.vec3, excess: float, out: float, last: Change):
+    """Its part of `Push`, beside a body that changes so.
+
+    Args:
+        excess: a, by how much it comes too fast [m/s].
+        out: how far it is to be moved out of an overlap [m].
+    """
+    push = Push()
+    if gain_at(last, arm, normal) + excess > 0.0:
+        along = mass * normal
+        torque = wp.cross(arm, normal)
+        about = mass * torque
+        place = wp.int32(0)
+        for row in range(3):
+            for column in range(row, 3):
+                push[FORWARD + place] = along[row] * normal[column]
+                push[TURNING + place] = about[row] * torque[column]
+                place += 1
+            for column in range(3):
+                push[MIXED + 3 * row + column] = along[row] * torque[column]
+            push[LOST + row] = excess * along[row]
+            push[LOST + 3 + row] = excess * about[row]
+    if out > 0.0:
+        overlap = put_part(Press(), OVERLAPPING, mass, normal, out)
+        for number in range(9):
+            push[OVERLAPS + number] = overlap[OVERLAPPING + number]
+    return push
+
+
+@wp.func
+def overlap_of(push: Push):
+    """Its numbers of what overlaps, as `laws.impulse` has them."""
+    press = Press()
+    for number in range(9):
+        press[OVERLAPPING + number] = push[OVERLAPS + number]
+    return press
+
+
+@wp.func
+def is_pushed(push: Push):
+    """Whether any particle presses a body or overlaps it."""
+    pressing = push[FORWARD] + push[FORWARD + 3] + push[FORWARD + 5]
+    return pressing + push[OVERLAPS] + push[OVERLAPS + 3] + push[OVERLAPS + 5] > 0.0
+
+
+@wp.func
+def symmetric(push: Push, first: wp.int32):
+    """The matrix of six numbers."""
+    xx = wp.float64(push[first])
+    xy = wp.float64(push[first + 1])
+    xz = wp.float64(push[first + 2])
+    yy = wp.float64(push[first + 3])
+    yz = wp.float64(push[first + 4])
+    zz = wp.float64(push[first + 5])
+    return wp.mat33d(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+
+
+@wp.func
+def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
+    """D, of the body's mass [kg] and its inertia tensor in the world's axes [kg m^2]."""
+    forward = symmetric(push, FORWARD) + wp.float64(mass) * wp.identity(n=3, dtype=wp.float64)
+    turning = symmetric(push, TURNING) + wp.mat33d(inertia)
+    mixed = wp.mat33d()
+    for row in range(3):
+        for column in range(3):
+            mixed[row, column] = wp.float64(push[MIXED + 3 * row + column])
+    lost = wp.vec3d(wp.float64(push[LOST]), wp.float64(push[LOST + 1]), wp.float64(push[LOST + 2]))
+    about = wp.vec3d(wp.float64(push[LOST + 3]), wp.float64(push[LOST + 4]), wp.float64(push[LOST + 5]))
+    back = wp.inverse(forward)
+    spin = wp.inverse(turning - wp.transpose(mixed) * back * mixed) * (wp.transpose(mixed) * (back * lost) - about)
+    change = Change()
+    change.spin = wp.vec3(spin)
+    change.velocity = wp.vec3(-(back * (lost + mixed * spin)))
+    return change
+
+
+@wp.func
+def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
+    """k, of a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], how far it reaches [m], and the mass of
+    what it presses [kg]."""
+    widest = wp.sqrt(wp.ddot(ease, ease))  # no less than the largest eigenvalue
+    return 1.0 / (1.0 + pressed * (1.0 + reach * reach * widest) / mass)
+
+
+@wp.func
+def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
+    """The impulse of friction on a particle [N s].
+
+    Args:
+        beside: its velocity beside the body's point there.
+        pushed: the impulse along n.
+    """
+    normal = wp.normalize(pushed)
+    sliding = beside - wp.dot(beside, normal) * normal
+    most = friction * wp.length(pushed)
+    wanted = share * mass * wp.length(sliding)
+    return -wp.min(wanted, most) * wp.normalize(sliding)
+
+
+@wp.func
+def is_same(change: Change, last: Change, reach: float):
+    """Whether solving again has changed nothing that shows at the body's surface."""
+    differs = wp.length(change.velocity - last.velocity) + reach * wp.length(change.spin - last.spin)
+    return differs <= 1.0e-6 * (wp.length(change.velocity) + reach * wp.length(change.spin))

@@ -1,0 +1,118 @@
+"""Free rigid bodies: where they are before a step and after it, and what they stop of a particle's way, or a ball's."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.impulse import FREE, way_apart
+from balloon_warp.kernels.laws.rigid import spin_of, turned
+from balloon_warp.kernels.loops.solids import way_function
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Rigid:
+    """A body in a step."""
+
+    number: wp.int32
+    start: wp.vec3  # of the center of mass [m]
+    end: wp.vec3
+    start_turn: wp.quat
+    end_turn: wp.quat
+    velocity: wp.vec3  # [m/s]
+    momentum: wp.vec3  # angular [kg m^2/s]
+    spin: wp.vec3  # at the start [rad/s]
+    mass: float
+    reach: float  # of its farthest point [m]
+
+
+@wp.func
+def body_mass(t: Tables, world: wp.int32, body: wp.int32):
+    """[kg]"""
+    return t.bodies.mass[row_of_world(world, t.bodies.mass.shape[0]), body]
+
+
+@wp.func
+def body_at(
+    t: Tables,
+    state: WorldState,
+    starts: wp.array2d[wp.vec3],
+    start_turns: wp.array2d[wp.quat],
+    world: wp.int32,
+    body: wp.int32,
+):
+    """A body that has moved, from where it was."""
+    rigid = Rigid()
+    rigid.number = body
+    rigid.start = starts[world, body]
+    rigid.end = state.body_positions[world, body]
+    rigid.start_turn = start_turns[world, body]
+    rigid.end_turn = state.body_turns[world, body]
+    rigid.velocity = state.body_velocities[world, body]
+    rigid.momentum = state.body_momenta[world, body]
+    rigid.mass = body_mass(t, world, body)
+    rigid.reach = t.bodies.solids.reaches[body]
+    rigid.spin = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, rigid.momentum)
+    return rigid
+
+
+@wp.func
+def pushed_on(t: Tables, rigid: Rigid, gain: wp.vec3, twist: wp.vec3, shift: wp.vec3):
+    """A body that gains velocity [m/s] and angular momentum [kg m^2/s] at the start of the step, and is moved."""
+    ease = t.bodies.eases[rigid.number]
+    rigid.velocity += gain
+    rigid.momentum += twist
+    rigid.end += t.step_seconds * gain + shift
+    rigid.end_turn = turned(rigid.start_turn, ease, rigid.mass, rigid.momentum, t.step_seconds)
+    rigid.spin = spin_of(rigid.start_turn, ease, rigid.mass, rigid.momentum)
+    return rigid
+
+
+@wp.func
+def put_body(state: WorldState, world: wp.int32, rigid: Rigid):
+    """Where it is after the step, and how it moves."""
+    state.body_positions[world, rigid.number] = rigid.end
+    state.body_turns[world, rigid.number] = rigid.end_turn
+    state.body_velocities[world, rigid.number] = rigid.velocity
+    state.body_momenta[world, rigid.number] = rigid.momentum
+
+
+@wp.struct
+class Stop:
+    """What a body does to a particle that comes to it."""
+
+    normal: wp.vec3  # out of the body, zero where they do not meet
+    arm: wp.vec3  # from the center of mass to the particle, at the start of the step [m]
+    excess: float  # by how much it comes too fast [m/s]
+    out: float  # how far it is to be moved out of an overlap [m]
+
+
+@cache
+def stop_function(traits: Traits) -> Any:
+    """The function by which a body stops a particle, or a ball."""
+    let_through = way_function(traits.body_meshes)
+
+    @wp.func
+    def stop_at(t: Tables, rigid: Rigid, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, radius: float):
+        """Of a way in the step."""
+        stop = Stop()
+        stop.excess = float(FREE)
+        stop.arm = start - rigid.start
+        arm = end - rigid.end
+        way = wp.length(arm - stop.arm) + t.step_seconds * wp.length(rigid.spin) * rigid.reach
+        if wp.length(arm) - rigid.reach - radius <= way:
+            let, outward, _free, _part = let_through(
+                t.bodies.solids, t.up, rigid.number, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
+                wp.quat_rotate_inv(rigid.end_turn, arm), radius,
+            )  # fmt: skip
+            if wp.length_sq(outward) > 0.0:
+                stop.normal = wp.quat_rotate(rigid.end_turn, outward)
+                depth = wp.max(wp.dot(wp.quat_rotate(rigid.end_turn, let) - arm, stop.normal), 0.0)
+                beside = velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm)
+                stop.excess = wp.min(depth / t.step_seconds, -wp.dot(beside, stop.normal))
+                stop.out = way_apart(t.step_seconds * wp.max(stop.excess, 0.0) - depth, t.step_seconds)
+        return stop
+
+    return stop_at

@@ -1,0 +1,66 @@
+"""Scenes of free rigid bodies, which tests share, and what physics says of them."""
+
+from typing import Any
+
+import numpy as np
+from conserved import angular_momentum, momentum, sphere_momenta
+from meshes import cube
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from balloon_warp.scene import Atmosphere, Balloon, Body, Inflation, Scene
+from balloon_warp.simulator import Simulator
+
+EPSILON = float(np.finfo(np.float32).eps)
+SPACE: dict[str, Any] = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0)}
+
+
+def scene_of(*bodies: Body, **fields: Any) -> Scene:
+    """Bodies, and a balloon that is far away."""
+    away = Balloon(mesh=cube(), position=(0, 90.0, 0), inflation=Inflation(k_normal=0.0))
+    return Scene(**{"balloon": [away], "body": list(bodies), "frames_per_second": 100.0, "substeps": 10} | fields)
+
+
+def started(device: str, *bodies: Body, schedule: str = "gather", **fields: Any) -> Simulator:
+    return Simulator(scene_of(*bodies, **fields), device, schedule=schedule)
+
+
+def after(simulator: Simulator, frames: int) -> Simulator:
+    for _ in range(frames):
+        simulator.step()
+    return simulator
+
+
+def body_state(simulator: Simulator, name: str) -> NDArray[np.float64]:
+    """Of the first world, shape (body_count, 3 or 4)."""
+    return getattr(simulator.state, f"body_{name}").numpy()[0].astype(float)
+
+
+def body_masses(simulator: Simulator) -> NDArray[np.float64]:
+    return simulator.model.parameters["body_mass"].numpy()[0].astype(float)
+
+
+def tensors(simulator: Simulator) -> NDArray[np.float64]:
+    """Of inertia in the axes of the world [kg m^2], shape (body_count, 3, 3)."""
+    turns = Rotation.from_quat(body_state(simulator, "turns")).as_matrix()
+    own = np.array([shape.inertia for shape in simulator.model.bodies]) * body_masses(simulator)[:, None, None]
+    return turns @ own @ turns.swapaxes(1, 2)
+
+
+def kinetic(simulator: Simulator) -> float:
+    """Of the bodies [J]."""
+    velocities, momenta = body_state(simulator, "velocities"), body_state(simulator, "momenta")
+    turning = sum(float(m @ np.linalg.solve(tensor, m)) for m, tensor in zip(momenta, tensors(simulator), strict=True))
+    return 0.5 * float(body_masses(simulator) @ (velocities**2).sum(axis=1)) + 0.5 * turning
+
+
+def whole(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Momentum and angular momentum of balloons, bodies and spheres."""
+    own = body_masses(simulator)[:, None] * body_state(simulator, "velocities")
+    about = np.cross(body_state(simulator, "positions"), own) + body_state(simulator, "momenta")
+    total, turning = momentum(simulator) + own.sum(axis=0), angular_momentum(simulator) + about.sum(axis=0)
+    if simulator.model.sphere_count:
+        of_spheres = sphere_momenta(simulator)
+        centers = simulator.state.sphere_positions.numpy()[0].astype(float)
+        total, turning = total + of_spheres.sum(axis=0), turning + np.cross(centers, of_spheres).sum(axis=0)
+    return total, turning

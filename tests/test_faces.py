@@ -1,0 +1,158 @@
+"""Spheres that are small beside faces meet these, with `[touch]`: none comes through, whatever its size and speed."""
+
+import numpy as np
+import pytest
+from conserved import angular_momentum, energy, momentum, motion, sphere_energies, sphere_momenta
+from meshes import cube, grid, quad_sphere
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Sphere, Touch
+from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.schedules.touch_table import triangles_of
+from balloon_warp.simulator import Simulator
+
+EPSILON = float(np.finfo(np.float32).eps)
+RADIUS = 0.5
+
+
+def flight(sphere: Sphere, contact: str = "impulse", **fields) -> Scene:
+    """A balloon of 386 particles in space, and a sphere."""
+    ball = Balloon(mesh=quad_sphere(8, RADIUS), mass=0.3, damping=0.0)
+    setting = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0), "touch": Touch(), "contact": contact}
+    return Scene(balloon=[ball], sphere=[sphere], **setting | fields)
+
+
+def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
+    """How often triangles, shape (n, 3, 3), go around a point: 1 within a balloon, 0 outside (van Oosterom and Strackee
+    1983)."""
+    a, b, c = (corners[:, number] - point for number in range(3))
+    lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
+    over = np.einsum("ij,ij->i", a, np.cross(b, c))
+    under = np.prod(lengths, axis=0)
+    for first, second, length in ((a, b, lengths[2]), (b, c, lengths[0]), (c, a, lengths[1])):
+        under = under + np.einsum("ij,ij->i", first, second) * length
+    return float(np.arctan2(over, under).sum() / (2.0 * np.pi))
+
+
+def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[float]:
+    """Of the sphere's center after each frame, and where the schedule shows them after each substep, as `turns_around`
+    says."""
+    simulator = Simulator(scene, device, schedule=schedule)
+    triangles = triangles_of(simulator.model.shapes[0].mesh)
+    found = []
+    for _ in range(frames):
+        for _ in simulator.schedule.substeps(simulator.state) if schedule == "scatter" else [simulator.step()]:
+            points, _ = motion(simulator)
+            center = simulator.state.sphere_positions.numpy()[0, 0].astype(float)
+            found.append(turns_around(center, points[triangles]))
+    return found
+
+
+@pytest.mark.parametrize("speed", [0.5, 5.0, 100.0, 1000.0])
+@pytest.mark.parametrize("radius", [0.0001, 0.005, 0.03])
+def test_one_that_is_inside_stays_inside(radius, speed, device):
+    """At the highest speed it would leave the balloon three times over in one substep; it takes that along."""
+    ball = Sphere(position=(0.05, 0.02, 0.03), radius=radius, mass=0.05, velocity=(speed, 0.3 * speed, 0.1 * speed))
+    np.testing.assert_allclose(sides_of(flight(ball), device, "scatter", frames=12), 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("contact", ["penalty", "impulse"])
+@pytest.mark.parametrize("schedule", ["scatter", "gather"])
+@pytest.mark.parametrize("mass", [0.001, 0.05, 2.0])
+def test_one_that_is_outside_stays_outside(mass, schedule, contact, device):
+    """It flies at the balloon between particles, and is smaller than a tenth of a face."""
+    ball = Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=mass, velocity=(-40.0, 0.0, 0.0))
+    np.testing.assert_allclose(sides_of(flight(ball, contact), device, schedule, frames=12), 0.0, atol=1e-3)
+
+
+def test_without_touch_it_flies_through(device):
+    ball = Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=0.05, velocity=(-40.0, 0.0, 0.0))
+    assert max(sides_of(flight(ball, touch=None), device, "scatter", frames=4)) > 0.9
+
+
+@pytest.mark.parametrize("schedule", ["scatter", "gather"])
+@pytest.mark.parametrize("speed", [1.0, 20.0])
+def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, schedule, device):
+    """Float32 rounds places and velocities of all particles by up to half an epsilon each in each substep; each of some
+    hundred contacts rounds once more. Springs swing by h omega / 2 of what is in the fastest, as without contact."""
+    ball = Sphere(position=(0.7, 0.12, 0.05), radius=0.02, mass=0.05, velocity=(-speed, 0.0, 0.2 * speed))
+    scene = flight(ball, substeps=60)
+    slack = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0)})
+    simulator = Simulator(scene.model_copy(update={"balloon": [slack]}), device, schedule=schedule)
+
+    def whole() -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        center = simulator.state.sphere_positions.numpy()[0, 0].astype(float)
+        own = sphere_momenta(simulator)[0]
+        return (
+            momentum(simulator) + own,
+            angular_momentum(simulator) + np.cross(center, own),
+            energy(simulator) + float(sphere_energies(simulator).sum()),
+        )
+
+    start, pushed = whole(), 0.0
+    for _ in range(60):
+        simulator.step()
+        now = whole()
+        rounding = 0.35 * speed * EPSILON * np.sqrt(60 * 60) * 4.0
+        np.testing.assert_allclose(now[0], start[0], atol=rounding)
+        np.testing.assert_allclose(now[1], start[1], atol=rounding)
+        assert now[2] < 1.001 * start[2]
+        pushed = max(pushed, float(np.abs(sphere_momenta(simulator)[0] - start[0]).max()))
+    assert pushed > 0.02 * speed
+
+
+def test_it_lies_on_a_net_that_bears_its_weight(device):
+    """A net that is held at its border sags under a ball that is a fifth as wide as a face. It comes to rest there, a
+    ball's weight deep: the energy of net and weight is less than on the way, and does not come back."""
+    net = grid(4, 4)
+    border = [n for n, point in enumerate(net.points) if point[:2].min() == 0.0 or point[:2].max() == 4.0]
+    slack = Inflation(pressure=0.0)
+    held = Balloon(mesh=net, scale=0.1, rotation=(-90, 0, 0), fixed=border, inflation=slack, mass=0.05, damping=0.5)
+    ball = Sphere(position=(0.24, 0.1, -0.23), radius=0.01, mass=0.1)
+    simulator = Simulator(Scene(balloon=[held], sphere=[ball], touch=Touch(), contact="impulse", substeps=24), device)
+    assert simulator.schedule.name == "gather"
+    heights = []
+    for _ in range(480):
+        simulator.step()
+        heights.append(float(simulator.state.sphere_positions.numpy()[0, 0, 1]))
+    lowest = float(simulator.state.points.numpy()[0, :, 1].min())
+    assert lowest < heights[-1] < lowest + 0.02  # on the lowest faces, by less than two radii of the lowest corner
+    assert -0.15 < lowest < -0.05
+    assert np.ptp(heights[-60:]) < 0.002
+    assert np.abs(simulator.state.sphere_velocities.numpy()).max() < 0.02
+
+
+def test_a_schedule_that_cannot_is_refused_and_auto_takes_one_that_can(device):
+    ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.01)
+    model = Simulator(flight(ball), device).model
+    assert schedule_named("auto", model).name == "gather"
+    with pytest.raises(
+        InputError, match="--schedule block: cannot let spheres touch faces; auto, scatter and gather can"
+    ):
+        schedule_named("block", model)
+
+
+def test_what_is_large_beside_faces_needs_no_more(device):
+    """A face's corners do not let it between them, even where it is stretched to twice its size."""
+    ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.2)
+    assert schedule_named("block", Simulator(flight(ball), device).model).name == "block"
+    beside_a_cube = flight(ball).model_copy(update={"balloon": [Balloon(mesh=cube())]})
+    assert schedule_named("auto", Simulator(beside_a_cube, device).model).name == "gather"
+
+
+def test_touch_says_that_spheres_may_be_left_alone(device):
+    ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.01)
+    model = Simulator(flight(ball, touch=Touch(itself=True, spheres=False)), device).model
+    assert model.warnings[0].startswith("sphere 0: with a radius of 0.01 m it fits through faces")
+    assert Simulator(flight(ball), device).model.warnings == []
+    with pytest.raises(InputError, match="balloons: must be true, or `itself` or `spheres` must"):
+        Touch(balloons=False, spheres=False)
+
+
+def test_a_ball_rolls_about_in_a_balloon_on_the_ground(device):
+    """A marble falls through the balloon's inside, and lies at its bottom, which lies on the ground."""
+    marble = Sphere(position=(0.1, 0.0, 0.05), radius=0.015, mass=0.02)
+    scene = flight(marble, gravity=9.8, ground=Ground(height=-0.7))
+    found = sides_of(scene, device, "gather", frames=90)
+    np.testing.assert_allclose(found, 1.0, atol=1e-3)
