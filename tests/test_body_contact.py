@@ -127,7 +127,8 @@ def test_a_ball_that_is_a_body_does_what_a_sphere_does(device):
     as_body = started(device, smooth, **setting)
     sphere = Sphere(position=(0.1, 0.9, 0), radius=0.3, mass=0.3, velocity=(0, -2, 0))
     as_sphere = Simulator(scene_of(sphere=[sphere], **setting), device, schedule="gather")
-    after(as_body, 20), after(as_sphere, 20)
+    after(as_body, 20)
+    after(as_sphere, 20)
     np.testing.assert_allclose(
         body_state(as_body, "velocities")[0], as_sphere.state.sphere_velocities.numpy()[0, 0], atol=2e-3
     )

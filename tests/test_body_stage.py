@@ -106,7 +106,8 @@ def test_they_go_on_from_a_checkpoint_bit_for_bit():
         first.step()
     again.restore({name: np.array(array.numpy()) for name, array in vars(first.state).items()})
     for _ in range(10):
-        first.step(), again.step()
+        first.step()
+        again.step()
     np.testing.assert_array_equal(first.read_frame().body_poses, again.read_frame().body_poses)
 
 

@@ -16,4 +16,5 @@ def small_spheres(model: Model) -> list[bool]:
     most = MOST_STRETCH * max(widest_opening(shape.mesh) for shape in model.shapes)
     radii = np.concatenate([rows.reshape(-1, len(scene.sphere)) for rows in values_over_time(model, "sphere_radius")])
     said = np.array([sphere.radius for sphere in scene.sphere])
-    return (np.where(radii > 0.0, radii, said) < most).any(axis=0).tolist()
+    least = np.where(radii > 0.0, radii, said).min(axis=0)
+    return [bool(radius < most) for radius in least]
