@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from balloon_warp.scene import (
         Atmosphere,
         Balloon,
+        Box,
         Change,
         Ground,
         Inflation,
@@ -60,6 +61,7 @@ __all__ = [
     "Atmosphere",
     "Balloon",
     "BlowUpError",
+    "Box",
     "Change",
     "Cluster",
     "Frame",
@@ -124,6 +126,7 @@ _HOMES = {
     "scene": (
         "Atmosphere",
         "Balloon",
+        "Box",
         "Change",
         "Ground",
         "Inflation",

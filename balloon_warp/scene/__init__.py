@@ -4,6 +4,7 @@ from balloon_warp.scene.load import SceneLike, bundled_scenes, load_scene, scene
 from balloon_warp.scene.schema import (
     Atmosphere,
     Balloon,
+    Box,
     Change,
     Ground,
     Inflation,
@@ -21,6 +22,7 @@ from balloon_warp.scene.schema import (
 __all__ = [
     "Atmosphere",
     "Balloon",
+    "Box",
     "Change",
     "Ground",
     "Inflation",

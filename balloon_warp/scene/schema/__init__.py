@@ -5,7 +5,7 @@ balloon        balloons, their springs and what fills them
 material       rubber and film
 bodies         spheres and strings
 obstacles      rigid things in the way
-surroundings   air, water and ground
+surroundings   air, water and ground; where a batch counts
 touch          balloons that touch
 fields         what all of these are made of
 """
@@ -15,7 +15,7 @@ from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
-from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
+from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Water
 from balloon_warp.scene.schema.touch import Touch
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "WITHOUT_MESHES",
     "Atmosphere",
     "Balloon",
+    "Box",
     "Change",
     "Ground",
     "Inflation",
