@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         Atmosphere,
         Balloon,
         Body,
+        Box,
         Change,
         Ground,
         Inflation,
@@ -62,6 +63,7 @@ __all__ = [
     "Balloon",
     "BlowUpError",
     "Body",
+    "Box",
     "Change",
     "Cluster",
     "Frame",
@@ -126,6 +128,7 @@ _HOMES = {
     "scene": (
         "Atmosphere",
         "Balloon",
+        "Box",
         "Change",
         "Ground",
         "Inflation",

@@ -30,12 +30,11 @@ def knot() -> PolygonMesh:
 
 
 def _path() -> NDArray[np.float64]:
-    """A trefoil (sin t + 2 sin 2t, cos t - 2 cos 2t, -1.4 sin 3t), open at its top, from where tails go on past each
+    """A trefoil (sin t + 2 sin 2t, 2 cos 2t - cos t, -1.4 sin 3t), open at its top, from where tails go on past each
     other to both sides; shape (n, 3)."""
     t = np.linspace(np.pi + OPENING, 3.0 * np.pi - OPENING, 60)
-    loop = np.stack(
-        [np.sin(t) + 2.0 * np.sin(2.0 * t), 2.0 * np.cos(2.0 * t) - np.cos(t), -1.4 * np.sin(3.0 * t)], axis=1
-    )
+    across, up = np.sin(t) + 2.0 * np.sin(2.0 * t), 2.0 * np.cos(2.0 * t) - np.cos(t)
+    loop = np.stack([across, up, -1.4 * np.sin(3.0 * t)], axis=1)
     far = np.linspace(1.0, TAIL, 11)
     tail = np.stack([far, np.full(11, 3.0), (far - TAIL) / (TAIL - 1.0)], axis=1)
     return np.concatenate([tail[::-1] * [-1.0, 1.0, -1.0], loop, tail])

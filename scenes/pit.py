@@ -8,7 +8,7 @@ from balloon_warp.scenes.model_bead import RADIUS
 
 COLUMNS, LAYERS = 5, 4
 """balloons along each side of the box, and one over the other"""
-SPACING = 2.6 * RADIUS
+SPACING = 2.52 * RADIUS
 HALF = 0.76
 """of the box's width [m]"""
 WALL = 0.4
@@ -19,7 +19,7 @@ COLORS = ("0.70, 0.05, 0.05", "0.85, 0.55, 0.02", "0.05, 0.40, 0.10", "0.03, 0.1
 
 HEAD = """description = "A ball rolls through a hundred balloons in a box"
 frames = 300
-picture_frame = 210
+picture_frame = 138
 contact = "impulse"
 """
 BALLOON = """
@@ -42,16 +42,22 @@ color = [0.35, 0.38, 0.42]
 REST = """
 [[sphere]]
 radius = 0.2
-mass = 0.8
+mass = 0.5
 color = [0.02, 0.02, 0.02]
-position = [-0.5, 1.0, 0.1]
-velocity = [2.5, 0.0, 0.0]
+position = [-0.5, 0.85, 0.1]
+velocity = [2.0, 0.0, 0.0]
 start = 2.0
 
 [touch]
+thickness = 0.006
+stiffness = 200.0
 
 [ground]
 height = -0.12
+
+[box]
+lower = [{}, 0.0, {}]
+upper = [{}, 1.0, {}]
 """
 
 
@@ -72,7 +78,7 @@ def scene() -> str:
         size, place = np.array([2 * HALF, WALL, 2 * HALF]), np.array([0.0, 0.5 * WALL, 0.0])
         size[axis], size[2 - axis], place[axis] = THICK, (2 * HALF, width)[axis == 0], side * (HALF + 0.5 * THICK)
         text += OBSTACLE.format("wall", *size.round(3), *place.round(3))
-    return text + REST
+    return text + REST.format(-HALF, -HALF, HALF, HALF)
 
 
 if __name__ == "__main__":

@@ -17,11 +17,27 @@ def deepest(simulator: Simulator, world: int = 0) -> float:
     points = simulator.state.points.numpy()[world].astype(np.float64)
     shapes, offsets = simulator.model.shapes, simulator.model.particle_offsets
     parts = [points[begin:end] for begin, end in pairwise(offsets)]
+    surfaces = [surface(replace(shape.mesh, points=part)) for shape, part in zip(shapes, parts, strict=True)]
+    lower, upper = (np.array([bound(part, axis=0) for part in parts]) for bound in (np.min, np.max))
+    near = ((lower[:, None] < upper[None]) & (lower[None] < upper[:, None])).all(axis=2)
+    pairs = np.argwhere(near & ~np.eye(len(parts), dtype=bool)).tolist()
+    return max((depth(parts[own], surfaces[other]) for own, other in pairs), default=0.0)
+
+
+def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
+    """How far the particle of a balloon that is deepest in another part of it is from that [m]: what its surface winds
+    around once more than around those on it.
+
+    Args:
+        points: of its particles.
+        mesh: at the start.
+        apart: from a particle to other parts at the start, at least [m].
+    """
+    triangles, centers = surface(replace(mesh, points=points)), surface(mesh).mean(axis=1)
+    inside = np.concatenate([winding(some, triangles) > 1.2 for some in np.array_split(points, len(points) // 100 + 1)])
     depths = [
-        depth(parts[own], surface(replace(shapes[other].mesh, points=parts[other])))
-        for own in range(len(parts))
-        for other in range(len(parts))
-        if own != other
+        distances(points[number], triangles[np.linalg.norm(centers - mesh.points[number], axis=1) > apart]).min()
+        for number in np.flatnonzero(inside)
     ]
     return max(depths, default=0.0)
 

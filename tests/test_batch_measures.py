@@ -8,9 +8,9 @@ from meshes import cube, open_cube, quad_sphere
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
+from balloon_warp.scene import Balloon, Box, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.recorder import MEASURES, Record, Recorder
+from balloon_warp.sweep.recorder import Record, Recorder, columns_of
 
 FLOAT32 = 1.2e-7
 """relative rounding of float32"""
@@ -23,8 +23,7 @@ def record(simulator: Simulator, chosen: tuple[int, ...] = ()) -> Record:
 
 def measured(simulator: Simulator, world: int = 0) -> dict[str, float]:
     row = record(simulator).measures[world]
-    spheres = [f"sphere_{number}_height" for number in range(simulator.model.sphere_count)]
-    return dict(zip([*MEASURES, *spheres], row.tolist(), strict=True))
+    return dict(zip(columns_of(simulator.model.scene), row.tolist(), strict=True))
 
 
 def put(array: wp.array, values: np.ndarray) -> None:
@@ -49,6 +48,17 @@ def test_a_moving_box_is_measured_exactly(device):
     # a mass share of an eighth, and areas and lengths that are powers of two: no rounding but the thirds of the volume
     np.testing.assert_allclose(list(measured(simulator).values()), list(expected.values()), rtol=2 * FLOAT32)
     assert list(measured(simulator)) == list(expected)
+
+
+def test_what_is_in_the_box_is_counted(device):
+    """By centers, each coordinate for itself; of two worlds in the one a balloon has left it."""
+    places = [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (0.0, -1.7, 0.0), (0.0, 0.0, 5.0)]
+    balloons = [Balloon(mesh=cube(), position=place, **STILL) for place in places]
+    box = Box(lower=(-0.2, -1.0, 0.0), upper=(1.5, 1.0, 1.0))
+    scene = Scene(balloon=balloons, sphere=[Sphere(position=(0.1, 0.2, 0.3))], box=box)
+    simulator = Simulator(scene, device, 2, {"balloon.1.position.0": [0.9, 1.2]})
+    assert [measured(simulator, world)["in_box"] for world in (0, 1)] == [2.0, 1.0]
+    assert "in_box" not in measured(Simulator(scene.model_copy(update={"box": None}), device))
 
 
 def test_balloons_are_summed_and_their_centers_weighed_by_mass(device):

@@ -16,7 +16,7 @@ from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.sweep.recorder import MEASURES, Recorder
+from balloon_warp.sweep.recorder import MEASURES, Recorder, columns_of
 
 MOST_STRETCH = 100.0
 """of a spring in a run that is shown: one that explodes but stays finite would leave the others no room in the
@@ -96,7 +96,8 @@ def _measured(
         seconds.append(clock() - began)
         on_frame(number, last)
     record = recorder.read()
-    figures: dict[str, float] = dict(zip(MEASURES, map(float, record.measures[0]), strict=False))
+    measured = dict(zip(columns_of(scene), map(float, record.measures[0]), strict=True))
+    figures = {name: measured[name] for name in MEASURES}
     if not record.healthy[0] or figures["largest_stretch"] > MOST_STRETCH:
         raise BlowUpError(
             f"the simulation blew up: by frame {last} a spring is more than {MOST_STRETCH:g} times as long as at rest"
@@ -107,11 +108,9 @@ def _measured(
     shapes = simulator.model.shapes
     if len(shapes) == 1 and shapes[0].closed:
         figures["roundness"] = 36.0 * np.pi * figures["volume"] ** 2 / figures["area"] ** 3
-    heights = map(float, record.measures[0, len(MEASURES) :])
     figures = {
         "frame": last,
-        **figures,
-        **{f"sphere_{number}_height": height for number, height in enumerate(heights)},
+        **(figures | measured),
         "particles": simulator.model.particle_count,
         "substeps": simulator.model.substeps,
         **({"seconds_a_frame": median(seconds)} if seconds else {}),

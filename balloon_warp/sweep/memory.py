@@ -14,7 +14,7 @@ from balloon_warp.model.vary import SHAPING
 from balloon_warp.scene import Scene
 from balloon_warp.solvers.choose import settled_solver, solver_named
 from balloon_warp.sweep.groups import Group
-from balloon_warp.sweep.recorder import MEASURES, picked_bytes, record_bytes
+from balloon_warp.sweep.recorder import columns_of, picked_bytes, record_bytes
 
 MANY = 50_000
 """worlds whose values take longer to make than it takes to see how large one world is"""
@@ -90,4 +90,4 @@ def require_batch_memory(
 
 def table_bytes(scene: Scene) -> int:
     """Host memory of a world's rows of the table: its measures and its health in every frame."""
-    return 4 * (scene.frames + 1) * (len(MEASURES) + len(scene.sphere) + 1)
+    return 4 * (scene.frames + 1) * (len(columns_of(scene)) + 1)

@@ -16,7 +16,7 @@ from balloon_warp.files import check_writable
 from balloon_warp.outputs.table import TableWriter
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
-from balloon_warp.sweep.recorder import MEASURES, Record
+from balloon_warp.sweep.recorder import Record, columns_of
 
 if TYPE_CHECKING:
     from balloon_warp.outputs.usd.grid import GridGroup
@@ -45,10 +45,9 @@ class BatchOutput:
     ):
         _prepare_folder(folder)
         self.groups = groups
-        measures = [*MEASURES, *(f"sphere_{number}_height" for number in range(len(scene.sphere)))]
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
-        self.table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, measures, worlds)
+        self.table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, columns_of(scene), worlds)
         self.stage_path = folder / STAGE_NAME
         self.removed_stage = False
         """whether the stage of an earlier batch was there and this one has none"""

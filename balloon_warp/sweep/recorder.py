@@ -13,6 +13,7 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.measure.picking import pick_healthy_worlds
 from balloon_warp.kernels.measure.worlds import BalloonSums, measure_worlds, sum_balloons
 from balloon_warp.model import ModelPlan
+from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
 
 LANES = 32
@@ -21,13 +22,19 @@ MEASURES = ("volume", "area", "pressure", "center_height", "largest_stretch", "k
 """[m^3], [m^2], [Pa], [m], length over rest length, [J]"""
 
 
+def columns_of(scene: Scene) -> list[str]:
+    """What is measured of each world: `MEASURES`, then the height of each sphere [m], and how many are in the box."""
+    heights = [f"sphere_{number}_height" for number in range(len(scene.sphere))]
+    return [*MEASURES, *heights, *(["in_box"] if scene.box else [])]
+
+
 @dataclass(frozen=True)
 class Record:
     """One frame of a batch, on the host. Of a world that blew up it holds the last good frame."""
 
     number: int
     measures: NDArray[np.float32]
-    """`MEASURES`, then the height of each sphere [m], shape (world_count, 6 + sphere_count)"""
+    """as `columns_of` says, shape (world_count, columns)"""
     healthy: NDArray[np.int32]
     """1, or 0 from the frame on in which the world blew up, shape (world_count,)"""
     points: NDArray[np.float32]
@@ -59,7 +66,8 @@ class Recorder:
         self._balloon_springs = offsets([shape.springs.count for shape in model.shapes])
         self._balloon_triangles = offsets([shape.membrane.count for shape in model.shapes])
         self._sums = zeros((worlds, model.balloon_count, LANES), BalloonSums)
-        self._measures = zeros((worlds, len(MEASURES) + model.sphere_count), float)
+        self._measures = zeros((worlds, len(columns_of(model.scene))), float)
+        self._box = model.scene.box or Box(lower=(-1.0, -1.0, -1.0), upper=(1.0, 1.0, 1.0))
         self._healthy = wp.full(worlds, 1, dtype=wp.int32, device=model.device)
         self._chosen = wp.array(chosen, dtype=wp.int32, device=model.device)
         self._points = zeros((len(chosen), model.particle_count), wp.vec3)
@@ -114,7 +122,7 @@ class Recorder:
             inputs=[
                 *(self._balloon_faces, model.face_offsets, model.face_particles, model.parameters["mass"]),
                 *(model.inflation_kind, model.keyframe_times, model.parameters["keyframe_values"]),
-                *(model.frame_seconds, model.up),
+                *(model.frame_seconds, model.up, wp.vec3(*self._box.lower), wp.vec3(*self._box.upper)),
                 *(state.frame, state.pressures, state.points, state.sphere_positions, self._sums),
                 *(state.first_bad, HEALTHY),
             ],
@@ -135,7 +143,7 @@ class Recorder:
 
 def record_bytes(plan: ModelPlan) -> int:
     """Device memory that a world takes for its measures."""
-    return 40 * LANES * len(plan.shapes) + 4 * (len(MEASURES) + len(plan.scene.sphere))
+    return 40 * LANES * len(plan.shapes) + 4 * len(columns_of(plan.scene))
 
 
 def picked_bytes(plan: ModelPlan) -> int:

@@ -90,6 +90,27 @@ def sum_balloons(
     sums[world, balloon, thread] = part
 
 
+@wp.func
+def in_box(place: wp.vec3, lower: wp.vec3, upper: wp.vec3):
+    """1 if it is in it, or else 0."""
+    return wp.where(wp.min(wp.min(place - lower, upper - place)) >= 0.0, 1.0, 0.0)
+
+
+@wp.func
+def whole_balloon(sums: wp.array3d[BalloonSums], world: wp.int32, balloon: wp.int32):
+    """All threads' parts of one."""
+    total = BalloonSums()
+    for thread in range(sums.shape[2]):
+        part = sums[world, balloon, thread]
+        total.volume += part.volume
+        total.area += part.area
+        total.area_vector += part.area_vector
+        total.corners += part.corners
+        total.kinetic_energy += part.kinetic_energy
+        total.stretch = wp.max(total.stretch, part.stretch)
+    return total
+
+
 @wp.kernel(enable_backward=False)
 def measure_worlds(
     # model
@@ -102,6 +123,8 @@ def measure_worlds(
     keyframe_values: wp.array3d[float],
     frame_seconds: float,
     up: wp.vec3,
+    box_lower: wp.vec3,
+    box_upper: wp.vec3,
     # state in
     frame: wp.array[wp.int32],
     pressures: wp.array2d[float],
@@ -115,7 +138,7 @@ def measure_worlds(
     healthy: wp.array[wp.int32],
 ):
     """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
-    spheres.
+    spheres; and where it is asked for, how many balloons are in a box.
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
@@ -129,17 +152,11 @@ def measure_worlds(
     total_mass = float(0.0)
     stretch = float(0.0)
     kinetic_energy = float(0.0)
+    inside = float(0.0)
     finite = bool(True)
     for balloon in range(sums.shape[1]):
-        total = BalloonSums()
-        for thread in range(sums.shape[2]):
-            part = sums[world, balloon, thread]
-            total.volume += part.volume
-            total.area += part.area
-            total.area_vector += part.area_vector
-            total.corners += part.corners
-            total.kinetic_energy += part.kinetic_energy
-            stretch = wp.max(stretch, part.stretch)
+        total = whole_balloon(sums, world, balloon)
+        stretch = wp.max(stretch, total.stretch)
         first = face_offsets[balloon_faces[balloon]]
         corner_count = face_offsets[balloon_faces[balloon + 1]] - first
         center = total.corners / float(corner_count)
@@ -153,6 +170,7 @@ def measure_worlds(
             pushed += pressures[world, balloon] * total.area
         kinetic_energy += total.kinetic_energy
         height += balloon_mass * (wp.dot(points[world, face_particles[first]], up) + wp.dot(center, up))
+        inside += in_box(points[world, face_particles[first]] + center, box_lower, box_upper)
         total_mass += balloon_mass
     height /= total_mass
     pressure = pushed / wp.max(area, 1.0e-20)
@@ -171,3 +189,5 @@ def measure_worlds(
         measures[world, 5] = kinetic_energy
         for sphere in range(sphere_positions.shape[1]):
             measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
+        if measures.shape[1] > 6 + sphere_positions.shape[1]:
+            measures[world, 6 + sphere_positions.shape[1]] = inside

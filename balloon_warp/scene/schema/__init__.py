@@ -6,7 +6,7 @@ material       rubber and film
 bodies         spheres and strings
 obstacles      rigid things in the way
 rigid          rigid bodies that move freely
-surroundings   air, water and ground
+surroundings   air, water and ground; where a batch counts
 touch          balloons that touch
 fields         what all of these are made of
 """
@@ -17,7 +17,7 @@ from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.rigid import Body
 from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
-from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
+from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Water
 from balloon_warp.scene.schema.touch import Touch
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "Atmosphere",
     "Balloon",
     "Body",
+    "Box",
     "Change",
     "Ground",
     "Inflation",

@@ -11,7 +11,7 @@ from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Table, Vector, field_of
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.rigid import Body
-from balloon_warp.scene.schema.surroundings import Atmosphere, Ground, Water
+from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Water
 from balloon_warp.scene.schema.touch import Touch
 
 MESHED = ("balloon", "obstacle", "body")
@@ -83,6 +83,7 @@ class Scene(Table):
     water: Water | None = None
     tube: list[Tube] = []
     touch: Touch | None = None
+    box: Box | None = None
     atmosphere: Atmosphere = Atmosphere()
     law: LawTables = {}
     """parameters of laws of one's own that are the world's, by law and name"""

@@ -1,6 +1,25 @@
-"""What is around the balloons: air, water and ground."""
+"""What is around the balloons: air, water and ground, and the place in which a batch counts them."""
+
+from typing import Self
+
+from pydantic import model_validator
 
 from balloon_warp.scene.schema.fields import Table, Vector, field_of, optional_field_of
+
+
+class Box(Table):
+    """Where the table of a batch counts balloons: those whose centers are in it, as `in_box`."""
+
+    lower: Vector
+    """its corner of the least coordinates [m]"""
+    upper: Vector
+    """the opposite one [m]"""
+
+    @model_validator(mode="after")
+    def _has_an_inside(self) -> Self:
+        if any(low >= high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise ValueError(f"upper: must be above lower in every coordinate (got {self.upper}, lower {self.lower})")
+        return self
 
 
 class Atmosphere(Table):

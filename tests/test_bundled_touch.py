@@ -1,0 +1,102 @@
+"""The bundled scenes of balloons that touch, or are squeezed through a hole: that nothing comes through anything."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from overlaps import deepest, deepest_in_itself
+from played import played, shape_at
+from scipy.spatial.transform import Rotation
+
+import balloon_warp.scenes
+from balloon_warp import Simulator, load_scene, run_batch
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.mesh_distance import MeshDistance
+from balloon_warp.scenes.model_bead import RADIUS
+from balloon_warp.scenes.model_knot import CELL
+from balloon_warp.scenes.model_knot import RADIUS as TUBE
+from balloon_warp.scenes.pit import HALF, scene
+
+ROUNDING = 2e-5
+"""float32's, of points on a surface a meter from the origin [m]"""
+
+
+def test_the_pit_is_what_the_script_makes():
+    file = Path(balloon_warp.scenes.__path__[0]) / "balloon_pit.toml"
+    assert file.read_text(encoding="utf-8") == scene()
+
+
+@pytest.fixture(scope="module")
+def pit() -> Simulator:
+    """Of the ball's arrival: it is there from 2 s on."""
+    return Simulator(load_scene("balloon_pit"), "cpu")
+
+
+def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box(pit: Simulator):
+    """To a fiftieth of their radius, while they fall and settle, and while the ball comes down on them; nine of ten
+    stay in the box."""
+    halves = [np.array(obstacle.size) for obstacle in pit.model.obstacles]
+    heights = []
+    for number in range(1, 161):
+        pit.step()
+        heights.append(float(pit.state.sphere_positions.numpy()[0, 0, 1]))
+        if number % 40 == 0:
+            assert deepest(pit) < 0.02 * RADIUS
+            frame = pit.read_frame()
+            points = np.concatenate(frame.points).astype(np.float64)
+            for half, pose in zip(halves, frame.obstacle_poses, strict=True):
+                assert (np.abs(points - pose[:3]) - half).max(axis=1).min() > -ROUNDING
+    centers = np.array([part.mean(axis=0) for part in pit.read_frame().points])
+    inside = (np.abs(centers[:, [0, 2]]) < HALF).all(axis=1)
+    assert inside.sum() >= 90
+    assert (centers[:, 1] > -0.12 + 0.5 * RADIUS).all()
+    assert 0.2 < heights[-1] < 0.7 < heights[119]  # it lies among them, on others
+
+
+def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
+    """Of two worlds, in one of which balloons start a meter higher: not yet in it."""
+    short = load_scene("balloon_pit", {"frames": 3})
+    run_batch(short, tmp_path, 2, {"balloon.0.position.1": [0.13, 1.6]}, device="cpu", schedule="gather")
+    with np.load(tmp_path / "table.npz") as table:
+        counts = table["in_box"].reshape(4, 2)
+    low = (np.array([balloon.position for balloon in short.balloon])[:, 1] < 1.0 - RADIUS).sum()
+    assert (counts == [[low, low - 1]] * 4).all()
+
+
+def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
+    """To a fiftieth of its radius, once its skin is not folded at the elbows where it is bent; a strand that came
+    through another would be out of the knot, which then would not stay."""
+    simulator = Simulator(load_scene("knot"), "cpu")
+    mesh, most = simulator.model.shapes[0].mesh, 0
+    for number in range(1, 171):
+        simulator.step()
+        if number in (90, 130, 170):
+            points = simulator.read_frame().points[0].astype(np.float64)
+            assert deepest_in_itself(points, mesh, 4.0 * CELL) < 0.02 * TUBE
+            most = max(most, int((simulator.state.holds.numpy()[0, :, 3] != 0.0).sum()))
+    assert most > 30
+    points = simulator.read_frame().points[0]
+    assert np.ptp(points[:, 0]) > 1.5 * np.ptp(mesh.points[:, 0])  # pulled out
+    middle = points[np.abs(points[:, 0] - points[:, 0].mean()) < 0.2]
+    assert np.ptp(middle[:, 1]) > 4.0 * TUBE  # three strands of the knot on each other
+
+
+def test_a_balloon_slips_through_the_slot():
+    """It is below the plate, then above it, and never in it; narrow as the hole is on the way, and round again."""
+    model, frames = played("letter_slot")
+    plate = model.obstacles[0]
+    assert plate.mesh
+    distance, thick = MeshDistance(plate.mesh.points, plate.triangles, thickness=0.0), np.ptp(plate.mesh.points[:, 1])
+    seen = []
+    for frame in frames[::10]:
+        pose = frame.obstacle_poses[0]
+        seen.append(Rotation.from_quat(pose[3:]).inv().apply(frame.points[0].astype(np.float64) - pose[:3]))
+        assert distance(seen[-1]).min() > -ROUNDING
+    assert seen[0][:, 1].max() < 0.0
+    assert seen[-1][:, 1].min() > thick
+    widths = [np.ptp(frame.points[0][:, 0]) for frame in frames]
+    assert max(widths) > 1.15 * 0.28  # the hole
+    inside = [points[(points[:, 1] > 0.1 * thick) & (points[:, 1] < 0.9 * thick)] for points in seen]
+    assert max(np.abs(points[:, [0, 2]]).max() for points in inside if len(points)) < 0.14 + ROUNDING
+    volumes = [signed_volume(shape_at(model, frame)) for frame in (frames[60], frames[-1])]
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.02)
