@@ -57,7 +57,7 @@ def test_letters_are_closed_and_have_their_holes(text: str, characteristic: int,
     assert mesh.points[:, 0].min() == pytest.approx(-mesh.points[:, 0].max(), abs=0.05 * EDGE)
 
 
-@pytest.mark.parametrize("text", "ABEGKMQRSWXgky&@358?")
+@pytest.mark.parametrize("text", "ABEGKMQRSWXgky&@358?*")
 def test_sheets_are_even_and_as_large_as_their_outline(text: str):
     """In a letter's own outline, whatever its corners; nothing is folded over."""
     for outline in outlines_of_text(text):
@@ -84,6 +84,16 @@ def test_straight_letters_are_nearly_of_squares():
     ends = mesh.points[mesh_edges(mesh).ends]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert lengths.max() < 1.3 * lengths.min()
+
+
+def test_a_sheet_that_leaves_out_a_part_is_no_good():
+    """Of a square of ten quads a side: a knob of 0.6% of the area, and edges 2.5 times as long as asked for."""
+    square = shapely.box(0.0, 0.0, 1.0, 1.0)
+    sheet = sheet_of(square, 0.1)
+    assert sheet
+    assert sheet.quality(square, 0.1) > 0.8
+    assert sheet.quality(square.union(shapely.box(1.0, 0.45, 1.06, 0.55)), 0.1) == -np.inf
+    assert sheet.quality(square, 0.04) == -np.inf
 
 
 def test_both_sheets_have_the_area_of_the_outline(tmp_path: Path):

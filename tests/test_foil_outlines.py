@@ -51,7 +51,7 @@ def test_crumbs_and_lines_are_left_out():
         ('<path d="M0 0h10v10h-10zM2 2v5h5v-5z"/>', 75.0),
         ('<path fill-rule="evenodd" d="M0 0h10v10h-10zM2 2h5v5h-5z"/>', 75.0),
         ('<g style="fill-rule:evenodd"><path d="M0 0h10v10h-10zM2 2h5v5h-5z"/></g>', 75.0),
-        ('<path d="M0 0L10 0L10 10L0 0"/><path d="M50 50L80 50L80 80"/>', 50.0),
+        ('<path d="M0 0L10 0L10 10L0 0"/><path d="M50 50L80 50L80 80L60 90"/>', 50.0),
         ('<g transform="scale(2)"><rect width="5" height="5" transform="rotate(30)"/></g>', 100.0),
         ('<rect width="5" height="5" fill="none" stroke="red"/>', 25.0),
     ],
