@@ -109,6 +109,14 @@ def test_options_that_cannot_be_get_one_sentence(options: dict, sentence: str, t
         ('<svg xmlns="http://www.w3.org/2000/svg"><rect width="1e999" height="1"/></svg>', ""),
         ('<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0L9 9 garbage"/></svg>', ""),
         ('<svg xmlns="http://www.w3.org/2000/svg"><rect width="no" height="1"/></svg>', ""),
+        (
+            '<svg xmlns="http://www.w3.org/2000/svg"><path d="C10 60 0 20 30 15z"/></svg>',
+            "is no SVG drawing, or a damaged one",
+        ),
+        (
+            '<svgs xmlns="http://www.w3.org/2000/svg"><path d="M0 0h9v9z"/></svgs>',
+            "is no SVG drawing, or a damaged one",
+        ),
         ("\0\1\2", "is no SVG drawing"),
     ],
 )

@@ -13,6 +13,17 @@ from balloon_warp.foil.outlines import enclosed, from_extra, united
 
 PARTS_OF_CURVE = 32
 """straight lines that a curve is divided into, between two of its points in the file"""
+DAMAGED = (
+    ParseError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    ArithmeticError,
+    RecursionError,
+    AssertionError,
+)
+"""what svgelements may stumble with over a file that is not as it expects"""
 
 
 def outlines_of_drawing(path: Path) -> list[Any]:
@@ -25,22 +36,25 @@ def outlines_of_drawing(path: Path) -> list[Any]:
     """
     svg = from_extra("svgelements")
     try:
-        drawing = svg.SVG.parse(str(path), reify=True)
+        shapes = [(list(_closed_loops(svg, shape)), shape.values.get("fill-rule")) for shape in _shapes(svg, path)]
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ParseError, ValueError, UnicodeError, ZeroDivisionError, ArithmeticError) as error:
-        raise InputError(f"{path}: is no SVG drawing: {error}") from None
-    outlines = []
-    for shape in drawing.elements():
-        if isinstance(shape, svg.Shape):
-            loops = list(_closed_loops(svg, shape))
-            if not all(np.isfinite(loop).all() for loop in loops):
-                raise InputError(f"{path}: has a place that is no finite number")
-            evenodd = shape.values.get("fill-rule") == "evenodd"
-            outlines += enclosed(loops, "evenodd" if evenodd else "nonzero")
+    except DAMAGED:
+        raise InputError(f"{path}: is no SVG drawing, or a damaged one") from None
+    if not all(np.isfinite(loop).all() for loops, _ in shapes for loop in loops):
+        raise InputError(f"{path}: has a place that is no finite number")
+    outlines = [
+        each for loops, rule in shapes for each in enclosed(loops, "evenodd" if rule == "evenodd" else "nonzero")
+    ]
     if not outlines:
         raise InputError(f"{path}: has no closed path that encloses anything; expected one (convert text to paths)")
     return united(outlines)
+
+
+def _shapes(svg: Any, path: Path) -> Iterator[Any]:
+    for element in svg.SVG.parse(str(path), reify=True).elements():
+        if isinstance(element, svg.Shape):
+            yield element
 
 
 def _closed_loops(svg: Any, shape: Any) -> Iterator[NDArray[np.float64]]:
