@@ -6,7 +6,7 @@ from math import cos, pi, sin
 from typing import Literal
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, load_scene
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,59 @@ class ReadingCase:
         return load_scene(self.scene_name, {"normals": self.normals, "frames": 1_000_000})
 
 
-AnyCase = Case | ExportCase | FirstFrameCase | ReadingCase | RealTimeCase
+@dataclass(frozen=True)
+class ContactCase:
+    """Balloons of a batch that may meet an obstacle, or each other, in turns with the same that can meet nothing: their
+    particle-substeps a second."""
+
+    name: str
+    schedule: str
+    worlds: int
+    meets: Literal["obstacle", "touch"]
+    near: bool
+    """they lie on the obstacle, or are packed; otherwise far away"""
+    cells: int = 9
+    substeps: int = 32
+    quick: bool = False
+
+    @property
+    def particles(self) -> int:
+        """in one world"""
+        return (1 if self.meets == "obstacle" else EIGHT) * (6 * self.cells**2 + 2)
+
+    def scene(self) -> Scene:
+        """One balloon above a box, or eight."""
+        return _lying(self) if self.meets == "obstacle" else _packed(self)
+
+    def without(self) -> Scene:
+        """The same balloons with nothing to meet."""
+        return self.scene().model_copy(update={"obstacle": [], "touch": None})
+
+
+EIGHT = 8
+
+
+def _lying(case: ContactCase) -> Scene:
+    box = Obstacle(size=(3.0, 1.0, 3.0), position=(0.0, -0.5 if case.near else -50.0, 0.0))
+    one = _pressed(case.cells, (0.0, 0.5, 0.0))
+    return Scene(balloon=[one], obstacle=[box], substeps=case.substeps)
+
+
+def _packed(case: ContactCase) -> Scene:
+    """In two layers of four; packed, each pair is pressed together by a twentieth of its width all the time."""
+    apart = 0.95 if case.near else 2.0
+    places = [(apart * x, apart * y, apart * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    held = [balloon.model_copy(update={"fixed": [0]}) for balloon in (_pressed(case.cells, place) for place in places)]
+    return Scene(balloon=held, touch=Touch(), substeps=case.substeps, gravity=0.0)
+
+
+def _pressed(cells: int, place: tuple[float, float, float]) -> Balloon:
+    balloon = Case("", "auto", 1, cells).scene().balloon[0]
+    inflation = Inflation(kind="pressure", pressure=20.0)
+    return balloon.model_copy(update={"position": place, "inflation": inflation})
+
+
+AnyCase = Case | ContactCase | ExportCase | FirstFrameCase | ReadingCase | RealTimeCase
 
 
 def balloons(worlds: int) -> str:
@@ -153,6 +205,15 @@ def beside(base: Case, **changed: Sequence[int]) -> Iterator[Case]:
             yield replace(case, name=f"{base.name}, but {label}")
 
 
+def contact_cases(schedule: str, worlds: int, worlds_of_eight: int) -> Iterator[ContactCase]:
+    """One balloon and a box, and eight balloons."""
+    for near, where in ((False, "far from"), (True, "on")):
+        yield ContactCase(f"{worlds:,} balloons {where} a box", schedule, worlds, "obstacle", near)
+    for near, how in ((False, "far apart"), (True, "packed")):
+        name = f"{worlds_of_eight:,} worlds of eight balloons that touch, {how}"
+        yield ContactCase(name, schedule, worlds_of_eight, "touch", near)
+
+
 GPU_CASES: list[AnyCase] = [
     GPU_BASE,
     Case("4,096 balloons, sphere and ground", "block", 4096, spheres=1, ground=True, quick=True),
@@ -172,6 +233,7 @@ GPU_CASES: list[AnyCase] = [
     *beside(GPU_BASE, worlds=(16, 256, 1024, 16384)),
     *beside(GPU_BASE, substeps=(8, 16, 64, 128)),
     *beside(GPU_BASE, spheres=(1, 2, 4, 8)),
+    *contact_cases("block", 4096, 1024),
     ReadingCase("frames of one world, read", 1024),
     ReadingCase("frames of one world, read, fresh normals", 1024, normals="fresh"),
     *COMMON_CASES,
@@ -193,6 +255,7 @@ CPU_CASES: list[AnyCase] = [
     *beside(CPU_BASE, worlds=(8, 16, 256)),
     *beside(CPU_BASE, substeps=(8, 16, 64, 128)),
     *beside(CPU_BASE, spheres=(1, 2, 4, 8)),
+    *contact_cases("lanes", 64, 8),
     ReadingCase("frames of one world, read", 64),
     RealTimeCase("one balloon [simulated s/s]", quick=True),
     *COMMON_CASES,

@@ -15,7 +15,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.kernels.schedules import block_resident
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
 from balloon_warp.quiet import quiet_warp
-from balloon_warp.schedules import block
+from balloon_warp.schedules import block_launch
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.tables import make_tables
@@ -78,7 +78,7 @@ def blind_schedule(model: Model, name: str) -> Schedule:
     """One whose kernels, of those that look themselves, do not."""
     with (
         patch.object(block_resident, "look_at_particle", look_away),
-        patch.object(block, "resident_kernel", block_resident.resident_kernel.__wrapped__),
+        patch.object(block_launch, "resident_kernel", block_resident.resident_kernel.__wrapped__),
     ):
         schedule = make_schedule(model, name)
         schedule.advance_frame(initial_state(model))  # now is when they are made

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.benchmarks.bound import bound
-from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case
+from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, ContactCase
 from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.benchmarks.newton_peer import NewtonPeer
 from balloon_warp.benchmarks.result import Result
@@ -15,7 +15,7 @@ from balloon_warp.model import Model, build_model
 from balloon_warp.schedules import make_schedule
 
 
-def measure_rate(case: Case, device: wp.Device) -> Result:
+def measure_rate(case: Case | ContactCase, device: wp.Device) -> Result:
     """A case's rate, in turns with its peer's where it has one; Newton only where that is installed."""
     schedule = _schedule(case, device)
     peer_name, peers = _peers(case, schedule.model)
@@ -38,7 +38,7 @@ def measure_rate(case: Case, device: wp.Device) -> Result:
     )
 
 
-def _schedule(case: Case, device: wp.Device) -> Any:
+def _schedule(case: Case | ContactCase, device: wp.Device) -> Any:
     return make_schedule(build_model(case.scene(), device, case.worlds), case.schedule)
 
 
@@ -47,8 +47,11 @@ def _work(model: Model) -> int:
     return model.world_count * model.particle_count * model.substeps
 
 
-def _peers(case: Case, model: Model) -> tuple[str, list[Any]]:
+def _peers(case: Case | ContactCase, model: Model) -> tuple[str, list[Any]]:
     """What the case is measured in turns with, one or nothing, and its name."""
+    if isinstance(case, ContactCase):
+        free = build_model(case.without(), model.device, case.worlds)
+        return "nothing to meet", [make_schedule(free, case.schedule)]
     if case.peer == "base":
         base = GPU_BASE if model.device.is_cuda else CPU_BASE
         return base.name, [_schedule(base, model.device)]

@@ -4,7 +4,16 @@ from collections.abc import Iterator
 
 import warp as wp
 
-from balloon_warp.benchmarks.cases import CPU_CASES, GPU_CASES, AnyCase, Case, ExportCase, FirstFrameCase, ReadingCase
+from balloon_warp.benchmarks.cases import (
+    CPU_CASES,
+    GPU_CASES,
+    AnyCase,
+    Case,
+    ContactCase,
+    ExportCase,
+    FirstFrameCase,
+    ReadingCase,
+)
 from balloon_warp.benchmarks.export import measure_export
 from balloon_warp.benchmarks.first_frame import measure_first_frame
 from balloon_warp.benchmarks.rate import measure_rate
@@ -23,7 +32,7 @@ def run_cases(device: wp.Device, quick: bool = False) -> Iterator[Result]:
 def run_case(case: AnyCase, device: wp.Device) -> Result:
     """Measure a case, and its peer in the same run."""
     match case:
-        case Case():
+        case Case() | ContactCase():
             return measure_rate(case, device)
         case ExportCase():
             return measure_export(case, device)

@@ -148,7 +148,7 @@ def _add_membranes(t: Any, model: Model, items: Items, array: Any) -> None:
     if not items.layout.worlds:
         octets, ends = -(-np.array(counts) // LANES), np.cumsum(counts)
         begins = LANES * (np.cumsum(octets) - octets)
-        places = np.repeat(begins - ends + counts, counts) + np.arange(len(corners))
+        places = np.repeat(begins - ends + counts, counts).astype(np.int64) + np.arange(len(corners))
         filled_corners, filled_rests = np.zeros((LANES * octets.sum(), 3)), np.zeros((LANES * octets.sum(), 4))
         filled_corners[places], filled_rests[places] = corners, rests
         corners, rests = filled_corners.reshape(-1, LANES, 3), filled_rests.reshape(-1, LANES, 4).swapaxes(1, 2)
