@@ -161,7 +161,7 @@ def _lying(case: ContactCase) -> Scene:
 
 def _packed(case: ContactCase) -> Scene:
     """In two layers of four; packed, each pair is pressed together by a twentieth of its width all the time."""
-    apart = 0.95 if case.near else 2.0
+    apart = 0.95 if case.near else 4.0
     places = [(apart * x, apart * y, apart * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
     held = [balloon.model_copy(update={"fixed": [0]}) for balloon in (_pressed(case.cells, place) for place in places)]
     return Scene(balloon=held, touch=Touch(), substeps=case.substeps, gravity=0.0)
