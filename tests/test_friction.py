@@ -30,7 +30,8 @@ def test_of_what_lands_each_loses_by_its_own(surface: str, schedule: str, device
     simulator.step()
     velocities = motion(simulator)[1].reshape(3, 8, 3)[:, cube().points[:, 1] == 0.0]
     left = np.broadcast_to(np.array([0.6, 0.3, 0.8])[:, None], (3, 4))
-    np.testing.assert_allclose(velocities[:, :, 0], left, atol=1e-6)  # rounding of 1 m/s
+    # rounding of 1 m/s, and of springs at rest: a GPU's fast roots leave them some 1e-7 too short
+    np.testing.assert_allclose(velocities[:, :, 0], left, atol=1e-6 if device == "cpu" else 1e-5)
 
 
 @pytest.mark.parametrize(

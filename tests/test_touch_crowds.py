@@ -106,6 +106,7 @@ def test_a_batch_tells_it_of_all_worlds(spread, device, tmp_path):
     told: list[str] = []
     alone: list[str] = []
     where: dict[str, Any] = {"cluster": Cluster(workers=2)} if spread else {"device": device}
-    animate(scene, tmp_path / "one.usdc", device="cpu" if spread else device, on_warning=alone.append)
+    own = "cpu" if spread else device
+    animate(scene, tmp_path / "one.usdc", device=own, schedule="gather", on_warning=alone.append)
     run_batch(scene, tmp_path, 16, schedule="gather", on_warning=told.append, **where)
     assert count(told) == 16 * count(alone)
