@@ -98,7 +98,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     On a GPU, a block a world, if it fits in one: where each particle has a thread; where there are enough worlds to
     give each multiprocessor one, or with spheres a quarter of them; with gas or corrections, when a substep would be
     many launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with
-    sooner if it has few particles. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
+    sooner if it has few particles. Where balloons touch, only where there are enough worlds. On the CPU, eight worlds
+    side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if only_launched(model):
@@ -118,5 +119,6 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     some_launches = model.sphere_count > 0 or model_traits(model).aims_on_the_way
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
     few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
-    pays = few_particles or enough_worlds or many_launches
+    # a block that looks for who touches whom has few threads for it, where launches have a thread a particle
+    pays = enough_worlds or (not model.scene.touches and (few_particles or many_launches))
     return "block" if pays else "gather"
