@@ -12,7 +12,20 @@ from balloon_warp.model import bounds, build_model, initial_state, plan_model, w
 from balloon_warp.model.memory import Allocating, Counting
 from balloon_warp.model.parameters import places_of, value_of
 from balloon_warp.model.rows import ROWS, rows_of
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, String, Touch, Tube, Water
+from balloon_warp.scene import (
+    Balloon,
+    Body,
+    Ground,
+    Inflation,
+    Material,
+    Obstacle,
+    Scene,
+    Sphere,
+    String,
+    Touch,
+    Tube,
+    Water,
+)
 from balloon_warp.scene.overrides import override_scene
 
 GAS = Inflation(kind="gas")
@@ -25,6 +38,7 @@ def everything() -> Scene:
         string=[String(anchor=(0.0, -3.0, 0.0))],
         tube=[Tube(balloons=(0, 1), conductance=0.1)],
         obstacle=[Obstacle(position=(50.0, -20.0, 0.0))],
+        body=[Body(position=(60.0, 5.0, 0.0), mass=1.0)],
         ground=Ground(height=-5.0),
         water=Water(level=-4.0),
         touch=Touch(),

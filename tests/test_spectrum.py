@@ -54,7 +54,11 @@ def test_of_a_spring_between_two_masses_it_is_that_of_the_textbook():
     assert found == pytest.approx(6.0 * (1.0 + 1.0 / 3.0))
 
 
-@pytest.mark.parametrize("name", bundled_scenes())
+OF_SPRINGS = [name for name in bundled_scenes() if name != "latex_inflate"]
+"""rubber has a bound of its own, see test_membrane_step"""
+
+
+@pytest.mark.parametrize("name", OF_SPRINGS)
 def test_bundled_scenes_are_within_the_margin(name: str):
     """What Lanczos leaves out of the largest eigenvalue, on the networks that are there; by a hundred times as much
     work."""
@@ -84,7 +88,7 @@ def test_bundled_scenes_are_within_the_margin(name: str):
 def test_it_lets_bundled_scenes_take_a_fifth_to_a_third_more_than_gershgorins_bound():
     """2 / omega, omega^2 twice the largest sum of constants at a particle over its mass: what docs/PHYSICS.md says."""
     ratios = []
-    for name in bundled_scenes():
+    for name in (name for name in OF_SPRINGS if name != "balloon_pit"):  # whose stiff contacts set the step
         plan = plan_model(load_scene(name))
         network = Network(plan.shapes, plan.held, plan.laws)
         step = network.stable_step(plan.scene, plan.parameters)

@@ -210,7 +210,10 @@ def test_a_folded_balloon_touches_itself_if_it_is_to(itself, way, device):
         ({"thickness": -1.0}, "touch.thickness: must be greater than or equal to 0 (got -1.0)"),
         ({"stiffness": -1.0}, "touch.stiffness: must be greater than or equal to 0 (got -1.0)"),
         ({"friction": -0.1}, "touch.friction: must be greater than or equal to 0 (got -0.1)"),
-        ({"balloons": False}, "touch.balloons: must be true, or `itself` must (got neither); without [touch] nothing"),
+        (
+            {"balloons": False, "spheres": False},
+            "touch.balloons: must be true, or `itself` or `spheres` must (got none); without [touch] nothing touches",
+        ),
         ({"frictoin": 0.1}, "touch.frictoin: unknown field; did you mean friction?"),
     ],
 )

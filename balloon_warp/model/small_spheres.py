@@ -1,5 +1,7 @@
 """Spheres that are small beside faces."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from balloon_warp.model.acting import values_over_time
@@ -18,3 +20,12 @@ def small_spheres(model: Model) -> list[bool]:
     said = np.array([sphere.radius for sphere in scene.sphere])
     least = np.where(radii > 0.0, radii, said).min(axis=0)
     return [bool(radius < most) for radius in least]
+
+
+def without_small_spheres(model: Model) -> Model:
+    """The model to which small spheres may be added, and meet no faces; the same if it has some that do. They would
+    take all of it to a slower schedule, in which a replay would be from the start."""
+    touch = model.scene.touch
+    if touch is None or any(small_spheres(model)) or not (touch.balloons or touch.itself):
+        return model
+    return replace(model, scene=model.scene.model_copy(update={"touch": touch.model_copy(update={"spheres": False})}))

@@ -13,7 +13,7 @@ from balloon_warp.scene.nesting import table_in
 
 LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "change")
 """tables of which there may be several"""
-MOST_ASKED = 3
+MOST_ASKED = 4
 """fields that a question names"""
 
 

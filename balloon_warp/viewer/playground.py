@@ -14,6 +14,7 @@ from balloon_warp.model import lay_out, plan_model
 from balloon_warp.model.acting import acting_laws
 from balloon_warp.model.plan import ModelPlan
 from balloon_warp.model.pressure import with_settled_pressure
+from balloon_warp.model.small_spheres import without_small_spheres
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.overrides import override_scene
@@ -45,8 +46,9 @@ class Playground:
     def __init__(self, scene: Scene, device: str | None = None, laws: Sequence[Law] = ()):
         self._least_substeps = 1 if scene.substeps == "auto" else scene.substeps
         plan = plan_model(scene, laws=laws)
-        self._first_model = lay_out(plan, pick_device(device))
-        self.start = with_settled_pressure(scene, plan.parameters)  # so that it stays, whatever else is changed
+        self._first_model = without_small_spheres(lay_out(plan, pick_device(device)))
+        # settled, so that it stays, whatever else is changed
+        self.start = with_settled_pressure(self._first_model.scene, plan.parameters)
         self.keep_stable = True
         """whether every change takes as many substeps as it needs"""
         self.size = float(max(np.ptp(shape.mesh.points, axis=0).max() for shape in self._first_model.shapes))
