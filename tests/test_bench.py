@@ -161,9 +161,9 @@ def test_a_process_simulates_a_first_frame():
     assert int(particles) == 2494
 
 
-def test_a_process_without_a_frame_is_told():
+def test_a_process_without_a_frame_is_told(tmp_path: Path):
     with pytest.raises(subprocess.CalledProcessError):
-        first_frame._simulate(FirstFrameCase("", cold=False, scene="none"), wp.get_device("cpu"), "")
+        first_frame._simulate(FirstFrameCase("", cold=False, scene="none"), wp.get_device("cpu"), str(tmp_path))
 
 
 def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_many():
