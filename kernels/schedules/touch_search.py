@@ -99,7 +99,7 @@ def listing_function(traits: Traits) -> Any:
         own = t.particles.balloon[particle]
         count = wp.int32(0)
         hold = wp.abs(state.holds[world, particle][3])
-        deep = begins or hold > t.touch.slack[own]
+        deep = begins or hold != 0.0
         if working.near_balloons[world, own] == 1:
             for other in range(working.balloon_boxes.shape[1]):
                 if wp.static(traits.touches_itself) or other != own:
