@@ -62,8 +62,8 @@ def heap(count: int, fineness: int, softness: float) -> Scene:
     ("count", "fineness", "softness"), [(1, 12, 0.1), (2, 8, 1.0), (6, 4, 0.1)], ids=["one", "two", "six"]
 )
 def test_what_crumples_is_no_faster_than_it_falls(count, fineness, softness, way, device):
-    """But for a fifth, by which a skin may whip. What is lost does not come back, beside the little with which parts
-    are pushed apart that crumpled into each other."""
+    """But for a fifth, by which a skin may whip. What is lost does not come back, beside the little by which explicit
+    steps swing: two thousandths."""
     simulator = Simulator(heap(count, fineness, softness), device, schedule=way)
     weights = 9.81 * masses(simulator)
     fall = np.sqrt(2.0 * 9.81 * motion(simulator)[0][:, 1].max())
@@ -78,7 +78,7 @@ def test_what_crumples_is_no_faster_than_it_falls(count, fineness, softness, way
         fastest.append(float(np.linalg.norm(motion(simulator)[1], axis=1).max()))
     assert touching(simulator) > 20
     assert max(fastest) < 1.2 * fall
-    assert np.max(energies - np.minimum.accumulate(energies)) < 0.03 * energies[0]
+    assert np.max(energies - np.minimum.accumulate(energies)) < 0.005 * energies[0]
 
 
 def test_what_has_no_place_in_a_list_is_told(device, tmp_path):

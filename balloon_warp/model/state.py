@@ -55,6 +55,9 @@ class State:
     """of particles where balloons touch: how far they have slipped from where they took hold of another surface [m],
     and how much of their overlap with it pushes [m], negative if they are behind it, 0 if they touch none;
     shape (world_count, particle_count), vec4, or (world_count, 0) where balloons do not touch"""
+    deep: wp.array
+    """1 of particles that may be deep in another balloon, where nothing is near them: at the start that is not known of
+    any; of that shape, int8"""
     body_positions: wp.array
     """centers of mass [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -83,6 +86,7 @@ def new_state(model: Model, room: Room) -> State:
     """A state of zeros, taken of a room."""
     worlds = model.world_count
     particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
+    touching = (worlds, model.particle_count if model.scene.touches else 0)
     balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
     return State(
         frame=room.array(1, wp.int32),
@@ -98,7 +102,8 @@ def new_state(model: Model, room: Room) -> State:
         gas_amounts=room.array(balloons, wp.float64),
         free_volumes=room.array(balloons, wp.float64),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
-        holds=room.array((worlds, model.particle_count if model.scene.touches else 0), wp.vec4),
+        holds=room.array(touching, wp.vec4),
+        deep=room.array(touching, wp.int8),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),
@@ -130,6 +135,7 @@ def initial_state(model: Model) -> State:
     ):
         row = parameters[name].numpy()
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
+    state.deep.fill_(1)
     if model.bodies:
         _place_bodies(model, state)
     state.first_bad.fill_(HEALTHY)

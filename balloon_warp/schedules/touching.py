@@ -52,7 +52,7 @@ class TouchPieces:
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = world_state(state), points, velocities, working
         wp.launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
-        wp.launch(find_kernel(self._traits), inputs=[t, particles, int(substep == 0), *moving], **place)
+        wp.launch(find_kernel(self._traits), inputs=[t, particles, *moving], **place)
         if substep == 0:  # what came before is not known where a run begins with a saved state
             working.contact_quanta.zero_()
             self._press(state, points, velocities, only_counts=True)

@@ -102,7 +102,7 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
             for place in range(seat.thread, memory.contacts.list_lengths[seat.world, LOOKING], wp.block_dim()):
                 list_triangles(
                     t, state, memory.contacts, seat.world, memory.contacts.particle_lists[seat.world, LOOKING, place],
-                    state.points[seat.world], velocities, seat.substep == 0,
+                    state.points[seat.world], velocities,
                 )  # fmt: skip
             block_barrier()
 

@@ -201,14 +201,15 @@ def finding_functions(traits: Traits) -> Any:
         other: wp.int32,
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
-        deep: bool,
+        may_be_deep: bool,
         count: wp.int32,
     ):
         """How many there are in the list then.
 
         Args:
-            deep: whether the particle may be deep in the other balloon, where nothing is near it.
+            may_be_deep: whether the particle may be deep in the other balloon since the start.
         """
+        hold = state.holds[world, particle][3]
         point = points[particle]
         velocity = velocities[particle]
         pad = pad_between(t, world, own, other)
@@ -224,7 +225,8 @@ def finding_functions(traits: Traits) -> Any:
             swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, SPEED][0])
             within = pad + swept
             found = nearest_of(t, working, world, particle, own, other, points, within, 0, count)
-            if found.nearest < 0 and one_sided and deep and t.touch.depth[other] > within:
+            is_deep = may_be_deep or wp.abs(hold) > t.touch.slack[own]
+            if found.nearest < 0 and one_sided and is_deep and t.touch.depth[other] > within:
                 deeper = nearest_of(t, working, world, particle, own, other, points, t.touch.depth[other], 0, count)
                 found = deeper
             if found.nearest >= 0:
@@ -232,10 +234,11 @@ def finding_functions(traits: Traits) -> Any:
                 side = float(1.0)
                 deepest = t.touch.depth[other]
                 if not one_sided:
-                    kept = state.holds[world, particle][3]
-                    side = wp.where(kept < 0.0 or (kept == 0.0 and place.gap < 0.0), -1.0, 1.0)
+                    side = wp.where(hold < 0.0 or (hold == 0.0 and place.gap < 0.0), -1.0, 1.0)
                     deepest = thickness_between(t, world, own, other)
                 comes = t.touch.seconds * relative_speed(t, velocities, found.nearest, velocity)
+                if one_sided and may_be_deep and place.gap < 0.0:
+                    state.deep[world, particle] = wp.int8(1)  # until it is out
                 if side * place.gap < pad + comes and side * place.gap > -deepest:
                     beside = wp.sqrt(place.squared) + pad + 2.0 * comes
                     behind = wp.where(side < 0.0, 1, 0)

@@ -88,26 +88,24 @@ def listing_function(traits: Traits) -> Any:
         particle: wp.int32,
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
-        begins: bool,
     ):
         """Of all balloons that it may touch.
 
-        Args:
-            begins: whether it is a frame's first search: all particles are then looked for in the depth of others, too,
-                where they may have started.
+        A particle is looked for in the depth of others, too, where it may have started or was pressed so far in; not
+        wherever it has come behind a surface, as in what crumples, which there is nothing to come out of.
         """
         own = t.particles.balloon[particle]
         count = wp.int32(0)
-        hold = wp.abs(state.holds[world, particle][3])
-        deep = begins or hold != 0.0
+        may_be_deep = state.deep[world, particle] == wp.int8(1)
+        state.deep[world, particle] = wp.int8(0)
         if working.near_balloons[world, own] == 1:
             for other in range(working.balloon_boxes.shape[1]):
                 if wp.static(traits.touches_itself) or other != own:
                     count = find_of_balloon(
-                        t, state, working, world, particle, own, other, points, velocities, deep, count
+                        t, state, working, world, particle, own, other, points, velocities, may_be_deep, count
                     )
         working.candidate_counts[world, particle] = count
-        if count > 0 or hold != 0.0:
+        if count > 0 or state.holds[world, particle][3] != 0.0:
             put_on_list(working, world, TOUCHING, particle)
 
     return list_triangles
@@ -149,9 +147,9 @@ def find_kernel(traits: Traits) -> Any:
         # model
         t: Tables,
         threads: wp.int32,
-        begins: wp.int32,
-        # state in
+        # state in and out
         state: WorldState,
+        # state in
         points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
         # out
@@ -161,6 +159,6 @@ def find_kernel(traits: Traits) -> Any:
         world, thread = wp.tid()
         for place in range(thread, working.list_lengths[world, LOOKING], threads):
             particle = working.particle_lists[world, LOOKING, place]
-            list_triangles(t, state, working, world, particle, points[world], velocities[world], begins == 1)
+            list_triangles(t, state, working, world, particle, points[world], velocities[world])
 
     return find_near_triangles
