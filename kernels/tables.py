@@ -96,9 +96,9 @@ class HingeTable:
 class MembraneTable:
     """The triangles of membranes, each once, and from each of their corners; empty where all balloons are springs.
 
-    What a triangle is at rest are four numbers: a, b and c of the inverse [[a, b], [0, c]] of the edges d1 and d2 from
-    its first corner [1/m], in a frame along d1, and its area [m^2] times its part of what covers the face, times its
-    thickness over that of its balloon.
+    What a triangle is at rest are four numbers: components 11, 12 and 22 of the inverse of the products of its edges d1
+    and d2 from its first corner [1/m^2], and its area [m^2] times its part of what covers the face, times its thickness
+    over that of its balloon.
     """
 
     corners: wp.array[wp.vec3i]

@@ -14,6 +14,7 @@ from balloon_warp.kernels.schedules.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
+from balloon_warp.schedules.membranes import membrane_quads
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import other_corners
 
@@ -141,22 +142,23 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
 
 
 def _add_membranes(t: Any, model: Model, items: Items, array: Any) -> None:
-    """Triangles, or eight of one balloon; what fills up has no area."""
-    corners = items.places[np.asarray(model.membrane_corners.numpy(), dtype=np.int64)]
-    rests = model.membrane_rests.numpy()
-    counts = [shape.membrane.count for shape in model.shapes]
-    if not items.layout.worlds:
-        octets, ends = -(-np.array(counts) // LANES), np.cumsum(counts)
+    """Quads and triangles, or eight alike of one balloon; what fills up has no area."""
+    quads, layout = membrane_quads(model), items.layout
+    corners, rests, triangles, balloons = items.places[quads.corners], quads.rests, quads.triangles, quads.balloons
+    if not layout.worlds:
+        alike, counts = np.unique(np.stack([balloons, -triangles]), axis=1, return_counts=True)
+        octets, ends = -(-counts // LANES), np.cumsum(counts)
         begins = LANES * (np.cumsum(octets) - octets)
         places = np.repeat(begins - ends + counts, counts).astype(np.int64) + np.arange(len(corners))
-        filled_corners, filled_rests = np.zeros((LANES * octets.sum(), 3)), np.zeros((LANES * octets.sum(), 4))
+        filled_corners, filled_rests = (np.zeros((LANES * int(octets.sum()), *a.shape[1:])) for a in (corners, rests))
         filled_corners[places], filled_rests[places] = corners, rests
-        corners, rests = filled_corners.reshape(-1, LANES, 3), filled_rests.reshape(-1, LANES, 4).swapaxes(1, 2)
-        counts = octets
-    t.triangle_offsets = array(np.append(0, np.cumsum(counts)), wp.int32)
-    for number, name in enumerate(("triangle_firsts", "triangle_seconds", "triangle_thirds")):
-        setattr(t, name, array(corners[..., number], items.layout.index))
-    t.triangle_rests = array(rests, items.layout.four)
+        corners = filled_corners.reshape(-1, LANES, 4).swapaxes(1, 2)
+        rests = filled_rests.reshape(-1, LANES, 4, 4).transpose(0, 2, 3, 1)
+        balloons, triangles = np.repeat(alike[0], octets), np.repeat(-alike[1], octets)
+    t.quad_offsets = array(np.searchsorted(balloons, np.arange(model.balloon_count + 1)), wp.int32)
+    t.quads = array(corners.reshape(-1, *corners.shape[2:]), layout.index)
+    t.quad_rests = array(rests.reshape(-1, *rests.shape[2:]), layout.four)
+    t.quad_triangles = array(triangles, wp.int32)
 
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:

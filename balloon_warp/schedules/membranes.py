@@ -1,5 +1,6 @@
 """The tables of membranes."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,6 +67,46 @@ def corner_triangles(model: Model) -> CornerTriangles:
     rests = np.concatenate([each.rests for each in turned])
     order = np.argsort(corners[:, 0], kind="stable")
     return CornerTriangles(corners[order, 0], corners[order, 1:], rests[order])
+
+
+class MembraneQuads(NamedTuple):
+    """The triangles of membranes by fours, those of a quad, and by ones: of each balloon first those, then these."""
+
+    corners: NDArray[np.int64]
+    """of a triangle the first, the second, the first again, and the third; shape (n, 4)"""
+    rests: NDArray[np.float64]
+    """of the triangle at each corner, from there to the next and the last, see `MembraneTable`; of a triangle alone at
+    its first, shape (n, 4, 4)"""
+    triangles: NDArray[np.int64]
+    """4 or 1, shape (n,)"""
+    balloons: NDArray[np.int64]
+    """shape (n,)"""
+
+
+def membrane_quads(model: Model) -> MembraneQuads:
+    """Of all balloons."""
+    corners, rests, triangles, balloons, begin = [], [], [], [], 0
+    numbers = np.asarray(model.membrane_corners.numpy(), dtype=np.int64).reshape(-1, 3)
+    for balloon, membrane in enumerate(shape.membrane for shape in model.shapes):
+        here = replace(membrane, corners=numbers[begin : begin + membrane.count])
+        rows = here.quad_rows
+        alone = here.part(np.setdiff1d(np.arange(here.count), rows.ravel()))
+        # (a, b, d), (a, b, c), (b, c, d) and (a, c, d), each turned until it begins with the corner it lies at
+        at_corners = [here.part(rows[:, row]).turned(turns) for row, turns in ((1, 0), (0, 1), (3, 1), (2, 2))]
+        corners += [np.stack([each.corners[:, 0] for each in at_corners], axis=1), alone.corners[:, [0, 1, 0, 2]]]
+        rests += [np.stack([each.rests for each in at_corners], axis=1), _at_first(alone.rests)]
+        triangles += [4] * len(rows) + [1] * alone.count
+        balloons += [balloon] * (len(rows) + alone.count)
+        begin += membrane.count
+    whole_numbers = (np.array(each, dtype=np.int64) for each in (triangles, balloons))
+    return MembraneQuads(np.concatenate(corners), np.concatenate(rests), *whole_numbers)
+
+
+def _at_first(rests: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of triangles alone, shape (n, 4, 4)."""
+    padded = np.zeros((len(rests), 4, 4))
+    padded[:, 0] = rests
+    return padded
 
 
 def _array(model: Model, values: Any, dtype: Any) -> wp.array:

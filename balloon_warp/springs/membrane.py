@@ -38,21 +38,41 @@ class Membrane:
 
     @property
     def rests(self) -> NDArray[np.float64]:
-        """a, b and c of the inverse [[a, b], [0, c]] of the two edges in a frame along the first [1/m], and the area
-        [m^2], shape (T, 4)"""
+        """components 11, 12 and 22 of the inverse of the products of the two edges [1/m^2], and the area [m^2], shape
+        (T, 4)"""
         first, second = self.edges[:, 0], self.edges[:, 1]
-        length = np.linalg.norm(first, axis=1)
-        along = (first * second).sum(axis=1) / length
-        height = np.linalg.norm(np.cross(first, second), axis=1) / length
-        return np.stack([1.0 / length, -along / (length * height), 1.0 / height, self.areas], axis=1)
+        squares, product = ((first**2).sum(axis=1), (second**2).sum(axis=1)), (first * second).sum(axis=1)
+        determinant = (np.cross(first, second) ** 2).sum(axis=1)
+        return np.stack(
+            [squares[1] / determinant, -product / determinant, squares[0] / determinant, self.areas], axis=1
+        )
+
+    def part(self, rows: NDArray[np.integer]) -> "Membrane":
+        """Some of the triangles."""
+        return Membrane(self.corners[rows], self.areas[rows], self.edges[rows])
+
+    @property
+    def quad_rows(self) -> NDArray[np.int64]:
+        """The rows of the triangles of those quads that have all four, (a, b, c), (a, b, d), (a, c, d) and (b, c, d):
+        shape (Q, 4)."""
+        first, second, third, fourth = (self.corners[k : self.count - 3 + k] for k in range(4))
+        a, b, c, d = first[:, 0], first[:, 1], first[:, 2], second[:, 2]
+        matches = np.ones(len(first), dtype=bool)
+        for triangle, corners in ((second, (a, b, d)), (third, (a, c, d)), (fourth, (b, c, d))):
+            matches &= (triangle == np.stack(corners, axis=1)).all(axis=1)
+        begins: list[int] = []
+        for row in np.flatnonzero(matches).tolist():  # those of polygons may overlap
+            if not begins or row >= begins[-1] + 4:
+                begins.append(row)
+        return np.array(begins, dtype=np.int64).reshape(-1, 1) + np.arange(4)
 
     @property
     def laplacian(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Pairs of particles, shape (3 T, 2), and the half cotangents between them, each times the part of the
         triangle, shape (3 T,): the squared gradient of what is linear in each triangle, over its area, is the sum of
         the squared differences times these."""
-        a, b, c, area = self.rests.T
-        between = np.stack([a * a + b * b + b * c, c * c + b * c, -b * c], axis=1) * area[:, None]
+        g11, g12, g22, area = self.rests.T
+        between = np.stack([g11 + g12, g22 + g12, -g12], axis=1) * area[:, None]
         pairs = self.corners[:, [[0, 1], [0, 2], [1, 2]]]
         return pairs.reshape(-1, 2), between.ravel()
 
@@ -60,11 +80,12 @@ class Membrane:
         """The larger principal stretch of each triangle where its corners are at these points, shape (T,)."""
         places = np.asarray(points, dtype=np.float64)[self.corners]
         edges = places[:, 1:] - places[:, :1]
-        a, b, c, _ = self.rests.T
-        first, second = edges[:, 0] * a[:, None], edges[:, 0] * b[:, None] + edges[:, 1] * c[:, None]
-        half = 0.5 * ((first**2).sum(axis=1) - (second**2).sum(axis=1))
-        mean = 0.5 * ((first**2).sum(axis=1) + (second**2).sum(axis=1))
-        return np.sqrt(mean + np.hypot(half, (first * second).sum(axis=1)))
+        g11, g12, g22, _ = self.rests.T
+        m11, m12, m22 = (np.einsum("ij,ij->i", edges[:, k], edges[:, m]) for k, m in ((0, 0), (0, 1), (1, 1)))
+        first, second = g11 * m11 + g12 * m12, g12 * m12 + g22 * m22
+        across = (g11 * m12 + g12 * m22) * (g12 * m11 + g22 * m12)
+        spread = np.sqrt(np.maximum((first - second) ** 2 + 4.0 * across, 0.0))
+        return np.sqrt(0.5 * (first + second + spread))
 
     def lumps(self, count: int) -> NDArray[np.float64]:
         """The area that falls to each of so many particles [m^2]."""

@@ -1,6 +1,8 @@
-"""What a membrane's law becomes where it wrinkles, see `laws.membrane`, and the damping of its material."""
+"""What a membrane's law becomes where it wrinkles, see `laws.membrane`, and the damping of its material.
 
-from typing import Any
+What is measured of a triangle are the products of its edges, the metric M; at rest its inverse is G. Stresses are those
+of Piola and Kirchhoff (the second), along the edges: none needs a frame of the triangle's own.
+"""
 
 import warp as wp
 
@@ -11,11 +13,31 @@ LEAST_DET = wp.constant(0.01)
 
 
 @wp.func
-def invariants_of(c: wp.vec3):
-    """Trace, determinant, and by how much the larger squared stretch a exceeds the smaller b, of C's components 11, 12
-    and 22."""
-    half = 0.5 * (c[0] - c[2])
-    return c[0] + c[2], c[0] * c[2] - c[1] * c[1], 2.0 * wp.sqrt(half * half + c[1] * c[1])
+def mixed_stretch(metric: wp.vec3, rest: wp.vec4):
+    """G M, row by row: its trace, determinant and eigenvalues are those of C.
+
+    Args:
+        metric: of M, the products d1 . d1, d1 . d2 and d2 . d2 of a triangle's edges.
+        rest: of G, the inverse of M at rest, its components 11, 12 and 22.
+    """
+    return wp.vec4(
+        rest[0] * metric[0] + rest[1] * metric[1],
+        rest[0] * metric[1] + rest[1] * metric[2],
+        rest[1] * metric[0] + rest[2] * metric[1],
+        rest[1] * metric[1] + rest[2] * metric[2],
+    )
+
+
+@wp.func
+def invariants_of(mixed: wp.vec4):
+    """Trace, determinant, and by how much the larger squared stretch a exceeds the smaller b, of G M."""
+    apart = mixed[0] - mixed[3]
+    across = mixed[1] * mixed[2]
+    return (
+        mixed[0] + mixed[3],
+        mixed[0] * mixed[3] - across,
+        wp.sqrt(wp.max(apart * apart + 4.0 * across, 0.0)),
+    )
 
 
 @wp.func
@@ -26,6 +48,15 @@ def is_taut(det: float, stretch: float, wrinkling: float):
         stretch: sqrt(a), at least 1.
     """
     return det >= stretch or wrinkling == 0.0
+
+
+@wp.func
+def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
+    """If it is not negative, there are tensions both ways, told without a root: (a b)^2 is more than a + b. What has no
+    size at rest never is."""
+    mixed = mixed_stretch(metric, rest)
+    det = mixed[0] * mixed[3] - mixed[1] * mixed[2]
+    return det * det - (mixed[0] + mixed[3] + NEVER_ZERO)
 
 
 @wp.func
@@ -48,17 +79,32 @@ def relaxed(by_trace: float, by_det: float, major: float, spread: float, across:
 
 
 @wp.func
-def viscous_stress(
-    c: wp.vec3, rate: wp.vec3, det: float, major: float, spread: float, taut: bool, wrinkling: float, viscosity: float
+def compliance_of(rest: wp.vec4, metric: wp.vec3):
+    """det G times the adjugate of M: det C times the inverse of M, components 11, 12 and 22."""
+    double_area = rest[0] * rest[2] - rest[1] * rest[1]
+    return double_area * wp.vec3(metric[2], -metric[1], metric[0])
+
+
+@wp.func
+def viscous_tension(
+    mixed: wp.vec4,
+    rate: wp.vec3,
+    rest: wp.vec4,
+    inverse: wp.vec3,
+    major: float,
+    spread: float,
+    taut: bool,
+    wrinkling: float,
+    viscosity: float,
 ):
-    """The second Piola-Kirchhoff stress of an incompressible Newtonian fluid in the same place [Pa], which is added to
-    the elastic one (Kelvin and Voigt): Cauchy's is 2 eta (d + tr d 1), and 3 eta along the tension in wrinkles.
+    """The stress of an incompressible Newtonian fluid in the same place, along the edges, which is added to the elastic
+    one (Kelvin and Voigt) [Pa/m^2]: Cauchy's is 2 eta (d + tr d 1), and 3 eta along the tension in wrinkles.
 
     Args:
-        c: components 11, 12 and 22 of C.
-        rate: of their change [1/s].
+        mixed: see `mixed_stretch`.
+        rate: of the change of M [m^2/s].
+        inverse: of M.
     """
-    inverse = wp.vec3(c[2], -c[1], c[0]) / wp.max(det, LEAST_DET)
     double_trace = inverse[0] * rate[0] + 2.0 * inverse[1] * rate[1] + inverse[2] * rate[2]
     left_11 = inverse[0] * rate[0] + inverse[1] * rate[1]
     left_12 = inverse[0] * rate[1] + inverse[1] * rate[2]
@@ -70,7 +116,11 @@ def viscous_stress(
         left_21 * inverse[1] + left_22 * inverse[2],
     )
     minor = major - spread
-    along = wp.vec3(c[0] - minor, c[1], c[2] - minor) / wp.max(spread, NEVER_ZERO)  # n n^T
+    along = wp.vec3(  # of the larger stretch: (G M - b) G / (a - b)
+        (mixed[0] - minor) * rest[0] + mixed[1] * rest[1],
+        (mixed[0] - minor) * rest[1] + mixed[1] * rest[2],
+        mixed[2] * rest[1] + (mixed[3] - minor) * rest[2],
+    ) / wp.max(spread, NEVER_ZERO)
     stretching = along[0] * rate[0] + 2.0 * along[1] * rate[1] + along[2] * rate[2]
     in_wrinkles = (1.5 * stretching / wp.max(major * major, 1.0)) * along
     slack = wrinkling != 0.0 and major <= 1.0
@@ -79,35 +129,6 @@ def viscous_stress(
 
 
 @wp.func
-def stress_of(c: wp.vec3, by_trace: float, by_det: float):
-    """The second Piola-Kirchhoff stress 2 (dW/dtr 1 + dW/ddet adj C) [Pa], components 11, 12 and 22."""
-    return wp.vec3(2.0 * (by_trace + by_det * c[2]), -2.0 * by_det * c[1], 2.0 * (by_trace + by_det * c[0]))
-
-
-@wp.func
-def pulled_back(metric: Any, rest: wp.vec4):
-    """C, or its rate, of a triangle, from the products of its edges d1 and d2, or their rates.
-
-    Args:
-        metric: d1 . d1, d1 . d2 and d2 . d2.
-        rest: a, b and c of the inverse [[a, b], [0, c]] of the edges at rest, in a frame along the first.
-    """
-    across = rest[1] * metric[0] + rest[2] * metric[1]
-    return wp.vec3(
-        rest[0] * rest[0] * metric[0],
-        rest[0] * across,
-        rest[1] * across + rest[2] * (rest[1] * metric[1] + rest[2] * metric[2]),
-    )
-
-
-@wp.func
-def pushed_forward(stress: wp.vec3, rest: wp.vec4):
-    """From a stress to its components along the edges: the reverse of `pulled_back`."""
-    a = rest[0]
-    b = rest[1]
-    c = rest[2]
-    return wp.vec3(
-        a * (a * stress[0] + 2.0 * b * stress[1]) + b * b * stress[2],
-        c * (a * stress[1] + b * stress[2]),
-        c * c * stress[2],
-    )
+def elastic_tension(rest: wp.vec4, compliance: wp.vec3, by_trace: float, by_det: float):
+    """The stress 2 (dW/dtr G + dW/ddet det C M^-1) along the edges [Pa/m^2], components 11, 12 and 22."""
+    return 2.0 * (by_trace * wp.vec3(rest[0], rest[1], rest[2]) + by_det * compliance)

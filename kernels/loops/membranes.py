@@ -13,13 +13,13 @@ from balloon_warp.kernels.algebra import number_in
 from balloon_warp.kernels.compose import choice_of_laws
 from balloon_warp.kernels.laws.tension_field import (
     LEAST_DET,
+    compliance_of,
+    elastic_tension,
     invariants_of,
     is_taut,
-    pulled_back,
-    pushed_forward,
+    mixed_stretch,
     relaxed,
-    stress_of,
-    viscous_stress,
+    viscous_tension,
 )
 from balloon_warp.kernels.memory import four_floats_at, int_pair_at
 from balloon_warp.kernels.tables import SLICE, MembraneTable, first_entry
@@ -44,8 +44,8 @@ def tension_function(traits: Traits) -> Any:
             lane: of the numbers, where they are of eight lanes.
         """
         wrinkles = number_in(n, wrinkling, lane)
-        c = pulled_back(metric, rest)
-        trace, area_squared, spread = invariants_of(c)
+        mixed = mixed_stretch(metric, rest)
+        trace, area_squared, spread = invariants_of(mixed)
         det = wp.max(area_squared, LEAST_DET)
         major = 0.5 * (trace + spread)
         stretched = wp.max(major, 1.0)
@@ -59,14 +59,33 @@ def tension_function(traits: Traits) -> Any:
             material, n, lane,
         )  # fmt: skip
         by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
-        stress = stress_of(c, by_trace, by_det)
+        compliance = compliance_of(rest, metric)
+        stress = elastic_tension(rest, compliance, by_trace, by_det)
         if wp.static(traits.viscous):
-            stress += viscous_stress(
-                c, pulled_back(rate, rest), det, major, spread, taut, wrinkles, number_in(n, damping, lane)
+            stress += viscous_tension(
+                mixed, rate, rest, compliance / det, major, spread, taut, wrinkles, number_in(n, damping, lane)
             )
-        return (rest[3] * number_in(n, thickness, lane)) * pushed_forward(stress, rest)
+        return (rest[3] * number_in(n, thickness, lane)) * stress
 
     return tension
+
+
+@cache
+def taut_tension_function(traits: Traits) -> Any:
+    """The function that gives them of a triangle that is surely taut, sooner; see `is_surely_taut`. It has no damping
+    of its own."""
+    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
+    thickness = traits.columns.places["thickness"]
+
+    @wp.func
+    def taut_tension(metric: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any, lane: wp.int32):
+        """T11, T12 and T22 [N/m]."""
+        trace, det, spread = invariants_of(mixed_stretch(metric, rest))
+        by_trace, by_det = slopes_of_law(trace, det, spread, material, n, lane)
+        stress = elastic_tension(rest, compliance_of(rest, metric), by_trace, by_det)
+        return (rest[3] * number_in(n, thickness, lane)) * stress
+
+    return taut_tension
 
 
 @cache

@@ -7,7 +7,7 @@ thread a world adds up their parts, and the balloons.
 import warp as wp
 
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
-from balloon_warp.kernels.laws.tension_field import invariants_of, pulled_back
+from balloon_warp.kernels.laws.tension_field import invariants_of, mixed_stretch
 from balloon_warp.kernels.schedules.frame import keyframed_value
 
 
@@ -82,7 +82,7 @@ def sum_balloons(
         d1 = points[world, p[1]] - points[world, p[0]]
         d2 = points[world, p[2]] - points[world, p[0]]
         metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
-        trace, _det, spread = invariants_of(pulled_back(metric, membrane_rests[triangle]))
+        trace, _det, spread = invariants_of(mixed_stretch(metric, membrane_rests[triangle]))
         part.stretch = wp.max(part.stretch, wp.sqrt(0.5 * (trace + spread)))
     for particle in range(balloon_particles[balloon] + thread, balloon_particles[balloon + 1], threads):
         particle_mass = particle_mass_share[particle] * mass[world % mass.shape[0], balloon]

@@ -1,13 +1,23 @@
-"""Membranes in lanes: triangle by triangle, in eight worlds or eight at a time, the forces on corners add up in memory,
-which one thread alone has, and wait there for the particles."""
+"""Membranes in lanes: quad by quad and triangle by triangle, in eight worlds or eight at a time, the forces on corners
+add up in memory, which one thread alone has, and wait there for the particles."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, LaneNumbers, Lanes, Lanes3, dot_product, of_lane, scaled
-from balloon_warp.kernels.loops.membranes import material_reader, tension_function
+from balloon_warp.kernels.algebra import (
+    LANE_COUNT,
+    LaneNumbers,
+    Lanes,
+    Lanes3,
+    any_negative,
+    dot_product,
+    of_lane,
+    scaled,
+)
+from balloon_warp.kernels.laws.tension_field import how_surely_taut
+from balloon_warp.kernels.loops.membranes import material_reader, taut_tension_function, tension_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, near
 from balloon_warp.kernels.traits import Traits
@@ -37,57 +47,158 @@ def add_at(vectors: wp.array[wp.vec4], numbers: LaneNumbers, more: Lanes3):  # n
 def stretch_function(traits: Traits, layout: Layout) -> Any:
     """The function that adds up the forces of all membranes of a group of worlds, or of a world."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
-    tension = tension_function(traits)
+    tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of = material_reader(traits)
     viscous, Vector = traits.viscous, layout.vector  # noqa: N806 - a type
 
     @wp.func
-    def stretch_one(
-        t: LaneTables, entry: wp.int32, material: wp.int32, n: Any, points: Any, velocities: Any, forces: Any
+    def are_surely_taut(t: LaneTables, entry: wp.int32, d11: Any, d12: Any):
+        """Whether all triangles of a quad are, in all lanes, so that they need no more than `pull_taut`."""
+        surely = bool(True)
+        for corner in range(t.quad_triangles[entry]):
+            e11 = d11[corner]
+            e12 = d12[corner]
+            e22 = d11[(corner + 3) % 4]
+            rests = t.quad_rests[4 * entry + corner]
+            excess = Lanes()
+            for lane in range(LANE_COUNT):
+                excess[lane] = how_surely_taut(wp.vec3(e11[lane], e12[lane], e22[lane]), of_lane(rests, lane))
+            surely = surely and not any_negative(excess)
+        return surely
+
+    @wp.func
+    def pull_taut(
+        t: LaneTables,
+        entry: wp.int32,
+        material: wp.int32,
+        n: Any,
+        d11: Any,
+        d12: Any,
+        along: Any,
+        mixed: Any,
+        back: Any,
     ):
-        """A triangle."""
-        first = t.triangle_firsts[entry]
-        second = t.triangle_seconds[entry]
-        third = t.triangle_thirds[entry]
-        point = near(points, first)
-        d1 = near(points, second) - point
-        d2 = near(points, third) - point
-        d11 = dot_product(d1, d1)
-        d12 = dot_product(d1, d2)
-        d22 = dot_product(d2, d2)
-        r11, r12, r22 = Lanes(), Lanes(), Lanes()
+        """The tensions of a quad's triangles, from the products of its edges."""
+        for corner in range(t.quad_triangles[entry]):
+            e11 = d11[corner]
+            e12 = d12[corner]
+            e22 = d11[(corner + 3) % 4]
+            rests = t.quad_rests[4 * entry + corner]
+            t11, t12, t22 = Lanes(), Lanes(), Lanes()
+            for lane in range(LANE_COUNT):
+                pulls = taut_tension(wp.vec3(e11[lane], e12[lane], e22[lane]), of_lane(rests, lane), material, n, lane)
+                t11[lane] = pulls[0]
+                t12[lane] = pulls[1]
+                t22[lane] = pulls[2]
+            along[corner] = t11
+            mixed[corner] = t12
+            back[(corner + 3) % 4] = t22
+
+    @wp.func
+    def pull(
+        t: LaneTables, entry: wp.int32, material: wp.int32, n: Any, d11: Any, d12: Any, r11: Any, r12: Any,
+        along: Any, mixed: Any, back: Any,
+    ):  # fmt: skip
+        """The same however they are, with how the products change."""
+        for corner in range(t.quad_triangles[entry]):
+            e11 = d11[corner]
+            e12 = d12[corner]
+            e22 = d11[(corner + 3) % 4]
+            f11 = r11[corner]
+            f12 = r12[corner]
+            f22 = r11[(corner + 3) % 4]
+            rests = t.quad_rests[4 * entry + corner]
+            t11, t12, t22 = Lanes(), Lanes(), Lanes()
+            for lane in range(LANE_COUNT):
+                pulls = tension(
+                    wp.vec3(e11[lane], e12[lane], e22[lane]), wp.vec3(f11[lane], f12[lane], f22[lane]),
+                    of_lane(rests, lane), material, n, lane,
+                )  # fmt: skip
+                t11[lane] = pulls[0]
+                t12[lane] = pulls[1]
+                t22[lane] = pulls[2]
+            along[corner] = t11
+            mixed[corner] = t12
+            back[(corner + 3) % 4] = t22
+
+    @wp.func
+    def stretch_quad(
+        t: LaneTables,
+        entry: wp.int32,
+        material: wp.int32,
+        n: Any,
+        points: Any,
+        velocities: Any,
+        forces: Any,
+    ):
+        """One, or eight: the triangles at its corners share its edges, and what passes along these."""
+        first = t.quads[4 * entry]
+        second = t.quads[4 * entry + 1]
+        third = t.quads[4 * entry + 2]
+        fourth = t.quads[4 * entry + 3]
+        a = near(points, first)
+        b = near(points, second)
+        c = near(points, third)
+        d = near(points, fourth)
+        ab = b - a
+        bc = c - b
+        cd = d - c
+        da = a - d
+        d11 = wp.zeros(shape=(4,), dtype=Lanes)
+        d12 = wp.zeros(shape=(4,), dtype=Lanes)
+        d11[0] = dot_product(ab, ab)
+        d11[1] = dot_product(bc, bc)
+        d11[2] = dot_product(cd, cd)
+        d11[3] = dot_product(da, da)
+        d12[0] = -dot_product(ab, da)
+        d12[1] = -dot_product(bc, ab)
+        d12[2] = -dot_product(cd, bc)
+        d12[3] = -dot_product(da, cd)
+        r11 = wp.zeros(shape=(4,), dtype=Lanes)
+        r12 = wp.zeros(shape=(4,), dtype=Lanes)
         if wp.static(viscous):
-            velocity = near(velocities, first)
-            v1 = near(velocities, second) - velocity
-            v2 = near(velocities, third) - velocity
-            r11 = 2.0 * dot_product(d1, v1)
-            r12 = dot_product(d1, v2) + dot_product(v1, d2)
-            r22 = 2.0 * dot_product(d2, v2)
-        t11, t12, t22 = Lanes(), Lanes(), Lanes()
-        rests = t.triangle_rests[entry]
-        for lane in range(LANE_COUNT):
-            pulls = tension(
-                wp.vec3(d11[lane], d12[lane], d22[lane]), wp.vec3(r11[lane], r12[lane], r22[lane]),
-                of_lane(rests, lane), material, n, lane,
-            )  # fmt: skip
-            t11[lane] = pulls[0]
-            t12[lane] = pulls[1]
-            t22[lane] = pulls[2]
-        on_second = scaled(d1, -t11) + scaled(d2, -t12)
-        on_third = scaled(d1, -t12) + scaled(d2, -t22)
-        add_at(forces, first, -(on_second + on_third))
-        add_at(forces, second, on_second)
-        add_at(forces, third, on_third)
+            va = near(velocities, first)
+            vb = near(velocities, second)
+            vc = near(velocities, third)
+            vd = near(velocities, fourth)
+            r11[0] = 2.0 * dot_product(ab, vb - va)
+            r11[1] = 2.0 * dot_product(bc, vc - vb)
+            r11[2] = 2.0 * dot_product(cd, vd - vc)
+            r11[3] = 2.0 * dot_product(da, va - vd)
+            r12[0] = -(dot_product(ab, va - vd) + dot_product(da, vb - va))
+            r12[1] = -(dot_product(bc, vb - va) + dot_product(ab, vc - vb))
+            r12[2] = -(dot_product(cd, vc - vb) + dot_product(bc, vd - vc))
+            r12[3] = -(dot_product(da, vd - vc) + dot_product(cd, va - vd))
+        along = wp.zeros(shape=(4,), dtype=Lanes)
+        mixed = wp.zeros(shape=(4,), dtype=Lanes)
+        back = wp.zeros(shape=(4,), dtype=Lanes)
+        if wp.static(viscous):
+            pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
+        else:
+            if are_surely_taut(t, entry, d11, d12):
+                pull_taut(t, entry, material, n, d11, d12, along, mixed, back)
+            else:
+                pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
+        # what the ends of each edge do to each other
+        by_ab = scaled(ab, along[0] + back[0]) - scaled(da, mixed[0]) - scaled(bc, mixed[1])
+        by_bc = scaled(bc, along[1] + back[1]) - scaled(ab, mixed[1]) - scaled(cd, mixed[2])
+        by_cd = scaled(cd, along[2] + back[2]) - scaled(bc, mixed[2]) - scaled(da, mixed[3])
+        by_da = scaled(da, along[3] + back[3]) - scaled(cd, mixed[3]) - scaled(ab, mixed[0])
+        add_at(forces, first, by_ab - by_da)
+        add_at(forces, second, by_bc - by_ab)
+        add_at(forces, third, by_cd - by_bc)
+        add_at(forces, fourth, by_da - by_cd)
 
     @wp.func
     def stretch(t: LaneTables, lanes: LaneState, group: wp.int32, points: Any):
         forces = t.membrane_forces[group]
+        velocities = lanes.shown_velocities[group]
         for item in range(forces.shape[0]):
             forces[item] = Vector()
         for balloon in range(t.all.inflation_kind.shape[0]):
             material = material_of(t.all.membranes, balloon)
             n = lanes.numbers[group, balloon]
-            for entry in range(t.triangle_offsets[balloon], t.triangle_offsets[balloon + 1]):
-                stretch_one(t, entry, material, n, points, lanes.shown_velocities[group], forces)
+            for entry in range(t.quad_offsets[balloon], t.quad_offsets[balloon + 1]):
+                stretch_quad(t, entry, material, n, points, velocities, forces)
 
     return stretch

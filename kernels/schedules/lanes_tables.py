@@ -71,14 +71,14 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         spring_scales: wp.array[Number]
         """a spring's constant over that of its kind; empty if all are 1"""
         spring_lengths: wp.array[Number]
-        triangle_offsets: wp.array[wp.int32]
+        quad_offsets: wp.array[wp.int32]
         """where those of each balloon's membrane begin, or eight at a time, and after the last, where they end"""
-        triangle_firsts: wp.array[Index]
-        """their corners"""
-        triangle_seconds: wp.array[Index]
-        triangle_thirds: wp.array[Index]
-        triangle_rests: wp.array[Four]
-        """what they are at rest, see `kernels.tables.MembraneTable`"""
+        quads: wp.array[Index]
+        """their corners, four each; a triangle has its first again as the third"""
+        quad_triangles: wp.array[wp.int32]
+        """at how many of their corners they have a triangle: all, or the first alone"""
+        quad_rests: wp.array[Four]
+        """what the triangles at their corners are at rest, four each, see `kernels.tables.MembraneTable`"""
         fans: LaneFans
         faces: LaneFaces
         hinge_forces: wp.array2d[Vector]
