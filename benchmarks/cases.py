@@ -6,6 +6,7 @@ from math import cos, pi, sin
 from typing import Literal
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.benchmarks.rubber import RubberCase, rubber_cases
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
 
 
@@ -173,7 +174,7 @@ def _pressed(cells: int, place: tuple[float, float, float]) -> Balloon:
     return balloon.model_copy(update={"position": place, "inflation": inflation})
 
 
-AnyCase = Case | ContactCase | ExportCase | FirstFrameCase | ReadingCase | RealTimeCase
+AnyCase = Case | ContactCase | ExportCase | FirstFrameCase | ReadingCase | RealTimeCase | RubberCase
 
 
 def balloons(worlds: int) -> str:
@@ -234,6 +235,7 @@ GPU_CASES: list[AnyCase] = [
     *beside(GPU_BASE, substeps=(8, 16, 64, 128)),
     *beside(GPU_BASE, spheres=(1, 2, 4, 8)),
     *contact_cases("block", 4096, 1024),
+    *rubber_cases("block", 4096),
     ReadingCase("frames of one world, read", 1024),
     ReadingCase("frames of one world, read, fresh normals", 1024, normals="fresh"),
     *COMMON_CASES,
@@ -256,6 +258,7 @@ CPU_CASES: list[AnyCase] = [
     *beside(CPU_BASE, substeps=(8, 16, 64, 128)),
     *beside(CPU_BASE, spheres=(1, 2, 4, 8)),
     *contact_cases("lanes", 64, 8),
+    *rubber_cases("lanes", 64),
     ReadingCase("frames of one world, read", 64),
     RealTimeCase("one balloon [simulated s/s]", quick=True),
     *COMMON_CASES,

@@ -10,12 +10,13 @@ from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, ContactCase
 from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.benchmarks.newton_peer import NewtonPeer
 from balloon_warp.benchmarks.result import Result
+from balloon_warp.benchmarks.rubber import RubberCase
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.model import Model, build_model
 from balloon_warp.schedules import make_schedule
 
 
-def measure_rate(case: Case | ContactCase, device: wp.Device) -> Result:
+def measure_rate(case: Case | ContactCase | RubberCase, device: wp.Device) -> Result:
     """A case's rate, in turns with its peer's where it has one; Newton only where that is installed."""
     schedule = _schedule(case, device)
     peer_name, peers = _peers(case, schedule.model)
@@ -38,7 +39,7 @@ def measure_rate(case: Case | ContactCase, device: wp.Device) -> Result:
     )
 
 
-def _schedule(case: Case | ContactCase, device: wp.Device) -> Any:
+def _schedule(case: Case | ContactCase | RubberCase, device: wp.Device) -> Any:
     return make_schedule(build_model(case.scene(), device, case.worlds), case.schedule)
 
 
@@ -47,11 +48,12 @@ def _work(model: Model) -> int:
     return model.world_count * model.particle_count * model.substeps
 
 
-def _peers(case: Case | ContactCase, model: Model) -> tuple[str, list[Any]]:
+def _peers(case: Case | ContactCase | RubberCase, model: Model) -> tuple[str, list[Any]]:
     """What the case is measured in turns with, one or nothing, and its name."""
-    if isinstance(case, ContactCase):
-        free = build_model(case.without(), model.device, case.worlds)
-        return "nothing to meet", [make_schedule(free, case.schedule)]
+    if isinstance(case, (ContactCase, RubberCase)):
+        plain = build_model(case.without(), model.device, case.worlds)
+        name = "nothing to meet" if isinstance(case, ContactCase) else "springs"
+        return name, [make_schedule(plain, case.schedule)]
     if case.peer == "base":
         base = GPU_BASE if model.device.is_cuda else CPU_BASE
         return base.name, [_schedule(base, model.device)]

@@ -20,6 +20,7 @@ from balloon_warp.benchmarks.rate import measure_rate
 from balloon_warp.benchmarks.reading import measure_reading
 from balloon_warp.benchmarks.real_time import measure_real_time
 from balloon_warp.benchmarks.result import Result
+from balloon_warp.benchmarks.rubber import RubberCase
 
 
 def run_cases(device: wp.Device, quick: bool = False) -> Iterator[Result]:
@@ -32,7 +33,7 @@ def run_cases(device: wp.Device, quick: bool = False) -> Iterator[Result]:
 def run_case(case: AnyCase, device: wp.Device) -> Result:
     """Measure a case, and its peer in the same run."""
     match case:
-        case Case() | ContactCase():
+        case Case() | ContactCase() | RubberCase():
             return measure_rate(case, device)
         case ExportCase():
             return measure_export(case, device)

@@ -24,6 +24,7 @@ from balloon_warp.benchmarks.cases import (
 )
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.mesh.geometry import signed_volume
@@ -48,6 +49,19 @@ def test_the_cases_can_be_built(case):
     model = build_model(case.scene(), "cpu")
     assert model.particle_count == 6 * case.cells**2 + 2
     assert all(case.schedule in (*SCHEDULES, "auto") for case in SCHEDULE_CASES)
+
+
+@pytest.mark.parametrize("case", list(rubber_cases("octets", 1)), ids=lambda case: case.law)
+def test_rubber_of_the_cases_is_stretched(case):
+    """To half as large again as it is at rest, and so is what it is measured beside as heavy."""
+    simulator = Simulator(case.scene(), "cpu", schedule=case.schedule)
+    for _ in range(60):
+        simulator.step()
+    points = simulator.state.points.numpy()[0]
+    stretch = np.linalg.norm(points - points.mean(axis=0), axis=1).mean() / RADIUS
+    assert 1.4 < stretch < 1.7
+    masses = [build_model(scene, "cpu").parameters["mass"].numpy()[0, 0] for scene in (case.scene(), case.without())]
+    assert masses[0] == pytest.approx(masses[1], rel=0.05)  # rubbers have not quite the same density
 
 
 @pytest.mark.parametrize("spheres", [1, 8])
