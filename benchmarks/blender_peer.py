@@ -1,4 +1,4 @@
-"""Blender's cloth with pressure on the same balloon: its own implicit solver, at its default quality."""
+"""Blender's cloth with pressure on the same balloons: its own implicit solver, at its default quality."""
 
 import numpy as np
 
@@ -10,9 +10,11 @@ PRESSURE = 5.0
 
 
 class BlenderPeer:
-    """Advances one world's balloon by frames, like a schedule, without collisions. Spheres and ground are left out.
+    """Advances one world's balloons by frames, like a schedule, as one cloth, without collisions with anything else.
+    Spheres and ground are left out; where balloons touch it collides with itself.
 
-    Mesh, mass, gravity and frame rate are the model's. Its springs are Blender's: stiffness 15, as it comes.
+    Meshes, masses, fixed particles, gravity and frame rate are the model's. Its springs are Blender's: stiffness 15, as
+    it comes.
 
     Raises:
         MissingExtraError: bpy, Blender as a Python module, is not installed.
@@ -21,28 +23,31 @@ class BlenderPeer:
     name = "blender"
     capturable = False
 
-    def __init__(self, model: Model):
+    def __init__(self, model: Model, pressure: float = PRESSURE):
         try:
             import bpy
         except ImportError:
             raise MissingExtraError("the peer needs bpy, Blender as a Python module: pip install bpy") from None
         self.model = model
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        mesh = model.shapes[0].mesh
-        data = bpy.data.meshes.new(mesh.name)
-        faces = np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])
-        data.from_pydata(mesh.points.tolist(), [], [face.tolist() for face in faces])
-        self._balloon = bpy.data.objects.new(mesh.name, data)
+        data = bpy.data.meshes.new("balloons")
+        data.from_pydata(model.initial_points.numpy().tolist(), [], _faces(model))
+        self._balloon = bpy.data.objects.new("balloons", data)
         self._graph = bpy.context.evaluated_depsgraph_get
         self._scene = bpy.context.scene
         self._scene.collection.objects.link(self._balloon)
         self._scene.render.fps = round(1.0 / model.frame_seconds)
         self._scene.gravity = [-model.scene.gravity * component for component in model.scene.up]
         cloth = self._balloon.modifiers.new("cloth", "CLOTH")
-        cloth.settings.mass = model.scene.balloon[0].mass / mesh.vertex_count
+        cloth.settings.mass = sum(balloon.mass for balloon in model.scene.balloon) / model.particle_count
         cloth.settings.use_pressure = True
-        cloth.settings.uniform_pressure_force = PRESSURE
+        cloth.settings.uniform_pressure_force = pressure
+        fixed = np.flatnonzero(model.particle_mass_share.numpy() == 0.0).tolist()
+        if fixed:
+            self._balloon.vertex_groups.new(name="fixed").add(fixed, 1.0, "REPLACE")
+            cloth.settings.vertex_group_mass = "fixed"
         cloth.collision_settings.use_collision = False
+        cloth.collision_settings.use_self_collision = model.scene.touches
         cloth.point_cache.frame_end = 100_000
         self._scene.frame_set(1)
 
@@ -55,3 +60,12 @@ class BlenderPeer:
         """[m], shape (particle_count, 3)"""
         data = self._balloon.evaluated_get(self._graph()).data
         return np.array([vertex.co[:] for vertex in data.vertices])
+
+
+def _faces(model: Model) -> list[list[int]]:
+    """Of all balloons, by the particles of the world."""
+    faces = []
+    for shape, first in zip(model.shapes, model.particle_offsets[:-1], strict=True):
+        corners = np.asarray(shape.mesh.face_vertex_indices) + first
+        faces += [face.tolist() for face in np.split(corners, np.cumsum(shape.mesh.face_vertex_counts)[:-1])]
+    return faces

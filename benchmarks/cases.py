@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from math import cos, pi, sin
 from typing import Literal
 
+from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.benchmarks.rubber import RubberCase, rubber_cases
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
@@ -174,7 +175,7 @@ def _pressed(cells: int, place: tuple[float, float, float]) -> Balloon:
     return balloon.model_copy(update={"position": place, "inflation": inflation})
 
 
-AnyCase = Case | ContactCase | ExportCase | FirstFrameCase | ReadingCase | RealTimeCase | RubberCase
+AnyCase = Case | ContactCase | CrowdCase | ExportCase | FirstFrameCase | ReadingCase | RealTimeCase | RubberCase
 
 
 def balloons(worlds: int) -> str:
@@ -261,5 +262,7 @@ CPU_CASES: list[AnyCase] = [
     *rubber_cases("lanes", 64),
     ReadingCase("frames of one world, read", 64),
     RealTimeCase("one balloon [simulated s/s]", quick=True),
+    CrowdCase("eight balloons that touch [simulated s/s]", peer="newton", quick=True),
+    CrowdCase("eight balloons that touch [simulated s/s]", peer="blender", quick=True),
     *COMMON_CASES,
 ]

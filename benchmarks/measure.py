@@ -14,15 +14,19 @@ FRAMES = 10
 REPEATS = 5
 
 
-def seconds_a_frame(contenders: Sequence[Any], frames: int = FRAMES) -> list[float]:
+def seconds_a_frame(
+    contenders: Sequence[Any], frames: int = FRAMES, states: Sequence[State] | None = None
+) -> list[float]:
     """Of each contender the median over some repeats, after a warm-up; the contenders take turns, so that what else
     the machine does slows all of them.
 
     Args:
         contenders: schedules, or what has a model and advances its states like one.
         frames: that are timed together; each then has its part of some 30 us to launch the first and wait for the last.
+        states: that they advance; what each begins with when missing.
     """
-    advances = [prepared(contender, initial_state(contender.model)) for contender in contenders]
+    states = states or [initial_state(contender.model) for contender in contenders]
+    advances = [prepared(*each) for each in zip(contenders, states, strict=True)]
     devices = [contender.model.device for contender in contenders]
     times = [[_seconds(*each, frames) for each in zip(advances, devices, strict=True)] for _ in range(REPEATS + 1)]
     return [median(of_one[1:]) for of_one in zip(*times, strict=True)]

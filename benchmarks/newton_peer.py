@@ -110,8 +110,8 @@ def outer_force_kernel(traits: Traits) -> Any:
     return set_outer_forces
 
 
-def _newton_model(newton: Any, model: Model) -> Any:
-    """The balloons as Newton's particles and springs, without its gravity and without contacts between particles."""
+def add_balloons(builder: Any, model: Model) -> None:
+    """The balloons of a world as Newton's particles and springs."""
     balloon = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64)
     kind = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
@@ -119,15 +119,21 @@ def _newton_model(newton: Any, model: Model) -> Any:
     masses = (model.particle_mass_share.numpy() * np.asarray(model.parameters["mass"].numpy())[0, balloon]).tolist()
     constants = np.stack([model.parameters[row.name].numpy()[0] for row in KINDS], axis=1)
     by_kind = constants[balloon[pairs[:, 0]], kind]
-    one = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
-    one.add_particles(points, [(0.0, 0.0, 0.0)] * len(points), masses)
+    builder.add_particles(points, [(0.0, 0.0, 0.0)] * len(points), masses)
     for (p, q), stiffness in zip(pairs.tolist(), by_kind * model.spring_stiffness_scale.numpy(), strict=True):
-        one.add_spring(p, q, ke=float(stiffness), kd=0.0, control=0.0)
-    one.spring_rest_length = model.spring_rest_length.numpy().tolist()
+        builder.add_spring(p, q, ke=float(stiffness), kd=0.0, control=0.0)
+    builder.spring_rest_length = model.spring_rest_length.numpy().tolist()
+
+
+def _newton_model(newton: Any, model: Model) -> Any:
+    """The balloons without Newton's gravity and without contacts between particles."""
+    one = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    add_balloons(one, model)
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     builder.replicate(one, model.world_count)
     built = builder.finalize(device=model.device)
     built.particle_grid = None
+    mass = np.asarray(model.parameters["mass"].numpy())[0].sum()
     assert built.particle_count == model.world_count * model.particle_count
-    assert np.isclose(built.particle_mass.numpy().sum(), model.world_count * sum(masses), rtol=1e-3)
+    assert np.isclose(built.particle_mass.numpy().sum(), model.world_count * mass, rtol=1e-3)
     return built

@@ -20,6 +20,9 @@ class Result:
     ratio: float | None = None
     """rate over the peer's"""
     bound_fraction: float | None = None
+    overlap: float | None = None
+    """how deep the deepest particle was in another balloon at the end, over the radius; none where nothing touches"""
+    peer_overlap: float | None = None
 
     def as_json(self) -> dict:
         return asdict(self)

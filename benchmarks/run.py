@@ -14,6 +14,8 @@ from balloon_warp.benchmarks.cases import (
     FirstFrameCase,
     ReadingCase,
 )
+from balloon_warp.benchmarks.crowd import CrowdCase
+from balloon_warp.benchmarks.crowd_rate import measure_crowd
 from balloon_warp.benchmarks.export import measure_export
 from balloon_warp.benchmarks.first_frame import measure_first_frame
 from balloon_warp.benchmarks.rate import measure_rate
@@ -35,6 +37,8 @@ def run_case(case: AnyCase, device: wp.Device) -> Result:
     match case:
         case Case() | ContactCase() | RubberCase():
             return measure_rate(case, device)
+        case CrowdCase():
+            return measure_crowd(case, device)
         case ExportCase():
             return measure_export(case, device)
         case FirstFrameCase():

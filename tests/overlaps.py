@@ -1,27 +1,20 @@
-"""How deep particles are in other balloons, found on the host in another way than the simulation does."""
+"""How deep particles of a simulation are in other balloons, and in other parts of their own."""
 
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from balloon_warp.benchmarks.overlap import Points, deepest_overlap, distances, surface, winding
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.simulator import Simulator
-
-Points = NDArray[np.float64]
 
 
 def deepest(simulator: Simulator, world: int = 0) -> float:
     """How far the particle that is deepest in another balloon is from that one's surface [m]; 0 if none is in any."""
     points = simulator.state.points.numpy()[world].astype(np.float64)
-    shapes, offsets = simulator.model.shapes, simulator.model.particle_offsets
-    parts = [points[begin:end] for begin, end in pairwise(offsets)]
-    surfaces = [surface(replace(shape.mesh, points=part)) for shape, part in zip(shapes, parts, strict=True)]
-    lower, upper = (np.array([bound(part, axis=0) for part in parts]) for bound in (np.min, np.max))
-    near = ((lower[:, None] < upper[None]) & (lower[None] < upper[:, None])).all(axis=2)
-    pairs = np.argwhere(near & ~np.eye(len(parts), dtype=bool)).tolist()
-    return max((depth(parts[own], surfaces[other]) for own, other in pairs), default=0.0)
+    parts = [points[begin:end] for begin, end in pairwise(simulator.model.particle_offsets)]
+    return deepest_overlap(parts, [shape.mesh for shape in simulator.model.shapes])
 
 
 def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
@@ -40,50 +33,3 @@ def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
         for number in np.flatnonzero(inside)
     ]
     return max(depths, default=0.0)
-
-
-def surface(mesh: PolygonMesh) -> Points:
-    """Its faces as fans about their centers, shape (triangles, 3, 3)."""
-    triangles = []
-    for face in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]):
-        center = mesh.points[face].mean(axis=0)
-        triangles += [(mesh.points[a], mesh.points[b], center) for a, b in zip(np.roll(face, 1), face, strict=True)]
-    return np.array(triangles)
-
-
-def depth(points: Points, triangles: Points) -> float:
-    """Of the points that a closed surface winds around, how far the deepest is from it [m]."""
-    near = ((points > triangles.min(axis=(0, 1))) & (points < triangles.max(axis=(0, 1)))).all(axis=1)
-    inside = points[near][winding(points[near], triangles) > 0.5]
-    return max((float(distances(point, triangles).min()) for point in inside), default=0.0)
-
-
-def dot(u: Points, v: Points) -> Points:
-    """Of the last dimension."""
-    return (u * v).sum(axis=-1)
-
-
-def winding(points: Points, triangles: Points) -> Points:
-    """How often the surface winds around each point: solid angles over 4 pi (van Oosterom and Strackee 1983)."""
-    arms = triangles[None] - points[:, None, None]
-    a, b, c = arms[:, :, 0], arms[:, :, 1], arms[:, :, 2]
-    la, lb, lc = (np.linalg.norm(arm, axis=-1) for arm in (a, b, c))
-    volume = dot(a, np.cross(b, c))
-    below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
-    return np.arctan2(volume, below).sum(axis=1) / (2.0 * np.pi)
-
-
-def distances(point: Points, triangles: Points) -> Points:
-    """From a point to each triangle [m]: to its plane, where it is above the triangle, and to its edges."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    normal = np.cross(b - a, c - a)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    above = np.ones(len(triangles), dtype=bool)
-    nearest = np.full(len(triangles), np.inf)
-    for start, end in ((a, b), (b, c), (c, a)):
-        edge = end - start
-        part = ((point - start) * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300)
-        foot = start + np.clip(part, 0.0, 1.0)[:, None] * edge
-        nearest = np.minimum(nearest, np.linalg.norm(point - foot, axis=1))
-        above &= (np.cross(edge, point - start) * normal).sum(axis=1) >= 0.0
-    return np.where(above, np.abs(((point - a) * normal).sum(axis=1)), nearest)

@@ -114,7 +114,7 @@ def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPa
 def test_a_case_gives_the_promised_keys(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(measure, "FRAMES", 2)
     result = run_case(Case("two balloons", "lanes", 2, cells=2), wp.get_device("cpu")).as_json()
-    names = "case device schedule worlds particles rate peer peer_rate ratio bound_fraction"
+    names = "case device schedule worlds particles rate peer peer_rate ratio bound_fraction overlap peer_overlap"
     assert list(result) == names.split()
     said = {name: result[name] for name in names.split()[:5]}
     assert said == {"case": "two balloons", "device": "cpu", "schedule": "lanes", "worlds": 2, "particles": 26}

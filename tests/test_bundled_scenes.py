@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from overlaps import depth, surface
 from played import played, shape_at, stretches
 from wetness import displaced
 
 from balloon_warp import Frame, PolygonMesh, bundled_scenes
+from balloon_warp.benchmarks.overlap import depth, surface
 from balloon_warp.endings import bad_endings
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import signed_volume, total_area

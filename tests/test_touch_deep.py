@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conserved import motion
-from overlaps import deepest, surface, winding
+from overlaps import deepest
 from touching import RADIUS, SLACK, VACUUM, ball, centers, touching
 
+from balloon_warp.benchmarks.overlap import surface, winding
 from balloon_warp.scene import Inflation, Scene, Touch
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.simulator import Simulator

@@ -3,8 +3,8 @@
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from overlaps import distances
 
+from balloon_warp.benchmarks.overlap import distances
 from balloon_warp.kernels.laws.touch import touch_energy, touch_friction, touch_push
 from balloon_warp.kernels.loops.meeting import Place, Touching, faced, is_nearer, place_beside, touch
 

@@ -81,7 +81,18 @@ def bench(
 def _print_table(results: Sequence["Result"]) -> None:
     """A line for each case, as Markdown."""
     table = Table(box=box.MARKDOWN)
-    for header in ("case", "schedule", "worlds", "particles", "rate", "peer", "its rate", "ratio", "of the bound"):
+    for header in (
+        "case",
+        "schedule",
+        "worlds",
+        "particles",
+        "rate",
+        "peer",
+        "its rate",
+        "ratio",
+        "of the bound",
+        "overlap",
+    ):
         table.add_column(header, justify="left" if header in ("case", "schedule", "peer") else "right", no_wrap=True)
     for result in results:
         table.add_row(
@@ -94,6 +105,7 @@ def _print_table(results: Sequence["Result"]) -> None:
             f"{result.peer_rate:.3g}" if result.peer_rate else "-",
             f"{result.ratio:.3g}" if result.ratio else "-",
             f"{result.bound_fraction:.0%}" if result.bound_fraction else "-",
+            " / ".join(f"{each:.1%}" for each in (result.overlap, result.peer_overlap) if each is not None) or "-",
         )
     console = Console(highlight=False)
     (console if console.is_terminal else Console(highlight=False, width=FILE_WIDTH)).print(table)

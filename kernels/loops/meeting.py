@@ -8,6 +8,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.contact import friction_between, own_friction
 from balloon_warp.kernels.laws.touch import (
+    NEAR,
     across,
     facing,
     nearest_weights,
@@ -25,6 +26,10 @@ AS_NEAR = wp.constant(1.0e-5)
 """by which part two triangles are as near, at an edge that they share"""
 LITTLE = wp.constant(0.01)
 """of a weight, by which what is met may be beyond an edge"""
+SOON = wp.constant(2.0)
+"""substeps before which what will touch is counted"""
+CAREFUL = wp.constant(0.99)
+"""of a distance: more than rounding"""
 APART_RATE = wp.constant(10.0)
 """at which what overlaps from the start comes apart [1/s]"""
 
@@ -186,11 +191,26 @@ def reach_of(side: float, place: Place, corners: wp.mat33):
 
 
 @wp.func
+def is_clear(side: float, place: Place, thickness: float, seconds: float, velocity: wp.vec3, moving: wp.mat33):
+    """Whether a particle is so far in front of its nearest triangle that it does not touch, nor would `comes_at` find
+    that it does soon: which most are that are looked at, and what is cheaper to see than the rest.
+
+    Args:
+        seconds: within which it would.
+    """
+    distance = wp.sqrt(place.squared)
+    along_arm = place.squared > NEAR * NEAR * wp.length(place.area_vector)  # where the gap is the distance
+    in_front = side * wp.dot(place.arm, place.area_vector) > 0.0
+    relative = velocity - weighted(place.weights, moving[0], moving[1], moving[2])
+    return along_arm and in_front and CAREFUL * distance > thickness + seconds * wp.length(relative)
+
+
+@wp.func
 def comes_at(told: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
     """Whether a particle touches, or does so two substeps later if it goes on: until then it is counted."""
     relative = velocity - weighted(place.weights, moving[0], moving[1], moving[2])
     approach = -told.side * wp.dot(relative, place.normal)
-    return told.overlap + 2.0 * told.step_seconds * wp.max(approach, 0.0) > 0.0
+    return told.overlap + SOON * told.step_seconds * wp.max(approach, 0.0) > 0.0
 
 
 @wp.func

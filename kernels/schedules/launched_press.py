@@ -7,10 +7,13 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.meeting import (
+    SOON,
     Place,
     Touching,
     comes_at,
     corner_counts,
+    faced,
+    is_clear,
     is_nearer,
     pair_friction_function,
     skin_functions,
@@ -19,7 +22,7 @@ from balloon_warp.kernels.loops.meeting import (
 from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, set_quanta, total_newtons
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
-from balloon_warp.kernels.schedules.touch_lists import faced_triangle, triangle_beside
+from balloon_warp.kernels.schedules.touch_lists import triangle_beside
 from balloon_warp.kernels.schedules.touch_search import TOUCHING
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
@@ -123,9 +126,16 @@ def press_function(traits: Traits) -> Any:
         corners = t.touch.triangles[candidate // 2]
         own = t.particles.balloon[particle]
         other = t.particles.balloon[corners[0]]
+        kept = wp.vec4()
         told = Touching()
         told.side = 1.0 - 2.0 * float(candidate % 2)
         told.thickness = thickness_between(t, world, own, other)
+        told.step_seconds = t.step_seconds
+        moving = wp.matrix_from_rows(velocities[corners[0]], velocities[corners[1]], velocities[corners[2]])
+        if is_clear(told.side, place, told.thickness, SOON * t.step_seconds, velocities[particle], moving):
+            return kept
+        places = wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]])
+        place = faced(place, places[0], places[1], places[2])
         told.overlap = told.thickness - told.side * place.gap
         told.masses = wp.vec4(
             ease_of_moving(t, world, particle),
@@ -133,12 +143,8 @@ def press_function(traits: Traits) -> Any:
             ease_of_moving(t, world, corners[1]),
             ease_of_moving(t, world, corners[2]),
         )
-        told.step_seconds = t.step_seconds
-        places = wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]])
-        moving = wp.matrix_from_rows(velocities[corners[0]], velocities[corners[1]], velocities[corners[2]])
         if comes_at(told, place, velocities[particle], moving):
             add_contact(working.contact_quanta, world, particle, corners, corner_counts(told.side, place, places))
-        kept = wp.vec4()
         if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
             told.friction = pair_friction(t, world, own, other)
@@ -195,7 +201,6 @@ def pressing_function(traits: Traits) -> Any:
                         place = other
                         nearest = candidate
                     at += 1
-            place = faced_triangle(t, points, nearest // 2, place)
             first = after[3] == 0.0
             kept = press(t, working, world, particle, nearest, place, points, velocities, only_counts, first, hold)
             if first:
