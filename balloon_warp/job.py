@@ -8,12 +8,12 @@ from typing import Any
 
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
 from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
-from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.files import check_writable
+from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.background import Background
-from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
+from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.provenance import without_folders
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
 from balloon_warp.scene import Scene, SceneLike, scene_of
@@ -26,7 +26,7 @@ class Summary:
     """What was done, how much, and how fast."""
 
     output: str
-    """the stage that was written"""
+    """what was written: a stage, or what was made of it"""
     picture: str | None
     scene: str
     device: str
@@ -75,14 +75,14 @@ def animate(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
-    """Simulate a scene and write it.
+    """Simulate a scene and write it, as USD or as a file of another kind, which is made of a stage.
 
     What takes long is safe from a kill: now and then its frames and its state go into a folder beside the stage,
     `OUTPUT.partial`, which is removed once the stage is there. Ctrl-C, too, saves what there is.
 
     Args:
         scene: what to simulate: a scene, or what `load_scene` makes one of.
-        output: the stage to write; .usdc, .usda or .usd.
+        output: what to write: a stage, .usdc, .usda or .usd; or what `export_stage` makes of one, such as .glb.
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
         device: a Warp device; the GPU where there is one, when missing.
@@ -108,39 +108,45 @@ def animate(
     began = time.perf_counter()
     scene = scene_of(scene)
     check_policy(on_blowup)
-    _check_outputs(scene, Path(output), Path(picture) if picture else None)
-    simulator = _first_simulator(scene, device, schedule, laws, on_warning)
-    restarts = 0
-    if resume and on_blowup == "restart":
-        restarts = halvings_until(partial_path(Path(output)), simulator.model.substeps)
-    for _ in range(restarts):
-        scene = with_half_the_step(scene, simulator.model.substeps)
-        simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    while True:
-        substeps = simulator.model.substeps  # at the start: the scene may change them
-        try:
-            begin, blow_up = _write_stage(
-                simulator, output, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
-            )
-            break
-        except BlowUpError as failure:
-            if on_blowup != "restart":
-                raise
-            if restarts == MOST_HALVINGS:
-                raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
-            restarts, resume = restarts + 1, False
-            scene = with_half_the_step(scene, substeps)
-            on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
+    wanted = Wanted(Path(output), Path(picture) if picture else None)
+    wanted.check(scene)
+    with wanted:
+        simulator = _first_simulator(scene, device, schedule, laws, on_warning)
+        again = resume and on_blowup == "restart"
+        restarts = halvings_until(partial_path(wanted.output), simulator.model.substeps) if again else 0
+        for _ in range(restarts):
+            scene = with_half_the_step(scene, simulator.model.substeps)
             simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    if blow_up:
-        on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
-    seconds = time.perf_counter() - began
-    endings = [] if blow_up else _look_at_the_end(simulator, on_warning)
-    files = str(output), _rendered(Path(output), picture, device)
+        while True:
+            substeps = simulator.model.substeps  # at the start: the scene may change them
+            try:
+                begin, blow_up = _write(
+                    simulator, wanted, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
+                )
+                break
+            except BlowUpError as failure:
+                if on_blowup != "restart":
+                    raise
+                if restarts == MOST_HALVINGS:
+                    raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
+                restarts, resume = restarts + 1, False
+                scene = with_half_the_step(scene, substeps)
+                on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
+                simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+        seconds = time.perf_counter() - began
+        endings = _look_at_the_end(simulator, blow_up, on_warning)
+        wanted.draw(device)
+    files = str(output), str(picture) if picture else None
     return _summary(simulator, name, files, begin, restarts, blow_up, endings, seconds)
 
 
-def _look_at_the_end(simulator: Simulator, on_warning: Callable[[str], None]) -> list[BadEnding]:
+def _look_at_the_end(
+    simulator: Simulator, blow_up: BlowUpError | None, on_warning: Callable[[str], None]
+) -> list[BadEnding]:
+    """Tell what is odd about it."""
+    if blow_up:
+        on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
+        return []
     endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
     for sentence in ending_sentences(endings):
         on_warning(sentence)
@@ -157,23 +163,6 @@ def _first_simulator(
     for warning in simulator.model.warnings:
         on_warning(warning)
     return simulator
-
-
-def _rendered(stage: Path, picture: str | Path | None, device: str | None) -> str | None:
-    """The picture of the stage, where one is wanted.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C; the message says what there is.
-    """
-    if not picture:
-        return None
-    from balloon_warp.outputs.render import render_stage
-
-    try:
-        render_stage(stage, picture, device=device)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"{stage} is written, {picture} is not") from None
-    return str(picture)
 
 
 def _summary(
@@ -209,9 +198,9 @@ def _summary(
     )
 
 
-def _write_stage(
+def _write(
     simulator: Simulator,
-    output: str | Path,
+    wanted: Wanted,
     provenance: Mapping[str, Any],
     on_blowup: str,
     checkpoint_seconds: float,
@@ -219,12 +208,12 @@ def _write_stage(
     on_frame: Callable[[int], None],
     on_note: Callable[[str], None],
 ) -> tuple[int, BlowUpError | None]:
-    """Simulate all frames and write them: after which frame it began, and what ended them early, where that is to leave
-    a stage."""
+    """Simulate all frames, write them into a stage, and make of it what is wanted: after which frame it began, and what
+    ended them early, where that is to leave a stage."""
     blow_up, job = None, describe_run(simulator)
     said = {**provenance, **without_folders(job)}
-    with StageWriter(output, simulator.model, said) as stage, Interrupts() as interrupts:
-        checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds)
+    with StageWriter(wanted.stage, simulator.model, said) as stage, Interrupts() as interrupts:
+        checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds, wanted.output)
         begin = _begin(checkpoints, resume, on_note)
         on_frame(begin)
         try:
@@ -244,6 +233,7 @@ def _write_stage(
             if on_blowup != "freeze":
                 raise
             blow_up = failure
+    wanted.export(on_note)
     checkpoints.remove()
     return begin, blow_up
 
@@ -268,15 +258,3 @@ def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None
         return 0
     on_note(f"goes on after frame {leftover}, from {folder}")
     return checkpoints.simulator.frame_number
-
-
-def _check_outputs(scene: Scene, output: Path, picture: Path | None) -> None:
-    """Before any work: that both files can be written, and that neither is a mesh of the scene."""
-    check_writable(output, STAGE_SUFFIXES)
-    if picture:
-        from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
-
-        check_writable(picture, PICTURE_SUFFIXES)
-    for balloon in scene.balloon:
-        if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == output.resolve():
-            raise InputError(f"{output}: is the mesh of the scene; expected another name for the stage, with -o")

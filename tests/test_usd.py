@@ -272,7 +272,7 @@ def test_a_failed_run_leaves_the_good_file(tmp_path: Path):
     ("name", "complaint"),
     [
         ("missing/out.usdc", r"out\.usdc: the folder .*missing does not exist"),
-        ("out.obj", r"out\.obj: cannot write \.obj; expected \.usdc, \.usda, \.usd"),
+        ("out.fbx", r"out\.fbx: cannot write \.fbx; expected \.usdc, \.usda, \.usd"),
         ("out", r"out: cannot write a file without a suffix; expected"),
     ],
 )

@@ -1,6 +1,7 @@
 """`balloon-warp run`"""
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,7 +42,8 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="The USD stage: .usdc, .usda or .usd; SCENE.usdc if not given.",
+        help="The animation: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; or a file for each frame, "
+        "such as out.####.ply or .obj. SCENE.usdc if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -109,7 +111,7 @@ def run(
             loaded,
             stage,
             name=name,
-            picture=stage.with_suffix(".png") if picture else None,
+            picture=picture_beside(stage) if picture else None,
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,
@@ -124,6 +126,19 @@ def run(
         print(json.dumps(summary.as_json()))
     else:
         _print_summary(summary, loaded.frames_per_second)
+
+
+def _lasting(summary: "Summary", rate: float) -> str:
+    """How long it plays; what Blender has to be told of a stage's rate it knows of a .glb."""
+    kind = Path(summary.output).suffix.lower()
+    if kind in (".obj", ".ply"):
+        return f"{counted(summary.frames + 1, 'file')}, {rate:g} for a second"
+    return played(summary.frames, rate, hint=kind != ".glb")
+
+
+def picture_beside(output: Path) -> Path:
+    """Where the picture of an output goes, whose name may have #### for frames."""
+    return output.with_name(f"{re.sub('[.]?#+', '', output.stem, count=1) or 'picture'}.png")
 
 
 def _print_summary(summary: "Summary", rate: float) -> None:
@@ -141,6 +156,6 @@ def _print_summary(summary: "Summary", rate: float) -> None:
         f"{summary.wall_seconds:.1f} s {where}",
         markup=False,
     )
-    console.print(f"wrote {summary.output}: {played(summary.frames, rate)}", markup=False)
+    console.print(f"wrote {summary.output}: {_lasting(summary, rate)}", markup=False)
     if summary.picture:
         console.print(f"wrote {summary.picture}", markup=False)

@@ -69,6 +69,11 @@ class RenderStage:
         named = ours.get("pictureFrame") if isinstance(ours, dict) else None
         return min(named, self.last_frame) if isinstance(named, int) else self.last_frame
 
+    @property
+    def stage(self) -> Usd.Stage:
+        """what USD has opened"""
+        return self._stage
+
     def read_prims(self, frame: int) -> None:
         """Find what is drawn, as it is at a frame.
 
