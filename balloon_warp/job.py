@@ -64,6 +64,8 @@ def animate(
     *,
     name: str = "",
     picture: str | Path | None = None,
+    lights: bool = True,
+    ground: bool = True,
     device: str | None = None,
     schedule: str = "auto",
     on_blowup: str = "stop",
@@ -85,6 +87,7 @@ def animate(
         output: what to write: a stage, .usdc, .usda or .usd; or what `export_stage` makes of one, such as .glb.
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
+        lights, ground: whether the stage has lights and a camera, and the scene's ground.
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
@@ -106,14 +109,12 @@ def animate(
         In all cases the stage that was there stays.
     """
     began = time.perf_counter()
-    scene = scene_of(scene)
+    scene, image = scene_of(scene), Path(picture) if picture else None
     check_policy(on_blowup)
-    wanted = Wanted(Path(output), Path(picture) if picture else None)
-    wanted.check(scene)
-    with wanted:
+    with Wanted(Path(output), image, lights=lights, ground=ground).checked(scene) as wanted:
         simulator = _first_simulator(scene, device, schedule, laws, on_warning)
-        again = resume and on_blowup == "restart"
-        restarts = halvings_until(partial_path(wanted.output), simulator.model.substeps) if again else 0
+        folder, again = partial_path(wanted.output), resume and on_blowup == "restart"
+        restarts = halvings_until(folder, simulator.model.substeps) if again else 0
         for _ in range(restarts):
             scene = with_half_the_step(scene, simulator.model.substeps)
             simulator = Simulator(scene, device, schedule=schedule, laws=laws)
@@ -136,8 +137,7 @@ def animate(
         seconds = time.perf_counter() - began
         endings = _look_at_the_end(simulator, blow_up, on_warning)
         wanted.draw(device)
-    files = str(output), str(picture) if picture else None
-    return _summary(simulator, name, files, begin, restarts, blow_up, endings, seconds)
+    return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, seconds)
 
 
 def _look_at_the_end(
@@ -168,18 +168,18 @@ def _first_simulator(
 def _summary(
     simulator: Simulator,
     name: str,
-    files: tuple[str, str | None],
+    wanted: Wanted,
     begin: int,
     restarts: int,
     blow_up: BlowUpError | None,
     endings: list[BadEnding],
     seconds: float,
 ) -> Summary:
-    """What `animate` hands back; `files` are the stage and the picture."""
+    """What `animate` hands back."""
     model, frames = simulator.model, simulator.frame_number - bool(blow_up)
     return Summary(
-        output=files[0],
-        picture=files[1],
+        output=str(wanted.output),
+        picture=str(wanted.picture) if wanted.picture else None,
         scene=name,
         device=str(model.device),
         schedule=simulator.schedule.name,
@@ -210,20 +210,21 @@ def _write(
 ) -> tuple[int, BlowUpError | None]:
     """Simulate all frames, write them into a stage, and make of it what is wanted: after which frame it began, and what
     ended them early, where that is to leave a stage."""
-    blow_up, job = None, describe_run(simulator)
+    blow_up, job = None, describe_run(simulator) | wanted.left_out
     said = {**provenance, **without_folders(job)}
-    with StageWriter(wanted.stage, simulator.model, said) as stage, Interrupts() as interrupts:
+    writer = StageWriter(wanted.stage, simulator.model, said, lights=wanted.lights, ground=wanted.ground)
+    with writer as stage, Interrupts() as interrupts:
         checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds, wanted.output)
         begin = _begin(checkpoints, resume, on_note)
         on_frame(begin)
         try:
-            with Background() as writer:  # while the next frame is simulated
+            with Background() as behind:  # while the next frame is simulated
                 for frame in simulator.run():
-                    writer.submit(stage.write, frame)
+                    behind.submit(stage.write, frame)
                     on_frame(frame.number)
                     stop = interrupts.pending
                     if stop or checkpoints.due:
-                        writer.wait()
+                        behind.wait()
                         checkpoints.save()
                     if stop:
                         interrupts.deliver(f"{checkpoints.playlist} plays what there is, and --resume goes on from it")

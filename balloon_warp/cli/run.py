@@ -51,6 +51,19 @@ Picture = Annotated[
     bool,
     typer.Option("--picture", metavar="", help="Make a picture of it, too, beside it.", rich_help_panel=OUTPUT),
 ]
+NoLights = Annotated[
+    bool,
+    typer.Option("--no-lights", metavar="", help="Leave lights and camera out.", rich_help_panel=OUTPUT),
+]
+NoGround = Annotated[
+    bool,
+    typer.Option(
+        "--no-ground",
+        metavar="",
+        help="Leave the ground out: it is so wide that little else is seen where a program frames all.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 OnBlowup = Annotated[
     str,
     typer.Option(
@@ -80,6 +93,8 @@ def run(
     *,
     output: Output = None,
     picture: Picture = False,
+    no_lights: NoLights = False,
+    no_ground: NoGround = False,
     overrides: Set = None,
     fps: FramesPerSecond = None,
     frames: Frames = None,
@@ -112,6 +127,8 @@ def run(
             stage,
             name=name,
             picture=picture_beside(stage) if picture else None,
+            lights=not no_lights,
+            ground=not no_ground,
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,

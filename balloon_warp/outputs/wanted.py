@@ -23,7 +23,17 @@ class Wanted:
     """a stage, or what is made of one"""
     picture: Path | None = None
     """an image of the stage"""
+    lights: bool = True
+    """whether the stage has lights and a camera"""
+    ground: bool = True
+    """whether it has the scene's ground"""
     _folder: TemporaryDirectory[str] | None = field(default=None, init=False)
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """what the stage is to say that it lacks"""
+        lacking = [name for name in ("lights", "ground") if not getattr(self, name)]
+        return {"leftOut": " ".join(lacking)} if lacking else {}
 
     @property
     def is_stage(self) -> bool:
@@ -35,8 +45,8 @@ class Wanted:
         """where the frames are written to"""
         return self.output if self._folder is None else Path(self._folder.name) / "frames.usdc"
 
-    def check(self, scene: Scene) -> None:
-        """Make sure, before any work, that all files can be written, and that none is a mesh of the scene.
+    def checked(self, scene: Scene) -> Self:
+        """Itself, once it is sure that all files can be written, and that none is a mesh of the scene.
 
         Raises:
             InputError: that is not so.
@@ -50,6 +60,7 @@ class Wanted:
         for balloon in scene.balloon:
             if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == self.output.resolve():
                 raise InputError(f"{self.output}: is the mesh of the scene; expected another name, with -o")
+        return self
 
     def __enter__(self) -> Self:
         if not self.is_stage:

@@ -124,13 +124,12 @@ class Checkpoints:
         Raises:
             InputError: the folder cannot be written to; what is in it stays.
         """
-        from balloon_warp.outputs.usd import StageWriter  # loads USD: a batch, which shares this room, may need none
-        from balloon_warp.outputs.usd.playlist import write_playlist
+        from balloon_warp.outputs.usd.playlist import write_playlist  # loads USD, which a batch here may do without
 
         frame = self.simulator.frame_number
         if not self._begun:
             self.folder.begin(self._job)
-            with StageWriter(self.folder.path / STILL, self.simulator.model):
+            with self.stage.another(self.folder.path / STILL):
                 self._begun = True  # and no frame
         if self._safe <= frame:
             self.stage.write_part(self._part(self._safe), range(self._safe, frame + 1))

@@ -20,7 +20,10 @@ def define_balloon(
     prim = UsdGeom.Mesh.Define(stage, path)
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
-    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    # Who draws it refines it, or makes it smooth at least: simulated points are the control points of that surface.
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.catmullClark)
+    if (mesh.face_vertex_counts == 3).any():
+        prim.CreateTriangleSubdivisionRuleAttr(UsdGeom.Tokens.smooth)
     prim.CreateDoubleSidedAttr(True)
     if mesh.texture_coordinates is not None:
         kind, each_corner = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
