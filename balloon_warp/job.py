@@ -28,6 +28,7 @@ class Summary:
     output: str
     """what was written: a stage, or what was made of it"""
     picture: str | None
+    points: str | None
     scene: str
     device: str
     schedule: str
@@ -64,6 +65,7 @@ def animate(
     *,
     name: str = "",
     picture: str | Path | None = None,
+    save_points: str | Path | None = None,
     lights: bool = True,
     ground: bool = True,
     device: str | None = None,
@@ -87,6 +89,7 @@ def animate(
         output: what to write: a stage, .usdc, .usda or .usd; or what `export_stage` makes of one, such as .glb.
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
+        save_points: an .h5 file to write the points into, too, as arrays.
         lights, ground: whether the stage has lights and a camera, and the scene's ground.
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
@@ -109,9 +112,9 @@ def animate(
         In all cases the stage that was there stays.
     """
     began = time.perf_counter()
-    scene, image = scene_of(scene), Path(picture) if picture else None
+    scene = scene_of(scene)
     check_policy(on_blowup)
-    with Wanted(Path(output), image, lights=lights, ground=ground).checked(scene) as wanted:
+    with Wanted.of(output, picture, save_points, lights, ground).checked(scene) as wanted:
         simulator = _first_simulator(scene, device, schedule, laws, on_warning)
         folder, again = partial_path(wanted.output), resume and on_blowup == "restart"
         restarts = halvings_until(folder, simulator.model.substeps) if again else 0
@@ -128,16 +131,28 @@ def animate(
             except BlowUpError as failure:
                 if on_blowup != "restart":
                     raise
-                if restarts == MOST_HALVINGS:
-                    raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
+                scene = _begun_again(scene, substeps, failure, restarts, on_warning)
                 restarts, resume = restarts + 1, False
-                scene = with_half_the_step(scene, substeps)
-                on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
                 simulator = Simulator(scene, device, schedule=schedule, laws=laws)
         seconds = time.perf_counter() - began
         endings = _look_at_the_end(simulator, blow_up, on_warning)
         wanted.draw(device)
     return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, seconds)
+
+
+def _begun_again(
+    scene: Scene, substeps: int, failure: BlowUpError, restarts: int, on_warning: Callable[[str], None]
+) -> Scene:
+    """The scene with half the step, once that is told.
+
+    Raises:
+        BlowUpError: it was halved often enough.
+    """
+    if restarts == MOST_HALVINGS:
+        raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
+    scene = with_half_the_step(scene, substeps)
+    on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
+    return scene
 
 
 def _look_at_the_end(
@@ -180,6 +195,7 @@ def _summary(
     return Summary(
         output=str(wanted.output),
         picture=str(wanted.picture) if wanted.picture else None,
+        points=str(wanted.points) if wanted.points else None,
         scene=name,
         device=str(model.device),
         schedule=simulator.schedule.name,

@@ -18,8 +18,8 @@ def convert(
             "--output",
             "-o",
             metavar="FILE",
-            help="What to write: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; or .obj or .ply, a "
-            "file for each frame, such as out.####.ply.",
+            help="What to write: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; .h5, arrays; .pvd, "
+            "for ParaView; or a file for each frame, such as out.####.ply or .obj.",
         ),
     ],
 ) -> None:

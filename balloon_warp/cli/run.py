@@ -42,14 +42,23 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="The animation: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; or a file for each frame, "
-        "such as out.####.ply or .obj. SCENE.usdc if not given.",
+        help="The animation: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; .h5, arrays; .pvd, for "
+        "ParaView; or a file for each frame, such as out.####.ply or .obj. SCENE.usdc if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
 Picture = Annotated[
     bool,
     typer.Option("--picture", metavar="", help="Make a picture of it, too, beside it.", rich_help_panel=OUTPUT),
+]
+SavePoints = Annotated[
+    Path | None,
+    typer.Option(
+        "--save-points",
+        metavar="FILE",
+        help="Write points, edges, velocities and measures as arrays, too: .h5, which h5py and xarray read.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 NoLights = Annotated[
     bool,
@@ -83,7 +92,7 @@ Checkpoint = Annotated[
     ),
 ]
 
-WHERE_TO = ("output", "picture", "checkpoint", "resume", "as_json")
+WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json")
 """parameters that do not change what is in the stage"""
 
 
@@ -93,6 +102,7 @@ def run(
     *,
     output: Output = None,
     picture: Picture = False,
+    save_points: SavePoints = None,
     no_lights: NoLights = False,
     no_ground: NoGround = False,
     overrides: Set = None,
@@ -127,6 +137,7 @@ def run(
             stage,
             name=name,
             picture=picture_beside(stage) if picture else None,
+            save_points=save_points,
             lights=not no_lights,
             ground=not no_ground,
             device=device,
@@ -146,11 +157,11 @@ def run(
 
 
 def _lasting(summary: "Summary", rate: float) -> str:
-    """How long it plays; what Blender has to be told of a stage's rate it knows of a .glb."""
+    """How long it plays, and what Blender has to be told of a stage's rate."""
     kind = Path(summary.output).suffix.lower()
     if kind in (".obj", ".ply"):
         return f"{counted(summary.frames + 1, 'file')}, {rate:g} for a second"
-    return played(summary.frames, rate, hint=kind != ".glb")
+    return played(summary.frames, rate, hint=kind.startswith((".usd", ".abc")))
 
 
 def picture_beside(output: Path) -> Path:
@@ -174,5 +185,7 @@ def _print_summary(summary: "Summary", rate: float) -> None:
         markup=False,
     )
     console.print(f"wrote {summary.output}: {_lasting(summary, rate)}", markup=False)
+    if summary.points:
+        console.print(f"wrote {summary.points}", markup=False)
     if summary.picture:
         console.print(f"wrote {summary.picture}", markup=False)

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
-from balloon_warp.outputs.exports import check_export, export_stage
+from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 from balloon_warp.scene import Scene
 
@@ -23,11 +23,26 @@ class Wanted:
     """a stage, or what is made of one"""
     picture: Path | None = None
     """an image of the stage"""
+    points: Path | None = None
+    """the stage's points and what else is known of them, as arrays"""
     lights: bool = True
     """whether the stage has lights and a camera"""
     ground: bool = True
     """whether it has the scene's ground"""
     _folder: TemporaryDirectory[str] | None = field(default=None, init=False)
+
+    @classmethod
+    def of(
+        cls,
+        output: str | Path,
+        picture: str | Path | None = None,
+        points: str | Path | None = None,
+        lights: bool = True,
+        ground: bool = True,
+    ) -> Self:
+        """What is wanted, with files as text or paths."""
+        others = (Path(path) if path else None for path in (picture, points))
+        return cls(Path(output), *others, lights=lights, ground=ground)
 
     @property
     def left_out(self) -> dict[str, str]:
@@ -57,6 +72,10 @@ class Wanted:
             from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
 
             check_writable(self.picture, PICTURE_SUFFIXES)
+        if self.points:
+            if self.points.suffix.lower() not in HDF5_SUFFIXES:
+                raise InputError(f"{self.points}: cannot hold points; expected {' or '.join(HDF5_SUFFIXES)}")
+            check_export(self.points)
         for balloon in scene.balloon:
             if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == self.output.resolve():
                 raise InputError(f"{self.output}: is the mesh of the scene; expected another name, with -o")
@@ -82,6 +101,9 @@ class Wanted:
         """
         if not self.is_stage:
             self._make(self.output, lambda: export_stage(self.stage, self.output, on_note=on_note))
+        if self.points:
+            points = self.points
+            self._make(points, lambda: export_stage(self.stage, points, on_note=on_note))
 
     def draw(self, device: str | None) -> None:
         """Make the picture of the stage, if one is wanted.

@@ -12,6 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 
+HDF5_SUFFIXES = (".h5", ".hdf5")
 WRITERS = {
     **dict.fromkeys(STAGE_SUFFIXES, "usdz.write_stage"),
     ".usdz": "usdz.write_usdz",
@@ -19,6 +20,8 @@ WRITERS = {
     ".obj": "sequence.write_sequence",
     ".ply": "sequence.write_sequence",
     ".abc": "alembic.write_alembic",
+    **dict.fromkeys(HDF5_SUFFIXES, "hdf5.write_hdf5"),
+    ".pvd": "vtu.write_series",
 }
 """what writes a kind of file, loaded when it is first needed: a function of where to, the stage's `Animation`, and
 listeners to notes and to progress"""
@@ -42,6 +45,10 @@ def check_export(output: Path) -> None:
         from balloon_warp.outputs.exports.alembic import require_blender
 
         require_blender()
+    elif suffix in HDF5_SUFFIXES:
+        from balloon_warp.outputs.exports.hdf5 import require_h5py
+
+        require_h5py()
 
 
 def export_stage(
@@ -51,8 +58,8 @@ def export_stage(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
 ) -> None:
-    """Write what a stage shows into a file of another kind: .usdc, .usda, .usd, .usdz, .glb, .abc, or one .obj or .ply
-    for each frame, where the name has #### for its number. Files appear whole or not at all.
+    """Write what a stage shows into a file of another kind: .usdc, .usda, .usd, .usdz, .glb, .abc, .h5, .pvd, or one
+    .obj or .ply for each frame, where the name has #### for its number. Files appear whole or not at all.
 
     Args:
         stage: any file that USD opens.

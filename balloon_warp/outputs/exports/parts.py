@@ -54,6 +54,14 @@ class Part:
         matrix = self.matrix(frame)
         return points @ matrix[:3, :3] + matrix[3, :3]
 
+    def velocities(self, frame: float) -> NDArray[np.float64] | None:
+        """How its points move in the stage, a second, shape (vertex_count, 3), where the prim says it."""
+        prim = UsdGeom.PointBased(self.prim)
+        own = prim.GetVelocitiesAttr().Get(frame) if prim else None
+        if own is None or len(own) != self.mesh.vertex_count:
+            return None
+        return np.asarray(own, np.float64) @ self.matrix(frame)[:3, :3]
+
     def seen(self, frame: float) -> bool:
         """Whether it is visible."""
         visibility = UsdGeom.Imageable(self.prim).ComputeVisibility(Usd.TimeCode(frame))
