@@ -14,6 +14,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.body import BodyPrim, body_names
+from balloon_warp.outputs.usd.deformable import define_gravity
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
@@ -163,6 +164,7 @@ class StageWriter:
     def _define_prims(self) -> list[Prim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
+        define_gravity(stage, model.scene)
         self._balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
         # After the balloons: who reads a stage's first mesh wants a balloon.
         if self.lights:
