@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from balloon_warp.mesh import PolygonMesh
     from balloon_warp.mesh.load import load_mesh
     from balloon_warp.mesh.remesh import remesh
+    from balloon_warp.outputs.exports import export_stage
     from balloon_warp.outputs.render import render_stage
     from balloon_warp.outputs.usd import StageWriter
     from balloon_warp.scene import (
@@ -93,6 +94,7 @@ __all__ = [
     "build_springs",
     "bundled_scenes",
     "compare",
+    "export_stage",
     "face_law",
     "foil_mesh",
     "foil_parts",
@@ -123,6 +125,7 @@ _HOMES = {
     "mesh": ("PolygonMesh",),
     "mesh.load": ("load_mesh",),
     "mesh.remesh": ("remesh",),
+    "outputs.exports": ("export_stage",),
     "outputs.render": ("render_stage",),
     "outputs.usd": ("StageWriter",),
     "scene": (

@@ -8,12 +8,12 @@ from typing import Any
 
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
 from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
-from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.files import check_writable
+from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.outputs.background import Background
-from balloon_warp.outputs.usd import STAGE_SUFFIXES, StageWriter
+from balloon_warp.outputs.usd import StageWriter
+from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.provenance import without_folders
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
 from balloon_warp.scene import Scene, SceneLike, scene_of
@@ -26,8 +26,9 @@ class Summary:
     """What was done, how much, and how fast."""
 
     output: str
-    """the stage that was written"""
+    """what was written: a stage, or what was made of it"""
     picture: str | None
+    points: str | None
     scene: str
     device: str
     schedule: str
@@ -64,6 +65,9 @@ def animate(
     *,
     name: str = "",
     picture: str | Path | None = None,
+    save_points: str | Path | None = None,
+    lights: bool = True,
+    ground: bool = True,
     device: str | None = None,
     schedule: str = "auto",
     on_blowup: str = "stop",
@@ -75,16 +79,18 @@ def animate(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
-    """Simulate a scene and write it.
+    """Simulate a scene and write it, as USD or as a file of another kind, which is made of a stage.
 
     What takes long is safe from a kill: now and then its frames and its state go into a folder beside the stage,
     `OUTPUT.partial`, which is removed once the stage is there. Ctrl-C, too, saves what there is.
 
     Args:
         scene: what to simulate: a scene, or what `load_scene` makes one of.
-        output: the stage to write; .usdc, .usda or .usd.
+        output: what to write: a stage, .usdc, .usda or .usd; or what `export_stage` makes of one, such as .glb.
         name: what the summary calls the scene.
         picture: an image to render from the stage; .png, .gif or .mp4.
+        save_points: an .h5 file to write the points into, too, as arrays.
+        lights, ground: whether the stage has lights and a camera, and the scene's ground.
         device: a Warp device; the GPU where there is one, when missing.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
@@ -108,39 +114,54 @@ def animate(
     began = time.perf_counter()
     scene = scene_of(scene)
     check_policy(on_blowup)
-    _check_outputs(scene, Path(output), Path(picture) if picture else None)
-    simulator = _first_simulator(scene, device, schedule, laws, on_warning)
-    restarts = 0
-    if resume and on_blowup == "restart":
-        restarts = halvings_until(partial_path(Path(output)), simulator.model.substeps)
-    for _ in range(restarts):
-        scene = with_half_the_step(scene, simulator.model.substeps)
-        simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    while True:
-        substeps = simulator.model.substeps  # at the start: the scene may change them
-        try:
-            begin, blow_up = _write_stage(
-                simulator, output, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
-            )
-            break
-        except BlowUpError as failure:
-            if on_blowup != "restart":
-                raise
-            if restarts == MOST_HALVINGS:
-                raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
-            restarts, resume = restarts + 1, False
-            scene = with_half_the_step(scene, substeps)
-            on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
+    with Wanted.of(output, picture, save_points, lights, ground).checked(scene) as wanted:
+        simulator = _first_simulator(scene, device, schedule, laws, on_warning)
+        folder, again = partial_path(wanted.output), resume and on_blowup == "restart"
+        restarts = halvings_until(folder, simulator.model.substeps) if again else 0
+        for _ in range(restarts):
+            scene = with_half_the_step(scene, simulator.model.substeps)
             simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+        while True:
+            substeps = simulator.model.substeps  # at the start: the scene may change them
+            try:
+                begin, blow_up = _write(
+                    simulator, wanted, provenance or {}, on_blowup, checkpoint_seconds, resume, on_frame, on_note
+                )
+                break
+            except BlowUpError as failure:
+                if on_blowup != "restart":
+                    raise
+                scene = _begun_again(scene, substeps, failure, restarts, on_warning)
+                restarts, resume = restarts + 1, False
+                simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+        seconds = time.perf_counter() - began
+        endings = _look_at_the_end(simulator, blow_up, on_warning)
+        wanted.draw(device)
+    return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, seconds)
+
+
+def _begun_again(
+    scene: Scene, substeps: int, failure: BlowUpError, restarts: int, on_warning: Callable[[str], None]
+) -> Scene:
+    """The scene with half the step, once that is told.
+
+    Raises:
+        BlowUpError: it was halved often enough.
+    """
+    if restarts == MOST_HALVINGS:
+        raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
+    scene = with_half_the_step(scene, substeps)
+    on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
+    return scene
+
+
+def _look_at_the_end(
+    simulator: Simulator, blow_up: BlowUpError | None, on_warning: Callable[[str], None]
+) -> list[BadEnding]:
+    """Tell what is odd about it."""
     if blow_up:
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
-    seconds = time.perf_counter() - began
-    endings = [] if blow_up else _look_at_the_end(simulator, on_warning)
-    files = str(output), _rendered(Path(output), picture, device)
-    return _summary(simulator, name, files, begin, restarts, blow_up, endings, seconds)
-
-
-def _look_at_the_end(simulator: Simulator, on_warning: Callable[[str], None]) -> list[BadEnding]:
+        return []
     endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
     for sentence in ending_sentences(endings):
         on_warning(sentence)
@@ -159,38 +180,22 @@ def _first_simulator(
     return simulator
 
 
-def _rendered(stage: Path, picture: str | Path | None, device: str | None) -> str | None:
-    """The picture of the stage, where one is wanted.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C; the message says what there is.
-    """
-    if not picture:
-        return None
-    from balloon_warp.outputs.render import render_stage
-
-    try:
-        render_stage(stage, picture, device=device)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"{stage} is written, {picture} is not") from None
-    return str(picture)
-
-
 def _summary(
     simulator: Simulator,
     name: str,
-    files: tuple[str, str | None],
+    wanted: Wanted,
     begin: int,
     restarts: int,
     blow_up: BlowUpError | None,
     endings: list[BadEnding],
     seconds: float,
 ) -> Summary:
-    """What `animate` hands back; `files` are the stage and the picture."""
+    """What `animate` hands back."""
     model, frames = simulator.model, simulator.frame_number - bool(blow_up)
     return Summary(
-        output=files[0],
-        picture=files[1],
+        output=str(wanted.output),
+        picture=str(wanted.picture) if wanted.picture else None,
+        points=str(wanted.points) if wanted.points else None,
         scene=name,
         device=str(model.device),
         schedule=simulator.schedule.name,
@@ -209,9 +214,9 @@ def _summary(
     )
 
 
-def _write_stage(
+def _write(
     simulator: Simulator,
-    output: str | Path,
+    wanted: Wanted,
     provenance: Mapping[str, Any],
     on_blowup: str,
     checkpoint_seconds: float,
@@ -219,22 +224,23 @@ def _write_stage(
     on_frame: Callable[[int], None],
     on_note: Callable[[str], None],
 ) -> tuple[int, BlowUpError | None]:
-    """Simulate all frames and write them: after which frame it began, and what ended them early, where that is to leave
-    a stage."""
-    blow_up, job = None, describe_run(simulator)
+    """Simulate all frames, write them into a stage, and make of it what is wanted: after which frame it began, and what
+    ended them early, where that is to leave a stage."""
+    blow_up, job = None, describe_run(simulator) | wanted.left_out
     said = {**provenance, **without_folders(job)}
-    with StageWriter(output, simulator.model, said) as stage, Interrupts() as interrupts:
-        checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds)
+    writer = StageWriter(wanted.stage, simulator.model, said, lights=wanted.lights, ground=wanted.ground)
+    with writer as stage, Interrupts() as interrupts:
+        checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds, wanted.output)
         begin = _begin(checkpoints, resume, on_note)
         on_frame(begin)
         try:
-            with Background() as writer:  # while the next frame is simulated
+            with Background() as behind:  # while the next frame is simulated
                 for frame in simulator.run():
-                    writer.submit(stage.write, frame)
+                    behind.submit(stage.write, frame)
                     on_frame(frame.number)
                     stop = interrupts.pending
                     if stop or checkpoints.due:
-                        writer.wait()
+                        behind.wait()
                         checkpoints.save()
                     if stop:
                         interrupts.deliver(f"{checkpoints.playlist} plays what there is, and --resume goes on from it")
@@ -244,6 +250,7 @@ def _write_stage(
             if on_blowup != "freeze":
                 raise
             blow_up = failure
+    wanted.export(on_note)
     checkpoints.remove()
     return begin, blow_up
 
@@ -268,15 +275,3 @@ def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None
         return 0
     on_note(f"goes on after frame {leftover}, from {folder}")
     return checkpoints.simulator.frame_number
-
-
-def _check_outputs(scene: Scene, output: Path, picture: Path | None) -> None:
-    """Before any work: that both files can be written, and that neither is a mesh of the scene."""
-    check_writable(output, STAGE_SUFFIXES)
-    if picture:
-        from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
-
-        check_writable(picture, PICTURE_SUFFIXES)
-    for balloon in scene.balloon:
-        if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == output.resolve():
-            raise InputError(f"{output}: is the mesh of the scene; expected another name for the stage, with -o")

@@ -122,7 +122,7 @@ def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["foil"], ["render"]]
+    "command", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["foil"], ["render"], ["convert"]]
 )
 def test_help_explains_itself(tmp_path: Path, command: list[str]):
     done = balloon_warp(tmp_path, *command, "--help")
@@ -160,6 +160,9 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["foil", " ", "-o", "out.obj"], "text: has nothing to be seen (got ' '); expected letters, or an .svg file"),
         (["foil", "missing.svg", "-o", "out.obj"], "missing.svg: cannot be read: No such file or directory"),
         (["render", "missing.usdc"], "missing.usdc: "),
+        (["convert", "missing.usdc", "-o", "out.glb"], "missing.usdc: "),
+        (["convert", "ball.obj", "-o", "out.ply"], "out.ply: one file for all frames; expected #### in the name"),
+        (["run", "ball.obj", "-o", "out.fbx"], "out.fbx: cannot write .fbx; expected .usdc, "),
         (["render", "ball.obj", "--size", "big"], "size: 'big'; expected WIDTHxHEIGHT"),
     ],
 )

@@ -65,6 +65,7 @@ COMMANDS = {
         ["both.png"],
     ),
     "render": (["render", "textured.usda", "-o", "face.png"], ["textured.usda"], ["face.png"]),
+    "convert": (["convert", "textured.usda", "-o", "face.glb"], ["textured.usda"], ["face.glb"]),
     "remesh": (["remesh", "ball.obj", "-o", "quads.obj", "--cells", "6"], ["ball.obj"], ["quads.obj"]),
     "foil": (["foil", "heart.svg", "-o", "heart.obj"], ["heart.svg"], ["heart.obj"]),
 }

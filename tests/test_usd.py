@@ -79,7 +79,7 @@ def test_balloons_are_the_frames_of_the_simulation(stage: Usd.Stage):
         np.testing.assert_array_equal(prim.GetFaceVertexCountsAttr().Get(), mesh.face_vertex_counts)
         np.testing.assert_array_equal(prim.GetFaceVertexIndicesAttr().Get(), mesh.face_vertex_indices)
         assert prim.GetFaceVertexCountsAttr().GetNumTimeSamples() == 0
-        assert prim.GetSubdivisionSchemeAttr().Get() == "none"
+        assert prim.GetSubdivisionSchemeAttr().Get() == "catmullClark"
         assert prim.GetPointsAttr().GetTimeSamples() == list(range(FRAMES + 1))
     for frame in Simulator(everything(), "cpu").run():
         for number, path in enumerate(paths):
@@ -272,7 +272,7 @@ def test_a_failed_run_leaves_the_good_file(tmp_path: Path):
     ("name", "complaint"),
     [
         ("missing/out.usdc", r"out\.usdc: the folder .*missing does not exist"),
-        ("out.obj", r"out\.obj: cannot write \.obj; expected \.usdc, \.usda, \.usd"),
+        ("out.fbx", r"out\.fbx: cannot write \.fbx; expected \.usdc, \.usda, \.usd"),
         ("out", r"out: cannot write a file without a suffix; expected"),
     ],
 )

@@ -1,6 +1,7 @@
 """`balloon-warp run`"""
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,13 +42,36 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="The USD stage: .usdc, .usda or .usd; SCENE.usdc if not given.",
+        help="The animation: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; .h5, arrays; .pvd, for "
+        "ParaView; or a file for each frame, such as out.####.ply or .obj. SCENE.usdc if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
 Picture = Annotated[
     bool,
     typer.Option("--picture", metavar="", help="Make a picture of it, too, beside it.", rich_help_panel=OUTPUT),
+]
+SavePoints = Annotated[
+    Path | None,
+    typer.Option(
+        "--save-points",
+        metavar="FILE",
+        help="Write points, edges, velocities and measures as arrays, too: .h5, which h5py and xarray read.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+NoLights = Annotated[
+    bool,
+    typer.Option("--no-lights", metavar="", help="Leave lights and camera out.", rich_help_panel=OUTPUT),
+]
+NoGround = Annotated[
+    bool,
+    typer.Option(
+        "--no-ground",
+        metavar="",
+        help="Leave the ground out: it is so wide that little else is seen where a program frames all.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 OnBlowup = Annotated[
     str,
@@ -68,7 +92,7 @@ Checkpoint = Annotated[
     ),
 ]
 
-WHERE_TO = ("output", "picture", "checkpoint", "resume", "as_json")
+WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json")
 """parameters that do not change what is in the stage"""
 
 
@@ -78,6 +102,9 @@ def run(
     *,
     output: Output = None,
     picture: Picture = False,
+    save_points: SavePoints = None,
+    no_lights: NoLights = False,
+    no_ground: NoGround = False,
     overrides: Set = None,
     fps: FramesPerSecond = None,
     frames: Frames = None,
@@ -109,7 +136,10 @@ def run(
             loaded,
             stage,
             name=name,
-            picture=stage.with_suffix(".png") if picture else None,
+            picture=picture_beside(stage) if picture else None,
+            save_points=save_points,
+            lights=not no_lights,
+            ground=not no_ground,
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,
@@ -124,6 +154,19 @@ def run(
         print(json.dumps(summary.as_json()))
     else:
         _print_summary(summary, loaded.frames_per_second)
+
+
+def _lasting(summary: "Summary", rate: float) -> str:
+    """How long it plays, and what Blender has to be told of a stage's rate."""
+    kind = Path(summary.output).suffix.lower()
+    if kind in (".obj", ".ply"):
+        return f"{counted(summary.frames + 1, 'file')}, {rate:g} for a second"
+    return played(summary.frames, rate, hint=kind.startswith((".usd", ".abc")))
+
+
+def picture_beside(output: Path) -> Path:
+    """Where the picture of an output goes, whose name may have #### for frames."""
+    return output.with_name(f"{re.sub('[.]?#+', '', output.stem, count=1) or 'picture'}.png")
 
 
 def _print_summary(summary: "Summary", rate: float) -> None:
@@ -141,6 +184,8 @@ def _print_summary(summary: "Summary", rate: float) -> None:
         f"{summary.wall_seconds:.1f} s {where}",
         markup=False,
     )
-    console.print(f"wrote {summary.output}: {played(summary.frames, rate)}", markup=False)
+    console.print(f"wrote {summary.output}: {_lasting(summary, rate)}", markup=False)
+    if summary.points:
+        console.print(f"wrote {summary.points}", markup=False)
     if summary.picture:
         console.print(f"wrote {summary.picture}", markup=False)

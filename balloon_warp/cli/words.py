@@ -9,11 +9,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun if count == 1 else f'{noun}s'}"
 
 
-def played(frames: int, rate: float) -> str:
-    """How long a stage lasts, at which rate, and what to do where Blender plays it at another."""
+def played(frames: int, rate: float, hint: bool = True) -> str:
+    """How long a stage lasts, at which rate, and with `hint` what to do where Blender plays it at another."""
     said = f"{frames / rate:.3g} s at {rate:g} frames/s"
     return (
         said
-        if rate == BLENDERS_RATE
+        if rate == BLENDERS_RATE or not hint
         else f"{said}; in Blender, set the frame rate to {rate:g}, or run with --fps {BLENDERS_RATE:g}"
     )

@@ -60,6 +60,7 @@ class Checkpoints:
         stage: that the frames are written to.
         job: what the bits of the run depend on, as of `describe_run`.
         seconds: between two checkpoints; 0 for none but the last of a run that is stopped.
+        output: beside which the folder is; the stage, when missing.
     """
 
     def __init__(
@@ -68,9 +69,10 @@ class Checkpoints:
         stage: "StageWriter",
         job: Mapping[str, Any],
         seconds: float = CHECKPOINT_SECONDS,
+        output: Path | None = None,
     ):
         self.simulator, self.stage, self.seconds = simulator, stage, seconds
-        self.folder = PartialFolder(partial_path(stage.path))
+        self.folder = PartialFolder(partial_path(output or stage.path))
         self._job, self._begun = job, False
         self._parts: list[int] = []
         """the first frame of each part in the folder"""
@@ -122,13 +124,12 @@ class Checkpoints:
         Raises:
             InputError: the folder cannot be written to; what is in it stays.
         """
-        from balloon_warp.outputs.usd import StageWriter  # loads USD: a batch, which shares this room, may need none
-        from balloon_warp.outputs.usd.playlist import write_playlist
+        from balloon_warp.outputs.usd.playlist import write_playlist  # loads USD, which a batch here may do without
 
         frame = self.simulator.frame_number
         if not self._begun:
             self.folder.begin(self._job)
-            with StageWriter(self.folder.path / STILL, self.simulator.model):
+            with self.stage.another(self.folder.path / STILL):
                 self._begun = True  # and no frame
         if self._safe <= frame:
             self.stage.write_part(self._part(self._safe), range(self._safe, frame + 1))

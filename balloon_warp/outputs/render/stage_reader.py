@@ -13,6 +13,7 @@ from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
+from balloon_warp.outputs.usd.studio import OURS
 
 DRAWN = (UsdGeom.Mesh, UsdGeom.Cube, UsdGeom.Sphere, UsdGeom.Capsule, UsdGeom.BasisCurves)
 
@@ -68,6 +69,11 @@ class RenderStage:
         ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
         named = ours.get("pictureFrame") if isinstance(ours, dict) else None
         return min(named, self.last_frame) if isinstance(named, int) else self.last_frame
+
+    @property
+    def stage(self) -> Usd.Stage:
+        """what USD has opened"""
+        return self._stage
 
     def read_prims(self, frame: int) -> None:
         """Find what is drawn, as it is at a frame.
@@ -132,7 +138,8 @@ class RenderStage:
 
     def _take(self, prim: Usd.Prim, moment: Moment) -> None:
         if camera := UsdGeom.Camera(prim):
-            if self._camera is None and camera.GetCamera(moment.time).projection == Gf.Camera.Perspective:
+            ours = prim.HasCustomDataKey(OURS)  # stands where all frames can be seen: a picture finds a nearer place
+            if self._camera is None and not ours and camera.GetCamera(moment.time).projection == Gf.Camera.Perspective:
                 self._camera = camera
         elif _is_drawn(prim, moment.time):
             if UsdGeom.Mesh(prim):

@@ -6,7 +6,8 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, paint
+from balloon_warp.outputs.usd.deformable import define_deformable
+from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, offer_latex, paint
 from balloon_warp.outputs.usd.velocities import author_velocities
 
 MEASURES = ("volume", "area", "pressure")
@@ -20,13 +21,17 @@ def define_balloon(
     prim = UsdGeom.Mesh.Define(stage, path)
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
-    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    # Who draws it refines it, or makes it smooth at least: simulated points are the control points of that surface.
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.catmullClark)
+    if (mesh.face_vertex_counts == 3).any():
+        prim.CreateTriangleSubdivisionRuleAttr(UsdGeom.Tokens.smooth)
     prim.CreateDoubleSidedAttr(True)
     if mesh.texture_coordinates is not None:
         kind, each_corner = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
         st = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("st", kind, each_corner)
         st.Set(Vt.Vec2fArray.FromNumpy(mesh.texture_coordinates))
-    paint(prim, color or BALLOON_COLORS[number % len(BALLOON_COLORS)], roughness=0.2, opacity=0.92, clearcoat=1.0)
+    own = color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
+    offer_latex(paint(prim, own, roughness=0.2, opacity=0.92, clearcoat=1.0), own)
     return prim
 
 
@@ -38,6 +43,7 @@ class BalloonPrim:
         self._has_pressure = model.scene.balloon[number].inflation.kind != "normal_force"
         self.mesh = model.shapes[number].mesh
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
+        define_deformable(self.prim, self.mesh, float(model.parameters["mass"].numpy()[0, number]))
         self.prim.CreateVelocitiesAttr()
         self._layer = stage.GetRootLayer()
         self._measures = {

@@ -13,11 +13,13 @@ OBSTACLE_COLOR: Color = (0.45, 0.45, 0.47)
 FORCE_COLOR: Color = (0.02, 0.30, 0.10)
 GROUND_COLOR: Color = (0.72, 0.70, 0.66)
 WATER_COLOR: Color = (0.06, 0.40, 0.52)
+LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.8, "coat_roughness": 0.08}
+"""of a rubber balloon, as OpenPBR names it: of thin walls, the subsurface's weight is of light that comes through"""
 
 
 def paint(
     gprim: UsdGeom.Gprim, color: Color, roughness: float = 0.5, opacity: float = 1.0, clearcoat: float = 0.0
-) -> None:
+) -> UsdShade.Material:
     """Give a gprim its color and a material of its own, under the stage's /World/Looks."""
     gprim.CreateDisplayColorAttr([Gf.Vec3f(*color)])
     stage = gprim.GetPrim().GetStage()
@@ -32,3 +34,26 @@ def paint(
         shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
     material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
     UsdShade.MaterialBindingAPI.Apply(gprim.GetPrim()).Bind(material)
+    return material
+
+
+def offer_latex(material: UsdShade.Material, color: Color) -> None:
+    """Offer thin-walled latex beside the preview surface: MaterialX's OpenPBR, in the variant "openpbr" of "surface".
+
+    The preview surface is chosen. A USD without MaterialX, such as usd-core, does not know OpenPBR, and its validators
+    call a shader that it does not know an error.
+    """
+    surface = material.GetPrim().GetVariantSets().AddVariantSet("surface")
+    surface.AddVariant("preview")
+    surface.AddVariant("openpbr")
+    surface.SetVariantSelection("openpbr")
+    with surface.GetVariantEditContext():
+        shader = UsdShade.Shader.Define(material.GetPrim().GetStage(), material.GetPath().AppendChild("Latex"))
+        shader.CreateIdAttr("ND_open_pbr_surface_surfaceshader")
+        for name in ("base_color", "subsurface_color"):
+            shader.CreateInput(name, Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
+        for name, value in LATEX.items():
+            shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
+        shader.CreateInput("geometry_thin_walled", Sdf.ValueTypeNames.Bool).Set(True)
+        material.CreateSurfaceOutput("mtlx").ConnectToSource(shader.CreateOutput("out", Sdf.ValueTypeNames.Token))
+    surface.SetVariantSelection("preview")

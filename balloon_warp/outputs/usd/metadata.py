@@ -9,7 +9,10 @@ from pxr import Tf, Usd, UsdGeom
 
 from balloon_warp.scene import Scene
 
-RESERVED = ("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "Obstacles", "NetForces", "Prototypes")
+RESERVED = (
+    *("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "Obstacles", "NetForces", "Prototypes"),
+    *("Studio", "Physics"),
+)
 """what no balloon is called"""
 
 

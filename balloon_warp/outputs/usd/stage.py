@@ -14,12 +14,14 @@ from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.body import BodyPrim, body_names
+from balloon_warp.outputs.usd.deformable import define_gravity
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
 from balloon_warp.outputs.usd.planes import PlanePrim, planes_of
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
+from balloon_warp.outputs.usd.studio import define_camera, define_studio
 from balloon_warp.outputs.usd.tube import TubePrim
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
@@ -41,13 +43,24 @@ class StageWriter:
         path: where the stage goes; .usdc, .usda or .usd.
         model: what is simulated.
         provenance: what the stage is to say of where it comes from, see `describe_stage`.
+        lights: whether it has lights and a camera.
+        ground: whether it has the ground, if the scene does.
 
     Raises:
         InputError: the file cannot be written there.
     """
 
-    def __init__(self, path: str | Path, model: Model, provenance: Mapping[str, Any] | None = None):
+    def __init__(
+        self,
+        path: str | Path,
+        model: Model,
+        provenance: Mapping[str, Any] | None = None,
+        *,
+        lights: bool = True,
+        ground: bool = True,
+    ):
         self.path, self.model = Path(path), model
+        self.lights, self.ground = lights, ground
         self._provenance = provenance
         check_writable(self.path, STAGE_SUFFIXES)
         self._file = ExitStack()
@@ -94,12 +107,16 @@ class StageWriter:
         """
         source = self.stage.GetRootLayer()
         paths = _animated_paths(source)
-        with StageWriter(path, self.model) as part:
+        with self.another(path) as part:
             for number in numbers:
                 part._copy_frame(source, paths, number)
                 part._write_velocities(number, source)  # which has the frames beside the part, too
                 part._count_frame(number)
             part.stage.SetStartTimeCode(numbers.start)
+
+    def another(self, path: Path) -> "StageWriter":
+        """A writer of the same prims into another stage."""
+        return StageWriter(path, self.model, lights=self.lights, ground=self.ground)
 
     def _copy_frame(self, source: Sdf.Layer, paths: Sequence[Sdf.Path], number: int) -> None:
         """Author a frame as it is in a layer, but for the velocities."""
@@ -139,14 +156,21 @@ class StageWriter:
         """What the file's end begins with, so that a failure to save is one of its own."""
         if kind is None:
             self._write_last_velocities()
+            if self.lights and self._last is not None:
+                first = int(self.stage.GetStartTimeCode())
+                define_camera(self.stage, self._subjects, list(range(first, self._last + 1)))
             self.stage.GetRootLayer().Save()
 
     def _define_prims(self) -> list[Prim]:
         stage, model = self.stage, self.model
         paths = self._balloon_paths()
+        define_gravity(stage, model.scene)
         self._balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
         # After the balloons: who reads a stage's first mesh wants a balloon.
-        planes = [PlanePrim(stage, plane, model) for plane in planes_of(model.scene)]
+        if self.lights:
+            define_studio(stage, model.scene.up_axis)
+        drawn = [plane for plane in planes_of(model.scene) if self.ground or plane.name != "Ground"]
+        planes = [PlanePrim(stage, plane, model) for plane in drawn]
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]
@@ -169,6 +193,7 @@ class StageWriter:
                 for n, path in enumerate(paths)
             ]
         grouped = [*spheres, *obstacles, *bodies, *strings, *tubes, *forces]
+        self._subjects = [prim.prim.GetPath() for prim in (*self._balloons, *spheres, *bodies, *strings, *tubes)]
         for group in {prim.prim.GetPath().GetParentPath() for prim in grouped}:
             UsdGeom.Scope.Define(stage, group)
         return [*self._balloons, *planes, *grouped]

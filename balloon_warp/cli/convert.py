@@ -1,0 +1,41 @@
+"""`balloon-warp convert`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from balloon_warp.cli.warn import note
+
+
+def convert(
+    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A USD file: of `run` or `batch`, or any other.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="What to write: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; .h5, arrays; .pvd, "
+            "for ParaView; or a file for each frame, such as out.####.ply or .obj.",
+        ),
+    ],
+) -> None:
+    """Write an animated stage as a file of another kind.
+
+    Try `balloon-warp convert squirrel_tether.usdc -o squirrel.glb`.
+    """
+    from balloon_warp.outputs.exports import export_stage
+
+    terminal = Console(stderr=True)
+    with Progress(console=terminal, disable=not terminal.is_terminal, transient=True) as progress:
+        task = progress.add_task(output.name, total=None)
+        export_stage(
+            stage,
+            output,
+            on_note=note,
+            on_frame=lambda done, count: progress.update(task, completed=done, total=count),
+        )
+    Console(highlight=False, soft_wrap=True).print(f"wrote {output}", markup=False)

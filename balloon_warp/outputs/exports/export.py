@@ -1,0 +1,82 @@
+"""From a stage to a file of another kind.
+
+A simulation's frames always go into a stage first: it is what survives a kill, goes on with `--resume`, and is checked
+by USD's validators. What is exported is made of the stage, and so is the same from `run -o` and, later, from `convert`.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import check_writable
+from balloon_warp.outputs.usd import STAGE_SUFFIXES
+
+HDF5_SUFFIXES = (".h5", ".hdf5")
+WRITERS = {
+    **dict.fromkeys(STAGE_SUFFIXES, "usdz.write_stage"),
+    ".usdz": "usdz.write_usdz",
+    ".glb": "glb.write_glb",
+    ".obj": "sequence.write_sequence",
+    ".ply": "sequence.write_sequence",
+    ".abc": "alembic.write_alembic",
+    **dict.fromkeys(HDF5_SUFFIXES, "hdf5.write_hdf5"),
+    ".pvd": "vtu.write_series",
+}
+"""what writes a kind of file, loaded when it is first needed: a function of where to, the stage's `Animation`, and
+listeners to notes and to progress"""
+EXPORT_SUFFIXES = tuple(WRITERS)
+
+
+def check_export(output: Path) -> None:
+    """Make sure, before any work is done, that a file of this kind can be written there.
+
+    Raises:
+        InputError: it cannot.
+        MissingExtraError: what writes it is not installed.
+    """
+    suffix = output.suffix.lower()
+    check_writable(output, EXPORT_SUFFIXES)
+    if suffix in (".obj", ".ply"):
+        from balloon_warp.outputs.exports.sequence import frame_path
+
+        check_writable(frame_path(output, 0), EXPORT_SUFFIXES)
+    elif suffix == ".abc":
+        from balloon_warp.outputs.exports.alembic import require_blender
+
+        require_blender()
+    elif suffix in HDF5_SUFFIXES:
+        from balloon_warp.outputs.exports.hdf5 import require_h5py
+
+        require_h5py()
+
+
+def export_stage(
+    stage: str | Path,
+    output: str | Path,
+    *,
+    on_note: Callable[[str], None] = lambda sentence: None,
+    on_frame: Callable[[int, int], None] = lambda done, count: None,
+) -> None:
+    """Write what a stage shows into a file of another kind: .usdc, .usda, .usd, .usdz, .glb, .abc, .h5, .pvd, or one
+    .obj or .ply for each frame, where the name has #### for its number. Files appear whole or not at all.
+
+    Args:
+        stage: any file that USD opens.
+        output: where to.
+        on_note: told how large a file will be, before it is made, and what else is good to know.
+        on_frame: told how much is done, and of how much.
+
+    Raises:
+        InputError: the stage cannot be read, or the output cannot be written.
+        MissingExtraError: what writes it is not installed.
+    """
+    stage, output = Path(stage), Path(output)
+    check_export(output)
+    if stage.exists() and output.exists() and stage.samefile(output):
+        raise InputError(f"{output}: is the stage itself; expected another name, with -o")
+    from balloon_warp.outputs.exports.parts import Animation  # loads USD: only once the output is known to be good
+
+    module, function = WRITERS[output.suffix.lower()].split(".")
+    write = getattr(import_module(f"balloon_warp.outputs.exports.{module}"), function)
+    write(output, Animation(stage), on_note, on_frame)

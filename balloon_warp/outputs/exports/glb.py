@@ -1,0 +1,263 @@
+"""A stage as a .glb file: soft meshes as morph targets, one for each shown frame, rigid ones as moving nodes.
+
+No library that is kept up writes morph targets, so the file is put together here; the tests have others read it.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import whole_file
+from balloon_warp.mesh.geometry import triangulate, vertex_normals
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.outputs.exports.glb_buffer import CORNERS, VERTICES, GlbBuffer
+from balloon_warp.outputs.exports.parts import Animation, Part
+from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
+
+MOST_TARGETS = 256
+"""morph targets of a mesh: as many layers as every WebGL 2 has in the texture that three.js keeps them in"""
+MOST_BYTES = 256 * 2**20
+"""of the arrays of a file"""
+VERTEX_BYTES = 24
+"""of a vertex in a morph target: how far its position and its normal are from the first frame's"""
+OPAQUE = 0.9
+"""opacity from which on a surface is drawn as if nothing were seen through it: viewers draw see-through faces in the
+wrong order, which costs more than the last tenth"""
+
+
+class Surface(NamedTuple):
+    """A mesh in triangles and in vertices of one normal and one texture coordinate each."""
+
+    topology: PolygonMesh
+    """the mesh in vertices of one normal each, whose points do not count"""
+    points: NDArray[np.integer]
+    """the mesh's point at each of those, shape (topology.vertex_count,)"""
+    vertices: NDArray[np.integer]
+    """which of those each vertex is, shape (vertex_count,)"""
+    triangles: NDArray[np.uint32]
+    """shape (triangle_count, 3)"""
+    texture_coordinates: NDArray[np.float32] | None
+    """shape (vertex_count, 2), v down as glTF has it"""
+
+    def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Positions and unit normals for the mesh's points, each of shape (vertex_count, 3)."""
+        moved = replace(self.topology, points=points[self.points])
+        normals = vertex_normals(moved)
+        normals[~normals.any(axis=1)] = (0.0, 1.0, 0.0)  # glTF wants unit vectors everywhere
+        return moved.points[self.vertices].astype(np.float32), normals[self.vertices].astype(np.float32)
+
+
+def write_glb(
+    output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
+) -> None:
+    """Write the file, whose size is said before; arguments as `export_stage` has them."""
+    surfaces = [_surface(part) for part in animation.parts]
+    moving = [len(surface.vertices) for part, surface in zip(animation.parts, surfaces, strict=True) if part.soft]
+    frames, thinned = _shown_frames(animation, sum(moving))
+    size = VERTEX_BYTES * sum(moving) * len(frames) + 4 * len(moving) * (len(frames) - 1) * len(frames)
+    on_note(
+        f"{output}: {len(frames)} frames of {sum(moving):,} moving vertices take about "
+        f"{max(size / 2**20, 0.1):.1f} MB{thinned}"
+    )
+    file = _Glb(animation, frames)
+    for done, (part, surface) in enumerate(zip(animation.parts, surfaces, strict=True), start=1):
+        file.add(part, surface)
+        on_frame(done, len(animation.parts))
+    with whole_file(output) as temporary:
+        file.write(temporary)
+
+
+def _shown_frames(animation: Animation, vertices: int) -> tuple[range, str]:
+    """The frames that a file has, so that it stays within its bounds, and the end of a sentence if those are not all.
+
+    Args:
+        vertices: how many move.
+
+    Raises:
+        InputError: there is no room for two.
+    """
+    frames = animation.frames
+    room = MOST_BYTES // max(VERTEX_BYTES * vertices, 1)
+    if room < 2 <= len(frames):
+        raise InputError(
+            f"{animation.path}: has {vertices:,} moving vertices, too many for a .glb of {MOST_BYTES >> 20} MB; "
+            "expected a coarser mesh, or USD"
+        )
+    most = min(MOST_TARGETS + 1, room)
+    if len(frames) <= most:
+        return frames, ""
+    step = math.ceil((len(frames) - 1) / (most - 1))
+    bound = f"{MOST_TARGETS} morph targets" if most > MOST_TARGETS else f"{MOST_BYTES >> 20} MB"
+    return frames[::step], (
+        f": every {_ordinal(step)} of {len(frames)} frames, as there is room for {bound}; straight between them"
+    )
+
+
+def _ordinal(number: int) -> str:
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
+
+
+def _surface(part: Part) -> Surface:
+    """What moves is smooth everywhere: what bends sharply in one frame is round in the next."""
+    cut = leave_whole(part.mesh) if part.soft else cut_at_creases(part.mesh)
+    points, counts = part.mesh.points[cut.vertex_points], part.mesh.face_vertex_counts
+    topology = PolygonMesh(points, counts, cut.corner_vertices)
+    uv = part.mesh.texture_coordinates
+    if uv is None:
+        triangles = triangulate(topology)[0].astype(np.uint32)
+        return Surface(topology, cut.vertex_points, np.arange(len(points)), triangles, None)
+    corners = np.column_stack([cut.corner_vertices.astype(np.float64), uv.astype(np.float64)])
+    unique, number = np.unique(corners, axis=0, return_inverse=True)
+    split = PolygonMesh(points, counts, number.ravel().astype(np.int32))
+    triangles = triangulate(split)[0].astype(np.uint32)
+    flipped = (unique[:, 1:] * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)
+    return Surface(topology, cut.vertex_points, unique[:, 0].astype(np.int64), triangles, flipped)
+
+
+class _Glb:
+    """The file as it grows, part by part."""
+
+    def __init__(self, animation: Animation, frames: range):
+        self.animation, self.frames = animation, frames
+        self.buffer = GlbBuffer()
+        times = np.array([animation.seconds(frame) for frame in frames], np.float32)
+        self._times = self.buffer.add(times, bounded=True) if len(frames) > 1 else None
+        self._meshes: list[dict[str, Any]] = []
+        self._materials: list[dict[str, Any]] = []
+        self._nodes: list[dict[str, Any]] = []
+        self._channels: list[dict[str, Any]] = []
+        self._samplers: list[dict[str, Any]] = []
+
+    def add(self, part: Part, surface: Surface) -> None:
+        """A node, its mesh and material, and how it moves."""
+        node: dict[str, Any] = {"name": part.name, "mesh": len(self._meshes)}
+        matrices = [part.matrix(frame) for frame in self.frames]
+        baked = part.soft or not all(_is_placed(matrix) for matrix in matrices)
+        shapes = self._shapes(part, surface, baked)
+        positions, normals = next(shapes)
+        attributes = {
+            "POSITION": self.buffer.add(positions, VERTICES, bounded=True),
+            "NORMAL": self.buffer.add(normals, VERTICES),
+        }
+        if surface.texture_coordinates is not None:
+            attributes["TEXCOORD_0"] = self.buffer.add(surface.texture_coordinates, VERTICES)
+        primitive: dict[str, Any] = {
+            "attributes": attributes,
+            "indices": self.buffer.add(surface.triangles.ravel(), CORNERS),
+            "material": len(self._materials),
+        }
+        mesh: dict[str, Any] = {"name": part.name, "primitives": [primitive]}
+        targets = [
+            {
+                "POSITION": self.buffer.add(later - positions, VERTICES, bounded=True),
+                "NORMAL": self.buffer.add(turned - normals, VERTICES),
+            }
+            for later, turned in shapes
+        ]
+        if targets:
+            primitive["targets"], mesh["weights"] = targets, [0.0] * len(targets)
+            mesh["extras"] = {"targetNames": [f"frame {frame}" for frame in self.frames[1:]]}
+        self._nodes.append(node)
+        self._meshes.append(mesh)
+        self._materials.append(_material(part))
+        if targets:  # the first frame is the mesh itself, and each other a target of its own
+            weights = np.eye(len(targets) + 1, dtype=np.float32)[:, 1:]
+            self._animate("weights", weights.ravel())
+        if not baked:
+            self._place(node, matrices)
+        self._show(part, node)
+
+    def write(self, path: Path) -> None:
+        root: dict[str, Any] = {"name": "World", "children": list(range(len(self._nodes)))}
+        if self.animation.up_axis == "Z":
+            root["rotation"] = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
+        if self.animation.meters_per_unit != 1.0:
+            root["scale"] = [self.animation.meters_per_unit] * 3
+        content: dict[str, Any] = {
+            "asset": {"version": "2.0", "generator": "Balloon Warp"},
+            "scene": 0,
+            "scenes": [{"nodes": [len(self._nodes)]}],
+            "nodes": [*self._nodes, root],
+            "meshes": self._meshes,
+            "materials": self._materials,
+        }
+        if any("KHR_materials_clearcoat" in material.get("extensions", {}) for material in self._materials):
+            content["extensionsUsed"] = ["KHR_materials_clearcoat"]
+        if self._channels:
+            said = {"name": "Balloon Warp", "channels": self._channels, "samplers": self._samplers}
+            content["animations"] = [said]
+        self.buffer.write(path, content)
+
+    def _shapes(
+        self, part: Part, surface: Surface, baked: bool
+    ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Positions and normals of each frame: in the stage's coordinates where they change, else once, in its own."""
+        for frame in self.frames if baked else self.frames[:1]:
+            yield surface.place(part.points(frame) if baked else part.local_points(frame))
+
+    def _animate(self, path: str, values: NDArray[np.float32], interpolation: str = "LINEAR") -> None:
+        """Of the last node."""
+        target = {"node": len(self._nodes) - 1, "path": path}
+        self._channels.append({"sampler": len(self._samplers), "target": target})
+        output = self.buffer.add(values)
+        self._samplers.append({"input": self._times, "output": output, "interpolation": interpolation})
+
+    def _place(self, node: dict[str, Any], matrices: Sequence[NDArray[np.float64]]) -> None:
+        """Where a rigid node is: at rest, and in each frame if it moves."""
+        from scipy.spatial.transform import Rotation  # takes long to load
+
+        sizes = np.array([np.linalg.norm(matrix[:3, :3], axis=1) for matrix in matrices])
+        turns = Rotation.from_matrix([(m[:3, :3] / size[:, None]).T for m, size in zip(matrices, sizes, strict=True)])
+        quaternions = turns.as_quat()
+        for before, after in itertools.pairwise(quaternions):
+            after *= 1.0 if before @ after >= 0.0 else -1.0  # the shorter way
+        moves = {"translation": np.array([m[3, :3] for m in matrices]), "rotation": quaternions, "scale": sizes}
+        for path, values in moves.items():
+            node[path] = values[0].tolist()
+            if not np.allclose(values, values[0], rtol=0.0, atol=1e-9):
+                self._animate(path, values.astype(np.float32))
+
+    def _show(self, part: Part, node: dict[str, Any]) -> None:
+        """What is not there in some frames is as small as nothing in them: glTF has no visibility."""
+        seen = np.array([part.seen(frame) for frame in self.frames])
+        if not seen.all():
+            size = np.array(node.get("scale", [1.0, 1.0, 1.0]), np.float32)
+            node["scale"] = (seen[0] * size).tolist()
+            if self._times is not None:
+                self._animate("scale", seen[:, None] * size, "STEP")
+
+
+def _is_placed(matrix: NDArray[np.float64]) -> bool:
+    """Whether a matrix is a scale, a turn and a shift, as glTF's nodes have them, without shear or mirroring."""
+    rows = matrix[:3, :3]
+    sizes = np.linalg.norm(rows, axis=1)
+    square = np.allclose(rows @ rows.T, np.diag(sizes**2), atol=1e-6 * sizes.max() ** 2)
+    return bool(sizes.all() and np.linalg.det(rows) > 0.0 and square)
+
+
+def _material(part: Part) -> dict[str, Any]:
+    finish = part.finish
+    opacity = 1.0 if finish.opacity >= OPAQUE else finish.opacity
+    color = np.clip(part.color, 0.0, 1.0).tolist()
+    material: dict[str, Any] = {
+        "name": part.name,
+        "doubleSided": True,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [*color, opacity],
+            "metallicFactor": 0.0,
+            "roughnessFactor": finish.roughness,
+        },
+    }
+    if opacity < 1.0:
+        material["alphaMode"] = "BLEND"
+    if finish.clearcoat > 0.0:
+        material["extensions"] = {"KHR_materials_clearcoat": {"clearcoatFactor": min(finish.clearcoat, 1.0)}}
+    return material

@@ -1,0 +1,192 @@
+"""What a stage shows, as polygon meshes of fixed topology that move: what every export is made of."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.outputs.exports.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
+from balloon_warp.outputs.render.appearance import Finish, read_colors, read_finish
+from balloon_warp.outputs.render.moment import Z_TO_Y_UP
+from balloon_warp.outputs.render.prims import CORNERS, SIDES
+from balloon_warp.outputs.render.stage_reader import DRAWN, RenderStage
+
+LEVEL = ("ground", "floor", "water", "pool")
+"""names of level planes: no export has them, as they are far larger than what moves above them"""
+SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+"""purposes of prims that are there to be seen"""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that a stage shows."""
+
+    name: str
+    prim: Usd.Prim
+    mesh: PolygonMesh
+    """at the first frame, in the prim's own coordinates"""
+    soft: bool
+    """whether its points move in the prim's own coordinates"""
+    local_points: Callable[[float], NDArray[np.float64]]
+    """of a frame, in the prim's own coordinates, shape (vertex_count, 3)"""
+    color: tuple[float, float, float]
+    """linear RGB"""
+    finish: Finish
+
+    def matrix(self, frame: float) -> NDArray[np.float64]:
+        """From the prim's own coordinates to the stage's, of row vectors, shape (4, 4)."""
+        return np.array(UsdGeom.XformCache(Usd.TimeCode(frame)).GetLocalToWorldTransform(self.prim))
+
+    def points(self, frame: float) -> NDArray[np.float64]:
+        """Where it is in the stage, in the stage's unit, shape (vertex_count, 3)."""
+        points = self.local_points(frame)
+        if len(points) != self.mesh.vertex_count or not np.isfinite(points).all():
+            raise InputError(
+                f"{self.prim.GetPath()}: has {len(points)} points at frame {frame:g}, or some that are not finite; "
+                f"expected {self.mesh.vertex_count} finite ones"
+            )
+        matrix = self.matrix(frame)
+        return points @ matrix[:3, :3] + matrix[3, :3]
+
+    def velocities(self, frame: float) -> NDArray[np.float64] | None:
+        """How its points move in the stage, a second, shape (vertex_count, 3), where the prim says it."""
+        prim = UsdGeom.PointBased(self.prim)
+        own = prim.GetVelocitiesAttr().Get(frame) if prim else None
+        if own is None or len(own) != self.mesh.vertex_count:
+            return None
+        return np.asarray(own, np.float64) @ self.matrix(frame)[:3, :3]
+
+    def seen(self, frame: float) -> bool:
+        """Whether it is visible."""
+        visibility = UsdGeom.Imageable(self.prim).ComputeVisibility(Usd.TimeCode(frame))
+        return visibility != UsdGeom.Tokens.invisible
+
+
+class Animation:
+    """The parts of a stage and its time.
+
+    Args:
+        path: any file that USD opens.
+
+    Raises:
+        InputError: the file cannot be read as a stage, or there is nothing to export in it.
+    """
+
+    def __init__(self, path: Path):
+        opened = RenderStage(path)
+        self.path, self.stage = path, opened.stage
+        self.frames = range(opened.first_frame, opened.last_frame + 1)
+        self.frames_per_second = float(opened.frames_per_second)
+        self.parts = self._find_parts()
+        if not self.parts:
+            raise InputError(f"{path}: has no mesh, cube, sphere, capsule or linear curves to export")
+
+    @cached_property
+    def balloons(self) -> list[Part]:
+        """The parts whose meshes have points that move, without strings and tubes."""
+        return [part for part in self.parts if part.soft and bool(UsdGeom.Mesh(part.prim))]
+
+    @property
+    def meters_per_unit(self) -> float:
+        return float(UsdGeom.GetStageMetersPerUnit(self.stage))
+
+    @property
+    def up_axis(self) -> str:
+        return str(UsdGeom.GetStageUpAxis(self.stage))
+
+    def y_up_meters(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points of the stage in meters with Y up, as files have them that cannot say otherwise."""
+        return points @ (Z_TO_Y_UP if self.up_axis == "Z" else np.eye(3)) * self.meters_per_unit
+
+    def seconds(self, frame: int) -> float:
+        """When a frame is shown, from the first on."""
+        return (frame - self.frames[0]) / self.frames_per_second
+
+    def _find_parts(self) -> list[Part]:
+        parts, names = [], set[str]()
+        for prim in Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+            if not any(kind(prim) for kind in DRAWN) or UsdGeom.Imageable(prim).ComputePurpose() not in SHOWN:
+                continue
+            part = _part_of(prim, self.frames[0], prim.GetName())
+            if part is None or _is_level(part):
+                continue
+            words = [part.name, f"{prim.GetParent().GetName()}_{part.name}", str(prim.GetPath())[1:].replace("/", "_")]
+            name = next((word for word in words if word not in names), words[-1])
+            names.add(name)
+            parts.append(replace(part, name=name))
+        return parts
+
+
+def _is_level(part: Part) -> bool:
+    return part.name.lower() in LEVEL and part.mesh.face_count == 1
+
+
+def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
+    """Of a prim that is drawn; None where it has no faces."""
+    soft, uv = False, None
+    place: Callable[[float], NDArray[np.float64]]
+    if UsdGeom.Mesh(prim):
+        mesh = UsdGeom.Mesh(prim)
+        soft = mesh.GetPointsAttr().GetNumTimeSamples() > 0
+        counts, indices = (
+            np.asarray(attribute.Get(first) or [], np.int32)
+            for attribute in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
+        )
+        place, uv = _points_of(mesh), _texture_coordinates(mesh, len(indices))
+        point_count = len(place(first))
+        if np.any(counts < 0) or counts.sum() != len(indices) or np.any((indices < 0) | (indices >= point_count)):
+            raise InputError(f"{prim.GetPath()}: its faces do not fit its {point_count} points")
+        whole = np.repeat(counts, counts) >= 3
+        counts, indices, uv = counts[counts >= 3], indices[whole], None if uv is None else uv[whole]
+    elif UsdGeom.Cube(prim):
+        cube, counts, indices = UsdGeom.Cube(prim), np.full(6, 4, np.int32), SIDES.ravel()
+        place = _still(cube.GetSizeAttr().Get(first) * CORNERS)
+    elif UsdGeom.Sphere(prim):
+        points, counts, indices = sphere_mesh(float(UsdGeom.Sphere(prim).GetRadiusAttr().Get(first)))
+        place = _still(points)
+    elif UsdGeom.Capsule(prim):
+        capsule = UsdGeom.Capsule(prim)
+        radius, height = (float(size.Get(first)) for size in (capsule.GetRadiusAttr(), capsule.GetHeightAttr()))
+        points, counts, indices = capsule_mesh(radius, height, "XYZ".index(capsule.GetAxisAttr().Get(first)))
+        place = _still(points)
+    else:
+        curves = UsdGeom.BasisCurves(prim)
+        if curves.GetTypeAttr().Get() != UsdGeom.Tokens.linear:
+            return None
+        soft = curves.GetPointsAttr().GetNumTimeSamples() > 0
+        lengths = np.asarray(curves.GetCurveVertexCountsAttr().Get(first) or [], np.int32)
+        counts, indices = tube_topology(lengths)
+        center, radius = _points_of(curves), 0.5 * float(np.mean(curves.GetWidthsAttr().Get(first) or [0.01]))
+
+        def around(frame: float) -> NDArray[np.float64]:
+            return tube_points(center(frame), lengths, radius)
+
+        place = around
+
+    if not len(counts):
+        return None
+    mesh = PolygonMesh(place(first), counts, indices, name=name, texture_coordinates=uv)
+    red, green, blue = read_colors(UsdGeom.Gprim(prim), np.ones(1, np.int32))[0].tolist()
+    return Part(name, prim, mesh, soft, place, (red, green, blue), read_finish(prim))
+
+
+def _still(points: NDArray[np.float64]) -> Callable[[float], NDArray[np.float64]]:
+    return lambda frame: points
+
+
+def _points_of(prim: UsdGeom.PointBased) -> Callable[[float], NDArray[np.float64]]:
+    attribute = prim.GetPointsAttr()
+    return lambda frame: np.asarray(attribute.Get(frame) or [], np.float64).reshape(-1, 3)
+
+
+def _texture_coordinates(mesh: UsdGeom.Mesh, corner_count: int) -> NDArray[np.float32] | None:
+    """At each corner, shape (corner_count, 2), where the mesh has them so."""
+    st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
+    values = np.asarray(st.ComputeFlattened() if st and st.HasValue() else [], np.float32).reshape(-1, 2)
+    return values if len(values) == corner_count else None

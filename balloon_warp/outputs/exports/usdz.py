@@ -1,0 +1,32 @@
+"""A stage as one .usdz package, as phones and pages show it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pxr import UsdUtils
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import whole_file
+from balloon_warp.outputs.exports.parts import Animation
+
+
+def write_usdz(
+    output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
+) -> None:
+    """Write the package; arguments as `export_stage` has them."""
+    with TemporaryDirectory() as folder, whole_file(output) as temporary:
+        flat = Path(folder) / f"{output.stem}.usdc"  # a package begins with a binary layer, under this name
+        animation.stage.Export(str(flat))
+        if not UsdUtils.CreateNewUsdzPackage(str(flat), str(temporary)):
+            raise InputError(f"{output}: USD could not make a package of {animation.path}; is the disk full?")
+    on_frame(1, 1)
+
+
+def write_stage(
+    output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
+) -> None:
+    """Write the stage in one file of another kind of USD."""
+    with whole_file(output) as temporary:
+        animation.stage.Export(str(temporary))
+    on_frame(1, 1)

@@ -1,0 +1,87 @@
+"""A stage as a series that ParaView plays: an unstructured grid for each frame, .vtu, and their times, .pvd."""
+
+import base64
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.files import whole_file
+from balloon_warp.outputs.exports.parts import Animation, Part
+
+POLYGON, TRIANGLE, QUAD = 7, 5, 9
+"""cells, as VTK numbers them"""
+_KINDS = {np.dtype(np.float32): "Float32", np.dtype(np.int64): "Int64", np.dtype(np.uint8): "UInt8"}
+
+
+def write_series(
+    output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
+) -> None:
+    """Write the grids, OUTPUT.0000.vtu and so on, and then what lists them; arguments as `export_stage` has them."""
+    listed = []
+    for done, frame in enumerate(animation.frames, start=1):
+        path = output.with_name(f"{output.stem}.{frame:04d}.vtu")
+        with whole_file(path) as temporary:
+            temporary.write_text(_grid(animation, frame), encoding="ascii")
+        place = f'timestep="{animation.seconds(frame):.9g}" part="0" file={quoteattr(path.name)}'
+        listed.append(f"<DataSet {place}/>\n")
+        on_frame(done, len(animation.frames))
+    with whole_file(output) as temporary:
+        content = "".join(["<Collection>\n", *listed, "</Collection>\n"])
+        temporary.write_text(_file("Collection", content), encoding="utf-8")
+
+
+def _file(kind: str, content: str) -> str:
+    return (
+        f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f"{content}</VTKFile>\n"
+    )
+
+
+def _grid(animation: Animation, frame: int) -> str:
+    """All that is seen, in meters with Y up: velocities at points, the part's number and pressure in cells."""
+    parts = [(number, part) for number, part in enumerate(animation.parts) if part.seen(frame)]
+    counts = np.concatenate([part.mesh.face_vertex_counts for _, part in parts])
+    befores = np.cumsum([0, *(part.mesh.vertex_count for _, part in parts[:-1])])
+    shown = zip(befores.tolist(), parts, strict=True)
+    corners = np.concatenate([part.mesh.face_vertex_indices.astype(np.int64) + before for before, (_, part) in shown])
+    points = np.concatenate([animation.y_up_meters(part.points(frame)) for _, part in parts])
+    velocities = np.concatenate([animation.y_up_meters(_velocities(part, frame)) for _, part in parts])
+    kinds = np.select([counts == 3, counts == 4], [TRIANGLE, QUAD], POLYGON)
+    return _file(
+        "UnstructuredGrid",
+        f'<UnstructuredGrid>\n<Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(counts)}">\n'
+        f"<Points>\n{_array('points', points.astype(np.float32))}</Points>\n"
+        f"<Cells>\n{_array('connectivity', corners)}{_array('offsets', np.cumsum(counts, dtype=np.int64))}"
+        f"{_array('types', kinds.astype(np.uint8))}</Cells>\n"
+        f"<PointData>\n{_array('velocity', velocities.astype(np.float32))}</PointData>\n"
+        f"<CellData>\n{_array('part', _of_faces(parts, lambda number, part: number).astype(np.int64))}"
+        f"{_array('pressure', _of_faces(parts, lambda number, part: _pressure(part, frame)).astype(np.float32))}"
+        "</CellData>\n</Piece>\n</UnstructuredGrid>\n",
+    )
+
+
+def _of_faces(parts: Sequence[tuple[int, Part]], value: Callable[[int, Part], float]) -> NDArray[np.float64]:
+    """A number of each part, at each of its faces."""
+    return np.concatenate([np.full(part.mesh.face_count, float(value(number, part))) for number, part in parts])
+
+
+def _velocities(part: Part, frame: int) -> NDArray[np.float64]:
+    """0 where nothing says them."""
+    said = part.velocities(frame)
+    return np.zeros((part.mesh.vertex_count, 3)) if said is None else said
+
+
+def _pressure(part: Part, frame: int) -> float:
+    attribute = part.prim.GetAttribute("userProperties:pressure")
+    return float(attribute.Get(frame) or 0.0) if attribute else 0.0
+
+
+def _array(name: str, values: NDArray) -> str:
+    """As base64 behind its number of bytes."""
+    columns = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
+    data = np.ascontiguousarray(values).tobytes()
+    text = base64.b64encode(np.uint64(len(data)).tobytes() + data).decode()
+    return f'<DataArray type="{_KINDS[values.dtype]}" Name="{name}"{columns} format="binary">{text}</DataArray>\n'

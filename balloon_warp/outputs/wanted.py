@@ -1,0 +1,125 @@
+"""What a run is to leave behind: a stage, what is made of it, and a picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Any, Self
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import check_writable
+from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage
+from balloon_warp.outputs.usd import STAGE_SUFFIXES
+from balloon_warp.scene import Scene
+
+
+@dataclass
+class Wanted:
+    """Within the `with` block there is a place for the stage: the output itself, or, where that is of another kind, a
+    hidden folder beside it, which goes at the block's end."""
+
+    output: Path
+    """a stage, or what is made of one"""
+    picture: Path | None = None
+    """an image of the stage"""
+    points: Path | None = None
+    """the stage's points and what else is known of them, as arrays"""
+    lights: bool = True
+    """whether the stage has lights and a camera"""
+    ground: bool = True
+    """whether it has the scene's ground"""
+    _folder: TemporaryDirectory[str] | None = field(default=None, init=False)
+
+    @classmethod
+    def of(
+        cls,
+        output: str | Path,
+        picture: str | Path | None = None,
+        points: str | Path | None = None,
+        lights: bool = True,
+        ground: bool = True,
+    ) -> Self:
+        """What is wanted, with files as text or paths."""
+        others = (Path(path) if path else None for path in (picture, points))
+        return cls(Path(output), *others, lights=lights, ground=ground)
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """what the stage is to say that it lacks"""
+        lacking = [name for name in ("lights", "ground") if not getattr(self, name)]
+        return {"leftOut": " ".join(lacking)} if lacking else {}
+
+    @property
+    def is_stage(self) -> bool:
+        """whether the output is a stage"""
+        return self.output.suffix.lower() in STAGE_SUFFIXES
+
+    @property
+    def stage(self) -> Path:
+        """where the frames are written to"""
+        return self.output if self._folder is None else Path(self._folder.name) / "frames.usdc"
+
+    def checked(self, scene: Scene) -> Self:
+        """Itself, once it is sure that all files can be written, and that none is a mesh of the scene.
+
+        Raises:
+            InputError: that is not so.
+            MissingExtraError: what writes one is not installed.
+        """
+        check_export(self.output)
+        if self.picture:
+            from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
+
+            check_writable(self.picture, PICTURE_SUFFIXES)
+        if self.points:
+            if self.points.suffix.lower() not in HDF5_SUFFIXES:
+                raise InputError(f"{self.points}: cannot hold points; expected {' or '.join(HDF5_SUFFIXES)}")
+            check_export(self.points)
+        for balloon in scene.balloon:
+            if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == self.output.resolve():
+                raise InputError(f"{self.output}: is the mesh of the scene; expected another name, with -o")
+        return self
+
+    def __enter__(self) -> Self:
+        if not self.is_stage:
+            self._folder = TemporaryDirectory(prefix=".", suffix=".partial", dir=self.output.parent)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def export(self, on_note: Callable[[str], None]) -> None:
+        """Make of the stage, which is written, what is wanted beside it or in its place.
+
+        Raises:
+            InputError: it cannot be written.
+            KeyboardInterrupt: Ctrl-C; the message says what there is.
+        """
+        if not self.is_stage:
+            self._make(self.output, lambda: export_stage(self.stage, self.output, on_note=on_note))
+        if self.points:
+            points = self.points
+            self._make(points, lambda: export_stage(self.stage, points, on_note=on_note))
+
+    def draw(self, device: str | None) -> None:
+        """Make the picture of the stage, if one is wanted.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C; the message says what there is.
+        """
+        if self.picture:
+            from balloon_warp.outputs.render import render_stage
+
+            picture = self.picture
+            self._make(picture, lambda: render_stage(self.stage, picture, device=device))
+
+    def _make(self, path: Path, make: Callable[[], Any]) -> None:
+        try:
+            make()
+        except KeyboardInterrupt:
+            there = f"{self.output} is written, {path} is not" if path != self.output else f"{path} is not written"
+            raise KeyboardInterrupt(there) from None

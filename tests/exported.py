@@ -1,0 +1,56 @@
+"""A small stage with one of each that exports have to do with."""
+
+from pathlib import Path
+
+import numpy as np
+from meshes import cube, quad_sphere
+from pxr import Usd, UsdGeom
+
+from balloon_warp import PolygonMesh, Scene
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Sphere, String, Water
+
+FRAMES = 6
+RATE = 30.0
+BALL = quad_sphere(3)
+UV = np.random.default_rng(1).random((len(BALL.face_vertex_indices), 2)).astype(np.float32)
+
+
+def scene(**fields) -> Scene:
+    """One of each that moves in its own way; the second sphere appears after two frames."""
+    textured = PolygonMesh(BALL.points, BALL.face_vertex_counts, BALL.face_vertex_indices, texture_coordinates=UV)
+    fields = {
+        "balloon": [
+            Balloon(mesh=textured, name="ball", position=(0, 2, 0), inflation=Inflation(k_normal=0.2)),
+            Balloon(mesh=cube(), name="box", position=(4, 3, 0), color=(0.1, 0.2, 0.3)),
+        ],
+        "sphere": [
+            Sphere(position=(0, 5, 0), radius=0.3),
+            Sphere(position=(2, 5, 0), radius=0.1, start=2.0 / RATE),
+        ],
+        "string": [String(anchor=(0, 0, 0), length=2.0)],
+        "obstacle": [
+            Obstacle(
+                shape="box",
+                size=(1.0, 0.5, 0.2),
+                position=(-4, 1, 0),
+                motion=[[0.0, [0, 0, 0], [0, 0, 0]], [0.2, [1, 0, 0], [0, 90, 0]]],
+            )
+        ],
+        "ground": Ground(height=-5.0),
+        "water": Water(level=-4.0),
+        "frames": FRAMES,
+        "frames_per_second": RATE,
+    } | fields
+    return Scene(**fields)
+
+
+def points(path: Path, prim: str, frame: float) -> np.ndarray:
+    """Of a mesh in the stage with Y up."""
+    stage = Usd.Stage.Open(str(path))
+    found = np.array(UsdGeom.Mesh(stage.GetPrimAtPath(prim)).GetPointsAttr().Get(frame), np.float64)
+    return found @ turned(stage)
+
+
+def turned(stage: Usd.Stage) -> np.ndarray:
+    """Turns row vectors of a stage so that Y is up."""
+    return np.eye(3) if UsdGeom.GetStageUpAxis(stage) == "Y" else np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])

@@ -1,0 +1,78 @@
+"""What a stage says for others than viewers: simulators that go on, and renderers that know OpenPBR."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exported import BALL, scene
+from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
+
+from balloon_warp import animate
+from balloon_warp.mesh.geometry import triangulate
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stage") / "out.usdc"
+    animate(scene(frames=2), path, device="cpu")
+    return path
+
+
+def test_a_balloon_is_a_surface_deformable(written: Path):
+    stage = Usd.Stage.Open(str(written))
+    prim = stage.GetPrimAtPath("/World/ball")
+    applied = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    assert {"PhysicsDeformableBodyAPI", "PhysicsSurfaceDeformableSimAPI", "PhysicsCollisionAPI"} <= set(applied)
+    start = UsdGeom.Mesh(prim).GetPointsAttr().Get(0)
+    np.testing.assert_allclose(prim.GetAttribute("physics:restShapePoints").Get(), start, atol=1e-6)
+    np.testing.assert_allclose(UsdGeom.Mesh(prim).GetPointsAttr().Get(), start, atol=1e-6)
+    np.testing.assert_array_equal(prim.GetAttribute("physics:restTriVertexIndices").Get(), triangulate(BALL)[0])
+    assert prim.GetAttribute("physics:mass").Get() == pytest.approx(scene().balloon[0].mass)
+    gravity = UsdPhysics.Scene(stage.GetPrimAtPath("/World/Physics"))
+    assert tuple(gravity.GetGravityDirectionAttr().Get()) == (0.0, -1.0, 0.0)
+    assert gravity.GetGravityMagnitudeAttr().Get() == pytest.approx(abs(scene().gravity))
+
+
+def test_newton_takes_the_balloon_up(written: Path):
+    """As cloth of our particles and triangles."""
+    pytest.importorskip("newton_usd_schemas")
+    newton = pytest.importorskip("newton")
+    builder = newton.ModelBuilder()
+    found = builder.add_usd(str(written), return_deformable_results=True)
+    first, end = found["path_cloth_map"]["/World/ball"]["particle"]
+    stage = Usd.Stage.Open(str(written))
+    start = np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball")).GetPointsAttr().Get(0))
+    taken = np.array(builder.particle_q[first:end])
+    np.testing.assert_allclose(taken, start[:, [0, 2, 1]] * [1, -1, 1], atol=1e-5)  # Newton's up axis is Z
+    first, end = found["path_cloth_map"]["/World/ball"]["tri"]
+    assert end - first == 2 * BALL.face_count
+
+
+def test_latex_is_a_variant_that_validators_need_not_know(written: Path):
+    stage = Usd.Stage.Open(str(written))
+    material = UsdShade.Material(stage.GetPrimAtPath("/World/Looks/ball"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    assert material.ComputeSurfaceSource("mtlx")[0].GetIdAttr().Get() == "UsdPreviewSurface"
+    material.GetPrim().GetVariantSet("surface").SetVariantSelection("openpbr")
+    latex = material.ComputeSurfaceSource("mtlx")[0]
+    assert latex.GetIdAttr().Get() == "ND_open_pbr_surface_surfaceshader"
+    assert latex.GetInput("geometry_thin_walled").Get() is True
+    assert latex.GetInput("base_color").Get() == material.ComputeSurfaceSource()[0].GetInput("diffuseColor").Get()
+    assert material.ComputeSurfaceSource()[0].GetIdAttr().Get() == "UsdPreviewSurface"
+
+
+def test_openpbr_has_the_inputs_that_latex_sets(written: Path):
+    """By MaterialX's own definition."""
+    materialx = pytest.importorskip("MaterialX")
+    library = materialx.createDocument()
+    folders = materialx.getDefaultDataLibraryFolders()
+    materialx.loadLibraries(folders, materialx.getDefaultDataSearchPath(), library)
+    kinds = {"color3f": "color3", "float": "float", "bool": "boolean"}
+    definition = library.getNodeDef("ND_open_pbr_surface_surfaceshader")
+    known = {each.getName(): each.getType() for each in definition.getInputs()}
+    stage = Usd.Stage.Open(str(written))
+    material = UsdShade.Material(stage.GetPrimAtPath("/World/Looks/ball"))
+    material.GetPrim().GetVariantSet("surface").SetVariantSelection("openpbr")
+    for each in material.ComputeSurfaceSource("mtlx")[0].GetInputs():
+        assert known[each.GetBaseName()] == kinds[str(each.GetTypeName())]
