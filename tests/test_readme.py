@@ -14,8 +14,18 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def block(language: str) -> str:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)[0]
+def block(language: str, page: str = README) -> str:
+    return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)[0]
+
+
+def test_it_is_short_and_begins_with_the_two_commands():
+    """Continuous integration runs the first two lines that begin with `pip install`."""
+    assert README.count("\n") <= 110
+    commands = re.findall(r"^pip install .*", README, re.MULTILINE)
+    assert commands == [
+        "pip install . && balloon-warp run squirrel_tether --picture",
+        "pip install '.[test]' && pytest",
+    ]
 
 
 def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -38,7 +48,8 @@ def test_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_scene_example_is_valid():
-    scene = Scene.model_validate(tomllib.loads(block("toml")))
+    start = (ROOT / "docs" / "START.md").read_text(encoding="utf-8")
+    scene = Scene.model_validate(tomllib.loads(block("toml", start)))
     assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == (1, 1, 1)
 
 
