@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.device import pick_device
+from balloon_warp.mesh.load import load_mesh
 from balloon_warp.provenance import installed_versions
 from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
@@ -109,7 +110,7 @@ def self_test(device: str) -> SelfTest:
     """Let a cube fall for a second under a pressure that blows it up. Neither pressure nor springs may move its center
     of mass, which falls by g h^2 n (n + 1) / 2 in n steps of h seconds."""
     started = time.perf_counter()
-    balloon = Balloon(mesh=CUBE, mass=1.0, damping=0.0, inflation=Inflation(pressure=20.0))
+    balloon = Balloon(mesh=load_mesh(CUBE), mass=1.0, damping=0.0, inflation=Inflation(pressure=20.0))
     scene = Scene(balloon=[balloon], gravity=GRAVITY, frames=FRAMES)
     simulator = Simulator(scene, device)
     frames = list(simulator.run())
