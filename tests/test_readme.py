@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from meshes import quad_sphere
 
+from balloon_warp.benchmarks.performance import RESULTS, rates
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Scene
 
@@ -62,3 +63,14 @@ def test_links_lead_somewhere(page: str):
     files = [path.parent / link.partition("#")[0] for link in links if not link.startswith("http") and link[0] != "#"]
     assert files
     assert [file for file in files if not file.exists()] == []
+
+
+def test_its_speeds_are_those_that_were_measured():
+    """Each to its two digits."""
+    found = rates(RESULTS.read_text(encoding="utf-8"))
+    for name, (ours, peer) in found.items():
+        cells = next(line for line in README.splitlines() if line.startswith(f"| {name} |")).split("|")[2:5]
+        assert f"{float(cells[0].split()[0]):.2g} million" == f"{ours:.2g} million"
+        if peer:
+            assert float(cells[1].split()[0]) == pytest.approx(peer, rel=0.03)
+            assert float(cells[2].split()[0]) == pytest.approx(ours / peer, abs=1.0)
