@@ -36,5 +36,5 @@ def _value(parameter: Any) -> str:
     return f"`{_cell(parameter.metavar)}`" if parameter.metavar else ""
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
+def _cell(text: str | None) -> str:
+    return (text or "").replace("|", "\\|")

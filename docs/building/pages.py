@@ -41,7 +41,7 @@ def _directive(name: str, found: object) -> str:
     if not isinstance(found, type):
         return f".. autofunction:: balloon_warp.{name}"
     if hasattr(found, "model_fields"):  # its fields stand in SCENE.md
-        return f".. autoclass:: balloon_warp.{name}\n   :exclude-members: __init__, __new__\n   :no-index-entry:"
+        return f".. autoclass:: balloon_warp.{name}\n   :exclude-members: __init__, __new__"
     excluded = "\n   :exclude-members: __init__" if is_dataclass(found) else ""
     return f".. autoclass:: balloon_warp.{name}\n   :members:\n   :inherited-members: Exception, object{excluded}"
 
