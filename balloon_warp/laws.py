@@ -19,6 +19,7 @@ import warp as wp
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, PARAMETERS, Law, Parameter
 from balloon_warp.kernels.laws.law import GIVEN, GIVEN_TO_BOUNDS, RESULT, Kind
+from balloon_warp.quiet import quiet_warp
 
 TYPES: Mapping[str, tuple[type, ...]] = {
     "vec3": (wp.vec3,),
@@ -155,6 +156,7 @@ def _require_function(whose: str, function: Any, types: Mapping[str, str], resul
         if annotations.get(name, Any) not in (Any, *TYPES[types[name]]):
             expected = TYPES[types[name]][0].__name__
             raise InputError(f"{whose}: its argument {name} is of another type; expected {expected}")
+    quiet_warp()  # on the host, too, vectors are added by Warp
     returned = _tried(whose, function, [SAMPLES[types[name]] for name in arguments])
     if returned is not None and not isinstance(returned, TYPES[result]):
         expected = TYPES[result][0].__name__

@@ -30,7 +30,7 @@ LAYERS = (
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("comparison", "trajectories", "warming"),
+    ("comparison", "trajectories", "warming", "doctor"),
     ("benchmarks", "scenes"),
     ("cli",),
 )

@@ -36,6 +36,25 @@ def test_names_are_there_before_they_load_and_warp_is_silent(tmp_path: Path):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+LAW = """
+import warp as wp
+import balloon_warp as bw
+
+@wp.func
+def pull(position: wp.vec3, mass: float):
+    return -mass * position
+
+bw.particle_law(pull)
+"""
+
+
+def test_warp_is_silent_where_a_law_is_made_first(tmp_path: Path):
+    """Warp reads its source, which needs a file."""
+    (tmp_path / "law.py").write_text(LAW)
+    done = subprocess.run([sys.executable, tmp_path / "law.py"], capture_output=True, text=True, timeout=600)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_whoever_asks_warp_for_more_hears_it(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(wp.config, "log_level", wp.LOG_DEBUG)
     quiet_warp.__wrapped__()

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from meshes import quad_sphere
 
+from balloon_warp.benchmarks.performance import RESULTS, rates
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Scene
 
@@ -14,8 +15,18 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def block(language: str) -> str:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)[0]
+def block(language: str, page: str = README) -> str:
+    return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)[0]
+
+
+def test_it_is_short_and_begins_with_the_two_commands():
+    """Continuous integration runs the first two lines that begin with `pip install`."""
+    assert README.count("\n") <= 110
+    commands = re.findall(r"^pip install .*", README, re.MULTILINE)
+    assert commands == [
+        "pip install . && balloon-warp run squirrel_tether --picture",
+        "pip install '.[test]' && pytest",
+    ]
 
 
 def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -38,7 +49,8 @@ def test_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_scene_example_is_valid():
-    scene = Scene.model_validate(tomllib.loads(block("toml")))
+    start = (ROOT / "docs" / "START.md").read_text(encoding="utf-8")
+    scene = Scene.model_validate(tomllib.loads(block("toml", start)))
     assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == (1, 1, 1)
 
 
@@ -51,3 +63,14 @@ def test_links_lead_somewhere(page: str):
     files = [path.parent / link.partition("#")[0] for link in links if not link.startswith("http") and link[0] != "#"]
     assert files
     assert [file for file in files if not file.exists()] == []
+
+
+def test_its_speeds_are_those_that_were_measured():
+    """Each to its two digits."""
+    found = rates(RESULTS.read_text(encoding="utf-8"))
+    for name, (ours, peer) in found.items():
+        cells = next(line for line in README.splitlines() if line.startswith(f"| {name} |")).split("|")[2:5]
+        assert f"{float(cells[0].split()[0]):.2g} million" == f"{ours:.2g} million"
+        if peer:
+            assert float(cells[1].split()[0]) == pytest.approx(peer, rel=0.03)
+            assert float(cells[2].split()[0]) == pytest.approx(ours / peer, abs=1.0)

@@ -12,6 +12,7 @@ from balloon_warp.cli.batch import batch
 from balloon_warp.cli.bench import bench
 from balloon_warp.cli.compare import compare
 from balloon_warp.cli.convert import convert
+from balloon_warp.cli.doctor import doctor
 from balloon_warp.cli.foil import foil
 from balloon_warp.cli.inspect import inspect
 from balloon_warp.cli.remesh import remesh
@@ -34,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, view, batch, compare, scenes, inspect, remesh, foil, render, convert, warm_up, bench):
+for command in (run, view, batch, compare, scenes, inspect, remesh, foil, render, convert, warm_up, bench, doctor):
     app.command()(command)
 
 

@@ -32,7 +32,7 @@ def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
 
 def _mistake(error: Any, command: Any, name: str, words: Sequence[str]) -> str:
     option, parameter = getattr(error, "option_name", None), getattr(error, "param", None)
-    if hasattr(error, "possibilities"):
+    if option and hasattr(error, "possibilities"):  # newer versions have some for a command, too
         known = [text for each in command.params for text in each.opts if text.startswith("--")]
         written = next((word for word in words if word.startswith(str(option))), str(option))
         return f"{written}: unknown option of {name}{did_you_mean(written, known)}"

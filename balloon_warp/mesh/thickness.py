@@ -75,7 +75,8 @@ def _lengths_between_neighbors(mesh: PolygonMesh) -> Any:
     lengths = np.linalg.norm(mesh.points[high] - mesh.points[low], axis=1)
     least = 1e-9 * lengths.max(initial=1.0)  # a sparse matrix keeps no zeros
     shape = (mesh.vertex_count, mesh.vertex_count)
-    half = coo_array((np.maximum(lengths, least), (low, high)), shape=shape)
+    numbers = low.astype(np.int32), high.astype(np.int32)  # older versions of SciPy take no others
+    half = coo_array((np.maximum(lengths, least), numbers), shape=shape)
     return (half + half.T).tocsr()
 
 
@@ -107,7 +108,8 @@ def _reaches(
         near = dijkstra(graph, directed=False, indices=middles[rows], limit=NEAR * spacing)[:, middles]
         links[rows] = np.minimum(links[rows], near)
     linked = np.isfinite(links) & (links > 0.0)
-    apart = dijkstra(coo_array((links[linked], np.nonzero(linked)), shape=links.shape).tocsr(), directed=False)
+    numbers = tuple(each.astype(np.int32) for each in np.nonzero(linked))
+    apart = dijkstra(coo_array((links[linked], numbers), shape=links.shape).tocsr(), directed=False)
     reach = _reaches_of_patches(apart, _sums(patch, areas, count), spacing)[patch]
 
     # the steps from patch to patch are smoothed away

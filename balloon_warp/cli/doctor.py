@@ -1,0 +1,53 @@
+"""`balloon-warp doctor`"""
+
+import json
+from typing import TYPE_CHECKING
+
+import typer
+from rich.console import Console
+
+from balloon_warp.cli.options import Device, Json
+from balloon_warp.quiet import quiet_warp
+
+if TYPE_CHECKING:
+    from balloon_warp.doctor import Report, SelfTest
+
+
+def doctor(device: Device = None, as_json: Json = False) -> None:
+    """Say what is installed, which device is taken and which extras are missing, and simulate a second as a test.
+
+    The exit status is 1 if the test fails.
+    """
+    quiet_warp()
+    from balloon_warp.doctor import examine  # loads Warp
+
+    report = examine(device)
+    if as_json:
+        print(json.dumps(report.as_json(), indent=2))
+    else:
+        _print(report, Console(highlight=False, soft_wrap=True))
+    if not report.self_test.passed:
+        raise typer.Exit(1)
+
+
+def _print(report: "Report", console: Console) -> None:
+    lines = {
+        "versions": ", ".join(f"{name} {version}" for name, version in report.versions.items()),
+        "system": report.system,
+        "device": f"{report.device}; there {'is' if len(report.devices) == 1 else 'are'} {', '.join(report.devices)}",
+        "kernels": f"kept in {report.kernel_cache}",
+        **{f"extra {name}": _extra(name, missing) for name, missing in report.missing.items()},
+        "self-test": _verdict(report.self_test),
+    }
+    for name, said in lines.items():
+        console.print(f"{name:<14} {said}", markup=False)
+
+
+def _extra(name: str, missing: list[str]) -> str:
+    return f"lacks {', '.join(missing)}: pip install 'balloon-warp[{name}]'" if missing else "is there"
+
+
+def _verdict(test: "SelfTest") -> str:
+    found = f"fell {test.fallen:.5f} m in a second, expected {test.expected:.5f} m; grew to {test.grown:.2f} times"
+    word = "passed" if test.passed else "FAILED"
+    return f"{word} in {test.seconds:.1f} s: a balloon {found} its volume"

@@ -1,0 +1,123 @@
+"""What is installed, which device is taken, what is missing, and whether a balloon moves as it must."""
+
+import platform
+import re
+import time
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.device import pick_device
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.provenance import installed_versions
+from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp.simulator import Simulator
+
+FRAMES = 60
+CUBE = (
+    [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)],
+    [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]],
+)
+"""points [m], and faces that wind outward"""
+GRAVITY = 9.81  # [m/s^2]
+MOST_ERROR = 1e-4
+"""of the way fallen: what float32 makes of a thousand additions is a tenth of that"""
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """A balloon under pressure that falls through empty space: where it is, and where it must be."""
+
+    fallen: float
+    """its center of mass [m]"""
+    expected: float
+    """by the formula of symplectic Euler [m]"""
+    grown: float
+    """volume at the end over that at the start [1]"""
+    seconds: float
+    """that it took, with the kernels that had to be compiled"""
+
+    @property
+    def passed(self) -> bool:
+        return abs(self.fallen - self.expected) <= MOST_ERROR * self.expected and self.grown > 1.0
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `balloon-warp doctor` says."""
+
+    versions: dict[str, str]
+    system: str
+    device: str
+    """that is taken, and its name"""
+    devices: list[str]
+    """all that Warp sees"""
+    kernel_cache: str
+    missing: dict[str, list[str]]
+    """of each extra the packages that are not there; empty if it is whole"""
+    self_test: SelfTest
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self) | {"passed": self.self_test.passed}
+
+
+def examine(device: str | None = None) -> Report:
+    """Look at the installation, and simulate a second.
+
+    Raises:
+        InputError: there is no such device.
+    """
+    taken = pick_device(device)
+    return Report(
+        versions=installed_versions(),
+        system=platform.platform(terse=True),
+        device=f"{taken.alias} ({taken.name})",
+        devices=[each.alias for each in wp.get_devices()],
+        kernel_cache=str(wp.config.kernel_cache_dir),
+        missing=missing_extras(),
+        self_test=self_test(taken.alias),
+    )
+
+
+def missing_extras() -> dict[str, list[str]]:
+    """Of each extra the packages that are not installed. Nothing is known of a source tree that is not installed."""
+    try:
+        requirements = metadata.requires("balloon-warp") or []
+    except metadata.PackageNotFoundError:
+        return {}
+    missing: dict[str, list[str]] = {}
+    for requirement in requirements:
+        if extra := re.search(r"extra == ['\"](.+?)['\"]", requirement):
+            (package,) = re.findall(r"^[\w.-]+", requirement)
+            missing.setdefault(extra[1], [])
+            if not _is_installed(package):
+                missing[extra[1]].append(package)
+    return dict(sorted(missing.items()))
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def self_test(device: str) -> SelfTest:
+    """Let a cube fall for a second under a pressure that blows it up. Neither pressure nor springs may move its center
+    of mass, which falls by g h^2 n (n + 1) / 2 in n steps of h seconds."""
+    started = time.perf_counter()
+    balloon = Balloon(mesh=load_mesh(CUBE), mass=1.0, damping=0.0, inflation=Inflation(pressure=20.0))
+    scene = Scene(balloon=[balloon], gravity=GRAVITY, frames=FRAMES)
+    simulator = Simulator(scene, device)
+    frames = list(simulator.run())
+    steps = FRAMES * simulator.model.substeps
+    return SelfTest(
+        fallen=float(np.mean(frames[0].points[0] - frames[-1].points[0], axis=0)[1]),  # particles of the same mass
+        expected=GRAVITY * frames[-1].time ** 2 * (1.0 + 1.0 / steps) / 2.0,
+        grown=float(frames[-1].volumes[0] / frames[0].volumes[0]),
+        seconds=time.perf_counter() - started,
+    )

@@ -1,0 +1,67 @@
+"""What pages have on the site beside their own text: made of the code, or standing elsewhere in the repository."""
+
+from collections.abc import Callable
+from dataclasses import is_dataclass
+from typing import Any
+
+from sphinx.application import Sphinx
+
+import balloon_warp as bw
+from building.commands import command_reference
+from building.sources import ROOT, within
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    app.connect("source-read", _add)
+    return {"parallel_read_safe": False, "parallel_write_safe": True}
+
+
+def _add(app: Sphinx, name: str, text: list[str]) -> None:
+    if name in ADDED:
+        text[0] += f"\n\n{ADDED[name]()}\n"
+
+
+def _file(path: str) -> str:
+    """A file of Markdown, without its title."""
+    folder = path.rpartition("/")[0]
+    text = (ROOT / path).read_text(encoding="utf-8").partition("\n")[2]
+    return within(f"{folder}/" if folder else "", text)
+
+
+def _python_names() -> str:
+    """Every public name with its docstring."""
+    parts = []
+    for name in bw.__all__:
+        found = getattr(bw, name)
+        parts.append(f"## {name}\n\n```{{eval-rst}}\n{_directive(name, found)}\n```")
+    return "\n\n".join(parts)
+
+
+def _directive(name: str, found: object) -> str:
+    if not isinstance(found, type):
+        return f".. autofunction:: balloon_warp.{name}"
+    if hasattr(found, "model_fields"):  # its fields stand in SCENE.md
+        return f".. autoclass:: balloon_warp.{name}\n   :exclude-members: __init__, __new__"
+    excluded = "\n   :exclude-members: __init__" if is_dataclass(found) else ""
+    return f".. autoclass:: balloon_warp.{name}\n   :members:\n   :inherited-members: Exception, object{excluded}"
+
+
+def _examples() -> str:
+    parts = []
+    for file in sorted((ROOT / "docs" / "examples").glob("[0-9]*.py")):
+        picture = ROOT / "docs" / "pictures" / f"example_{file.stem}.png"
+        shown = f"\n\n![What it draws](pictures/{picture.name})" if picture.exists() else ""
+        code = file.read_text(encoding="utf-8")
+        title = code.partition('"""')[2].partition("\n")[0].rstrip('".')
+        parts.append(f"## {title}{shown}\n\n`docs/examples/{file.name}`\n\n```python\n{code}```")
+    return "\n\n".join(parts)
+
+
+ADDED: dict[str, Callable[[], str]] = {
+    "COMMANDS": command_reference,
+    "API": _python_names,
+    "EXAMPLES": _examples,
+    "PERFORMANCE": lambda: _file("benchmarks/RESULTS.md"),
+    "CHANGES": lambda: _file("CHANGELOG.md"),
+    "SAFETY": lambda: _file("SECURITY.md"),
+}

@@ -1,0 +1,68 @@
+"""What the pages show works as it stands there: their Python runs, and their commands are ones that there are."""
+
+import importlib.util
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import typer
+
+from balloon_warp.cli.app import app
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
+COMMANDS = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
+RUN_ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
+"""pages with Python that test_readme.py and test_law_docs.py run, since they look at what comes of it"""
+
+
+def code(page: Path, language: str) -> list[str]:
+    """The blocks of a page in a language."""
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def commands(page: Path) -> Iterator[str]:
+    """Of `balloon-warp`, in its blocks and in its sentences."""
+    for block in code(page, "sh"):
+        for line in block.replace("\\\n", " ").splitlines():
+            yield from (part.strip() for part in line.split("&&") if part.strip().startswith("balloon-warp "))
+    prose = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    yield from re.findall(r"`(balloon-warp [^`]+)`", prose)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_are_ones_that_there_are(page: Path):
+    """Each with options that it takes, and values of their kind; COMMAND stands for any."""
+    for line in commands(page):
+        name, *words = shlex.split(line.replace("\\|", "|"), comments=True)[1:]
+        if name == "COMMAND":
+            continue
+        if name.startswith("-"):
+            assert name in ("--version", "--help"), line
+            continue
+        assert name in COMMANDS, line
+        try:
+            COMMANDS[name].make_context(name, words)
+        except Exception as error:
+            if type(error).__name__ not in ("Exit", "MissingParameter"):  # `balloon-warp view` alone is a name
+                pytest.fail(f"{page.name}: {line}: {error}")
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if code(page, "python") and page.name not in RUN_ELSEWHERE],
+    ids=lambda page: page.stem,
+)
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """All its blocks, one after the other, in a file: Warp reads the source of laws."""
+    file = tmp_path / f"page_{page.stem.lower()}.py"
+    file.write_text("\n\n".join(code(page, "python")), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.moved.points[0].shape[-1] == 3

@@ -1,0 +1,101 @@
+"""Every program of docs/examples runs, with fewer worlds and frames than it has."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
+SMALL: dict[str, dict[str, Any]] = {
+    "01_sweep": {"WORLDS": 3, "FRAMES": 3},
+    "02_pressure_curve": {"FRAMES": 6},
+    "03_custom_law": {"FRAMES": 6},
+    "04_mesh_from_trimesh": {"FRAMES": 2, "SECTIONS": 12},
+    "05_state_without_copy": {},
+    "06_batch_on_a_cluster": {"WORLDS": 2, "FRAMES": 2},
+    "07_results_with_pandas": {"FRAMES": 3},
+}
+"""what replaces each one's numbers"""
+MADE = {
+    "01_sweep": ["sweep.png"],
+    "02_pressure_curve": ["pressure_curve.png"],
+    "03_custom_law": ["custom_law.png"],
+    "04_mesh_from_trimesh": ["ring.png", "ring.usdc"],
+    "05_state_without_copy": [],
+    "06_batch_on_a_cluster": ["lifts"],
+    "07_results_with_pandas": ["pandas.png", "spheres"],
+}
+NEEDED = {"01_sweep": "matplotlib", "02_pressure_curve": "matplotlib", "03_custom_law": "matplotlib"} | {
+    "06_batch_on_a_cluster": "distributed",
+    "07_results_with_pandas": "pandas",
+}
+
+
+def small(name: str, folder: Path) -> Path:
+    """A copy of the program with small numbers."""
+    code = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+    for constant, number in SMALL[name].items():
+        code, count = re.subn(rf"^{constant} = \d+$", f"{constant} = {number}", code, flags=re.MULTILINE)
+        assert count == 1, constant
+    copy = folder / f"example_{name}.py"
+    copy.write_text(code, encoding="utf-8")
+    return copy
+
+
+def test_all_are_here():
+    assert sorted(path.stem for path in EXAMPLES.glob("*.py")) == sorted(SMALL) == sorted(MADE)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for what programs write, and no window for what they draw."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path / "out")
+    return tmp_path
+
+
+def run(name: str, here: Path) -> ModuleType:
+    """In this process, from a file: Warp reads the source of laws."""
+    spec = importlib.util.spec_from_file_location(f"example_{name}", small(name, here))
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", [name for name in SMALL if name != "06_batch_on_a_cluster"])
+def test_it_runs(name: str, here: Path):
+    if name in NEEDED:
+        pytest.importorskip(NEEDED[name])
+    module = run(name, here)
+    assert sorted(path.name for path in Path().iterdir()) == MADE[name]
+    if name == "01_sweep":  # more pressure holds more
+        assert (np.diff(module.volumes) > 0.0).all()
+    if name == "02_pressure_curve":
+        np.testing.assert_allclose(module.pressure, module.formula, rtol=0.05, atol=5.0)
+    if name == "03_custom_law":  # it begins to go around, the way that the air turns
+        assert module.path[-1, 2] < module.path[0, 2] - 0.01
+    if name == "05_state_without_copy":  # 2 m/s for a frame, of which springs and damping take some
+        assert 0.5 * 2.0 / 60.0 < module.risen < 2.0 / 60.0 + 0.01
+    if name == "07_results_with_pandas":
+        assert (module.by_mass["health"] == 1).all()
+
+
+@pytest.mark.xdist_group("crowded")  # as in conftest.py: it starts processes
+def test_the_cluster_s_runs(here: Path):
+    """As a program: its workers import it."""
+    pytest.importorskip("distributed")
+    command = [sys.executable, str(small("06_batch_on_a_cluster", here))]
+    done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "'balloon.helium': (6,)" in done.stdout
+    assert sorted(path.name for path in Path().iterdir()) == MADE["06_batch_on_a_cluster"]
