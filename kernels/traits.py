@@ -33,6 +33,8 @@ class Traits(NamedTuple):
     """a balloon is inflated by a pressure, given or of a gas"""
     gas: bool = False
     """of a gas: a substep then sums the other forces before it finds the pressures"""
+    takes_air_along: bool = False
+    """a balloon with gas sets air around it in motion"""
     breathes_on: bool = False
     """a gas's breathing is not damped as by backward Euler"""
     pumps: bool = False

@@ -11,7 +11,7 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
-CHOOSE_TRAITS = frozenset({"breathing_damping"})
+CHOOSE_TRAITS = frozenset({"breathing_damping", "added_mass"})
 """parameters that kernels are chosen by, and others when they change"""
 
 
@@ -42,6 +42,7 @@ def model_traits(model: Model) -> Traits:
         aims=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},
         gas=int(GAS) in kinds,
+        takes_air_along=int(GAS) in kinds and _takes_air_along(model),
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
         pumps=int(GAS) in kinds and _pumps(model),
         tubes=model.tube_count > 0,
@@ -64,6 +65,13 @@ def model_traits(model: Model) -> Traits:
 def _pumps(model: Model) -> bool:
     """Whether gas is pumped, in any world at any time, or may be by what changes."""
     at_start, *changed = values_over_time(model, "keyframe_values")
+    of_gas = model.inflation_kind.numpy() == int(GAS)
+    return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
+
+
+def _takes_air_along(model: Model) -> bool:
+    """Whether a balloon with gas has added mass, in any world at any time."""
+    at_start, *changed = values_over_time(model, "added_mass")
     of_gas = model.inflation_kind.numpy() == int(GAS)
     return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
 

@@ -84,6 +84,7 @@ class Inflation(Table):
     gamma: float = field_of("gamma")
     breathing_damping: float = field_of("breathing_damping")
     molar_mass: float = field_of("molar_mass")
+    added_mass: float = field_of("added_mass")
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
@@ -142,7 +143,7 @@ AUTO_SECONDS = 1.0
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
     "pressure": ("pressure",),
-    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass"),
+    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass", "added_mass"),
 }
 KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
     "normal_force": "k_normal",
