@@ -87,6 +87,11 @@ METHODS = (
     Method("air that moves along", (GAS, "balloon.inflation.added_mass=0.5")),
     Method("tubes between balloons", (GAS, "tube=[{balloons=[0, 1], conductance=1e-6}]"), (BALL, BALL)),
     Method("drag in air, wind", ("balloon.drag_coefficient=0.4", "atmosphere.wind=[1, 0, 0]")),
+    Method(
+        "gusts, shear, air that thins with height",
+        ("balloon.drag_coefficient=0.4", "atmosphere={wind=[1, 0, 0], gusts=0.2, shear=0.1, lapse=0.0065}"),
+    ),
+    Method("lift and drag by face", ("balloon.face_drag=1",)),
     Method("water", ("water={}",)),
     Method("viscous springs", ("balloon.stiffness.viscosity=1e-3",)),
     Method("overextended springs stop pulling", ("balloon.stiffness.yield_stretch=2",)),

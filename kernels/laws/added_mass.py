@@ -10,8 +10,8 @@ it for n = 2, just that for n = 5; where it breathes, a sixth of the rho R of ai
 
 import warp as wp
 
-from balloon_warp.kernels.laws.air import density_of_air
-from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST
+from balloon_warp.kernels.laws.air import air_of_height
+from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, free_volume_there
 from balloon_warp.kernels.laws.law import Parameter
 
 ADDED_MASS = Parameter(
@@ -34,6 +34,7 @@ def volume_of_gas(pressure: float, free_volume: float, gamma: float, air_pressur
 
 @wp.func
 def air_along(
+    height: float,
     pressure: float,
     free_volume: float,
     added_mass: float,
@@ -41,7 +42,10 @@ def air_along(
     air_pressure: float,
     air_temperature: float,
     air_density: float,
+    air_lapse: float,
+    gravity: float,
 ):
-    """Mass of the air that moves along with a balloon [kg]."""
-    volume = volume_of_gas(pressure, free_volume, gamma, air_pressure)
-    return added_mass * density_of_air(air_pressure, air_temperature, air_density) * volume
+    """Mass of the air that moves along with a balloon at a height [kg]."""
+    air = air_of_height(height, air_pressure, air_temperature, air_density, air_lapse, gravity)
+    there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
+    return added_mass * air[2] * volume_of_gas(pressure, there, gamma, air[0])

@@ -10,6 +10,7 @@ from balloon_warp.kernels.laws.added_mass import air_along
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 
 
@@ -17,8 +18,8 @@ from balloon_warp.kernels.tables import Tables, WorldState
 def air_kernel(columns: Columns) -> Any:
     """The kernel that weighs it."""
     read_numbers = numbers_reader(columns)
-    call = call_of(air_along, "air_along", ["pressure", "free_volume"], columns)
-    source = f"def air_of(pressure: float, free_volume: float, n: Any):\n    return {call}\n"
+    call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], columns)
+    source = f"def air_of(height: float, pressure: float, free_volume: float, n: Any):\n    return {call}\n"
     air_of = function_from("air_of", source, {"air_along": air_along})
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -33,6 +34,8 @@ def air_kernel(columns: Columns) -> Any:
         if t.inflation_kind[balloon] == GAS:
             free_volume = float(state.free_volumes[world, balloon])
             numbers = read_numbers(t, world, balloon)
-            state.air_along[world, balloon] = air_of(state.pressures[world, balloon], free_volume, numbers)
+            height = wp.dot(state.points[world, volume_origin(t, balloon)], t.up)
+            air = air_of(height, state.pressures[world, balloon], free_volume, numbers)
+            state.air_along[world, balloon] = air
 
     return weigh_air

@@ -189,6 +189,8 @@ class Balloon(Table):
     helium: float = field_of("helium")
     damping: float = field_of("damping")
     drag_coefficient: float = field_of("drag_coefficient")
+    face_drag: float = field_of("face_drag")
+    face_friction: float = field_of("face_friction")
     friction: float | None = optional_field_of("balloon_friction")
     stiffness: Stiffness = Stiffness()
     material: Material = Material()
