@@ -77,15 +77,21 @@ class Method(NamedTuple):
         return build_model(self.scene(), "cpu", laws=self.laws)
 
 
-GAS = "balloon.inflation={kind='gas', start_pressure=9, pump=[[0, 0.1], [1, 0]]}"
+GAS = "balloon.inflation={kind='gas', start_pressure=9, added_mass=0, pump=[[0, 0.1], [1, 0]]}"
 METHODS = (
     Method("the paper's step"),
     Method("fresh normals", ("normals=fresh",)),
     Method("given pressure", ("balloon.inflation={kind='pressure', pressure=5}",)),
     Method("sealed gas, pumped", (GAS,)),
     Method("gas that breathes undamped", (GAS, "balloon.inflation.breathing_damping=0")),
+    Method("air that moves along", (GAS, "balloon.inflation.added_mass=0.5")),
     Method("tubes between balloons", (GAS, "tube=[{balloons=[0, 1], conductance=1e-6}]"), (BALL, BALL)),
     Method("drag in air, wind", ("balloon.drag_coefficient=0.4", "atmosphere.wind=[1, 0, 0]")),
+    Method(
+        "gusts, shear, air that thins with height",
+        ("balloon.drag_coefficient=0.4", "atmosphere={wind=[1, 0, 0], gusts=0.2, shear=0.1, lapse=0.0065}"),
+    ),
+    Method("lift and drag by face", ("balloon.face_drag=1",)),
     Method("water", ("water={}",)),
     Method("viscous springs", ("balloon.stiffness.viscosity=1e-3",)),
     Method("overextended springs stop pulling", ("balloon.stiffness.yield_stretch=2",)),

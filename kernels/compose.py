@@ -5,32 +5,22 @@ do not have it, and no schedule knows any.
 """
 
 import inspect
-import linecache
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-import warp as wp
-
 from balloon_warp.kernels.algebra import number_in, of_lane
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import GIVEN, Kind, Law
+from balloon_warp.kernels.written import function_from
 
 NOTHING: Mapping[str, str] = {"vec3": "wp.vec3()", "float": "0.0"}
 """the sum of no laws, by type"""
-
-
-def function_from(name: str, source: str, names: Mapping[str, Any]) -> Any:
-    """A `wp.func` of a text, which Warp reads again by the file that is noted for it.
-
-    Args:
-        names: what the text may refer to.
-    """
-    filename = f"<balloon_warp {name} {hash(source):x}>"
-    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
-    space = {"wp": wp, "Any": Any, **names}
-    exec(compile(source, filename, "exec"), space)
-    return wp.func(space[name])
+AIR = "air"
+"""what laws may be told that is found at their place"""
+Air = tuple[Any, ...]
+PLACES = ("position", "center")
+"""what that is called, by the kind of law"""
 
 
 def arguments_of(law: Law) -> list[str]:
@@ -44,15 +34,19 @@ def any_names(laws: Sequence[Law], given: str) -> bool:
 
 
 @cache
-def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns) -> Any:
+def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
     """The function that adds up the laws of a kind. Its arguments are all that such laws are told, in the order of
-    `GIVEN`, and the row `n` of their numbers."""
+    `GIVEN`, but for the air, and the row `n` of their numbers.
+
+    Args:
+        air: the functions that give velocity and density of the air at a place, where a law names that.
+    """
     given = [each.name for each in GIVEN[kind]]
-    return _summed(f"{kind}_laws", result, laws, columns, given, str, _number, "n: Any")
+    return _summed(f"{kind}_laws", result, laws, columns, given, air, str, _number, "n: Any")
 
 
 @cache
-def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns) -> Any:
+def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
     """The same for one of eight lanes: what laws are told is of eight lanes, or alike in all; `n` is a row of lanes."""
     given = [each.name for each in GIVEN[kind]]
 
@@ -62,7 +56,7 @@ def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns:
     def number(column: int, size: int) -> str:
         return _number(column, size, "[lane]")
 
-    return _summed(f"{kind}_laws_in_lane", result, laws, columns, given, told, number, "n: Any, lane: wp.int32")
+    return _summed(f"{kind}_laws_in_lane", result, laws, columns, given, air, told, number, "n: Any, lane: wp.int32")
 
 
 @cache
@@ -114,12 +108,24 @@ def _summed(
     laws: Sequence[Law],
     columns: Columns,
     given: Sequence[str],
+    air: Air,
     told: Callable[[str], str],
     number: Callable[[int, int], str],
     row: str,
 ) -> Any:
+    def told_or_found(each: str) -> str:
+        return each if each == AIR else told(each)
+
     called = {f"law_{place}": law.force for place, law in enumerate(laws)}
-    calls = [call_of(force, each, given, columns, told, number) for each, force in called.items()]
-    arguments = ", ".join([*(f"{each}: Any" for each in given), row])
-    source = f"def {name}({arguments}):\n    return {' + '.join(calls) or NOTHING[result]}\n"
+    calls = [call_of(force, each, given, columns, told_or_found, number) for each, force in called.items()]
+    arguments = ", ".join([*(f"{each}: Any" for each in given if each != AIR), row])
+    lines = [f"def {name}({arguments}):"]
+    if any_names(laws, AIR):
+        at = {"place": told(next(each for each in PLACES if each in given)), "up": told("up"), "time": told("time")}
+        for each, function in zip(("velocity_there", "density_there"), air, strict=True):
+            called[each] = function
+            lines.append(f"    {each}_ = {call_of(function, each, list(at), columns, at.__getitem__, number)}")
+        parts = ", ".join(f"velocity_there_[{axis}]" for axis in range(3))
+        lines.append(f"    {AIR} = wp.vec4({parts}, density_there_)")
+    source = "\n".join([*lines, f"    return {' + '.join(calls) or NOTHING[result]}\n"])
     return function_from(name, source, {"of_lane": of_lane, **called})

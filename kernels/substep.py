@@ -162,6 +162,8 @@ def load_function(traits: Traits) -> Any:
     with height [Pa/m], and how more gas would raise it, of its swelling, its gas and the step."""
     given = ["swelling", "amount", "free_volume", "step_seconds"]
     fixed = {} if traits.breathes_on else {"breathing_damping": "1.0"}
+    if not traits.air_varies:
+        fixed["air_lapse"] = "-1.0"
     call = call_of(gas_load, "gas_load", [*given, *fixed], traits.columns, lambda name: fixed.get(name, name))
     arguments = "swelling: Any, amount: float, free_volume: float, step_seconds: float, n: Any"
     source = f"def load_of_gas({arguments}):\n    return {call}\n"

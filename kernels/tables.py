@@ -226,6 +226,7 @@ class WorldState:
     pressure_slopes: wp.array2d[float]
     gas_amounts: wp.array2d[wp.float64]
     free_volumes: wp.array2d[wp.float64]
+    air_along: wp.array2d[float]
     tube_flows: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]

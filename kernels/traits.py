@@ -3,6 +3,7 @@
 from typing import Any, Literal, NamedTuple
 
 from balloon_warp.kernels.compose import any_names, sum_of_laws, sum_of_laws_in_lane
+from balloon_warp.kernels.laws.air import AIR_ALIKE, AIR_THAT_VARIES
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
 
@@ -33,6 +34,10 @@ class Traits(NamedTuple):
     """a balloon is inflated by a pressure, given or of a gas"""
     gas: bool = False
     """of a gas: a substep then sums the other forces before it finds the pressures"""
+    takes_air_along: bool = False
+    """a balloon with gas sets air around it in motion"""
+    air_varies: bool = False
+    """the air is not the same at all places and times"""
     breathes_on: bool = False
     """a gas's breathing is not damped as by backward Euler"""
     pumps: bool = False
@@ -81,11 +86,16 @@ class Traits(NamedTuple):
 
     def laws_on(self, kind: Kind) -> Any:
         """The function that adds up the laws of a kind."""
-        return sum_of_laws(kind, RESULT[kind], self.of_kind(kind), self.columns)
+        return sum_of_laws(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     def laws_in_lane_on(self, kind: Kind) -> Any:
         """The same for one of eight lanes."""
-        return sum_of_laws_in_lane(kind, RESULT[kind], self.of_kind(kind), self.columns)
+        return sum_of_laws_in_lane(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
+
+    @property
+    def air(self) -> tuple[Any, Any]:
+        """The functions that give velocity and density of the air at a place."""
+        return AIR_THAT_VARIES if self.air_varies else AIR_ALIKE
 
     @property
     def looks_at_velocities(self) -> bool:
@@ -120,7 +130,7 @@ class Traits(NamedTuple):
     @property
     def tells_time(self) -> bool:
         """Whether a law asks for the time, or something is elsewhere at another."""
-        return any_names(self.laws, "time") or self.fixtures_move
+        return any_names(self.laws, "time") or self.fixtures_move or (self.air_varies and any_names(self.laws, "air"))
 
     @property
     def always_busy(self) -> bool:

@@ -35,8 +35,8 @@ def with_volume(mesh: PolygonMesh, volume: float) -> PolygonMesh:
 
 
 def gas_balloon(mesh: PolygonMesh, gas: dict | None = None, **fields) -> Balloon:
-    """Without springs and damping."""
-    inflation = Inflation(kind="gas", **(gas or {}))
+    """Without springs, damping, and air that moves along."""
+    inflation = Inflation(kind="gas", **({"added_mass": 0.0} | (gas or {})))
     return Balloon(**{"mesh": mesh, "stiffness": NO_SPRINGS, "damping": 0.0, "inflation": inflation} | fields)
 
 

@@ -37,9 +37,11 @@ VALUES: dict[str, Any] = {
     "torsion": 0.1,
     "gravity": 9.81,
     "string_stiffness": 20.0,
+    "wind_shear": 0.0,
+    "gust_length": 1e4,
 }
 """what tells more than the default, or than `value_of` makes of it: each spring is the only one of its ends, and
-a raft of 0.1 kg and 1 m^2 floats"""
+a raft of 0.1 kg and 1 m^2 floats, and what nothing holds together is not blown apart"""
 
 
 def value_of(row: Parameter) -> Any:

@@ -143,6 +143,7 @@ ALSO_ASKED = {
     "correction_limit": "correction is no force",
     "air_pressure": "tubes carry gas",
     "air_temperature": "pumps bring air's",
+    "air_lapse": "gas is told that there is none",
     "water_level": "which part of a face is wet",
     "damping": "the projective solver takes it implicitly",
 }

@@ -16,6 +16,8 @@ from balloon_warp.kernels.laws.law import GIVEN, RESULT
 from balloon_warp.kernels.laws.torsion import angle_beyond
 from balloon_warp.model.bounds import told_what_it_names
 
+DENSITY = 0.7
+"""of the air that laws are told of [kg/m^3]: less than what that of their parameters may be"""
 PLACES = {"particle": ("position",), "hinge": ("a", "b", "first", "second")}
 """by which the energy's slope is a force; of pairs it is the squared length"""
 
@@ -55,10 +57,12 @@ def samples_of(law: Law) -> dict[str, NDArray]:
     if "water_load" in samples:
         samples["water_load"][:, 3] = np.abs(samples["water_load"][:, 3])
     rows = PARAMETERS | {row.name: row for row in law.parameters}
-    for name in told_to(law):
+    for name in [*told_to(law), *(row.name for row in law.parameters)]:
         if name not in samples:
             factors = random.uniform(0.8, 1.2, (COUNT, *((rows[name].size,) if rows[name].size > 1 else ())))
             samples[name] = factors * value_of(rows[name])
+    if "air" in samples and "wind" in samples:
+        samples["air"] = np.column_stack([samples["wind"], np.full(COUNT, DENSITY)])
     return {name: values if values.dtype.kind == "i" else values.astype(np.float32) for name, values in samples.items()}
 
 

@@ -89,6 +89,10 @@ def test_every_row_may_differ_between_worlds(row):
         scene = Scene(balloon=[Balloon(mesh=cube())])
     path = row.path if row.of == "world" else f"{row.of}.{row.path}"
     values = max(row.least, 0.0) + np.array([0.2, 0.4, 0.6])
+    if row.most < values[-1]:
+        values = values * row.most
+    if row.name == "gust_seed":  # a whole number
+        values = np.array([1.0, 2.0, 3.0])
     if row.name == "wrinkling":  # or not
         values = np.array([0.0, 1.0, 0.0])
     plan = plan_model(scene, 3, {path if row.size == 1 else f"{path}.1": values})

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
+from balloon_warp.kernels.laws.air import GAS_CONSTANT, HIGHEST, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.seams import welded
@@ -52,7 +52,9 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
     It is as warm as the air then, so that n moles in the volume V have p = n R T / V, and the free volume
     V (p / p_0)^(1 / gamma), see `kernels.laws.gas`.
     """
-    p_a, temperature = parameters["air_pressure"][:, None], parameters["air_temperature"][:, None]
+    _require_level_gas(scene, parameters)
+    heights = parameters["initial_centers"] @ np.array(scene.up)
+    p_a, temperature, air = _air_around(parameters, heights)
     given, gamma = parameters["initial_gas_amounts"], parameters["gamma"]
     volume = np.array([max(signed_volume(shape.mesh), 1.0e-30) for shape in shapes])
     holds_gas = np.array([balloon.inflation.kind == "gas" for balloon in scene.balloon])
@@ -63,15 +65,51 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
     pressures = (inside - p_a) * holds_gas + parameters["keyframe_values"][:, :, 0] * pressed
 
     gas_density = amounts * parameters["molar_mass"] / volume
-    air = density_of_given_air(*(parameters[f"air_{name}"][:, None] for name in ("pressure", "temperature", "density")))
     rise = (air - gas_density) * parameters["gravity"][:, None] * holds_gas
-    loads = np.broadcast_arrays(pressures - rise * (parameters["initial_centers"] @ np.array(scene.up)), rise)
+    loads = np.broadcast_arrays(pressures - rise * heights, rise)
+    free_volumes = volume * (inside / STANDARD_PRESSURE) ** (1.0 / gamma)
+    warmth = temperature / parameters["air_temperature"][:, None]
     return {
         "initial_gas_amounts": amounts,
-        "initial_free_volumes": volume * (inside / STANDARD_PRESSURE) ** (1.0 / gamma),
+        "initial_free_volumes": free_volumes / np.where(gamma == 1.0, warmth, 1.0),
         "initial_pressures": pressures,
         "initial_loads": np.stack(loads, axis=-1),
     }
+
+
+def _air_around(
+    parameters: Parameters, heights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Pressure [Pa], temperature [K] and density [kg/m^3] of the air at each balloon, shape (W, B), as
+    `kernels.laws.air.air_of_height` has them."""
+    names = ("air_pressure", "air_temperature", "air_density", "air_lapse", "gravity")
+    pressure, temperature, given, lapse, gravity = (parameters[name][:, None] for name in names)
+    density = density_of_given_air(pressure, temperature, given)
+    falls = lapse >= 0.0
+    colder = np.minimum(np.where(falls, lapse, 0.0) * heights / temperature, HIGHEST)
+    little = np.abs(colder) < 1.0e-6
+    more = np.where(little, 1.0 + 0.5 * colder, -np.log1p(-colder) / np.where(little, 1.0, colder))
+    ratio = np.exp(-density * np.where(falls, gravity, 0.0) * heights * more / pressure)
+    return pressure * ratio, temperature * (1.0 - colder), density * ratio / (1.0 - colder)
+
+
+def _require_level_gas(scene: Scene, parameters: Parameters) -> None:
+    """Make sure that gas which keeps its heat neither flows nor is pumped where the air differs with height: valves
+    and tubes know the air at height 0 alone.
+
+    Raises:
+        InputError: it does.
+    """
+    if not (parameters["air_lapse"] >= 0.0).any():
+        return
+    for number, balloon in enumerate(scene.balloon):
+        keeps_heat = balloon.inflation.kind == "gas" and (parameters["gamma"][:, number] != 1.0).any()
+        flows = any(number in tube.balloons for tube in scene.tube)
+        if keeps_heat and (flows or any(value for _, value in balloon.inflation.keyframes)):
+            raise InputError(
+                f"balloon.{number}.inflation.gamma: gas that keeps its heat is neither pumped nor has tubes where the "
+                "air has a lapse; expected gamma = 1, or no atmosphere.lapse"
+            )
 
 
 def keep_pressures(model: Model, state: State, parameters: Mapping[str, ArrayLike]) -> None:
@@ -82,6 +120,13 @@ def keep_pressures(model: Model, state: State, parameters: Mapping[str, ArrayLik
         parameters: those that change, by their names in `Model.parameters`.
     """
     if "gamma" in parameters:
-        inside = model.parameters["air_pressure"].numpy().astype(np.float64)[:, None] + state.pressures.numpy()
-        more = 1.0 / np.asarray(parameters["gamma"]) - 1.0 / model.parameters["gamma"].numpy().astype(np.float64)
-        state.free_volumes.assign(state.free_volumes.numpy() * np.maximum(inside / STANDARD_PRESSURE, 1e-30) ** more)
+        now = {name: array.numpy().astype(np.float64) for name, array in model.parameters.items()}
+        loads = state.inflation_loads.numpy().astype(np.float64)
+        above = state.pressures.numpy() - loads[..., 0]
+        heights = np.divide(above, loads[..., 1], out=np.zeros_like(above), where=loads[..., 1] != 0.0)
+        outside, temperature, _ = _air_around(now, heights)
+        inside, warmth = outside + state.pressures.numpy(), temperature / now["air_temperature"][:, None]
+        before, after = now["gamma"], np.asarray(parameters["gamma"])
+        more = np.maximum(inside / STANDARD_PRESSURE, 1e-30) ** (1.0 / after - 1.0 / before)
+        more = more * np.where(before == 1.0, warmth, 1.0) / np.where(after == 1.0, warmth, 1.0)
+        state.free_volumes.assign(state.free_volumes.numpy() * more)

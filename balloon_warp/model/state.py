@@ -48,6 +48,9 @@ class State:
     free_volumes: wp.array
     """of gas, what it would take at one atmosphere if it got there without heat [m^3], see `kernels.laws.gas`, shape
     (world_count, balloon_count), float64"""
+    air_along: wp.array
+    """what moves along with a balloon of gas in the frame [kg], see `kernels.laws.added_mass`, shape (world_count,
+    balloon_count), float32"""
     tube_flows: wp.array
     """from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
     float32"""
@@ -101,6 +104,7 @@ def new_state(model: Model, room: Room) -> State:
         pressure_slopes=room.array(balloons, wp.float32),
         gas_amounts=room.array(balloons, wp.float64),
         free_volumes=room.array(balloons, wp.float64),
+        air_along=room.array(balloons, wp.float32),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
         holds=room.array(touching, wp.vec4),
         deep=room.array(touching, wp.int8),

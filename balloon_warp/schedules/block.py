@@ -6,7 +6,7 @@ from balloon_warp.model.memory import Counting
 from balloon_warp.schedules.block_launch import BlockLaunch, fits_in_block, most_particles
 from balloon_warp.schedules.busy_worlds import BusyWorlds
 from balloon_warp.schedules.outlook import free_traits, has_free_frames
-from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 
@@ -52,6 +52,7 @@ class BlockSchedule:
         """One frame, after the ramp of the inflation: in one launch, or the worlds that may meet something in one of
         their own."""
         refresh_ramp(self.model, state)
+        weigh_air(self.model, self._traits, self._worlds.tables, state)
         self._worlds.keep_time(state)
         if self.busy:
             self.busy.find(state)

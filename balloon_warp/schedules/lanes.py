@@ -20,7 +20,7 @@ from balloon_warp.schedules.fixtures import forget_looks, look_array
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
 from balloon_warp.schedules.outlook import free_traits
-from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
 
@@ -99,6 +99,7 @@ class LanesSchedule:
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""
         refresh_ramp(self.model, state)
+        weigh_air(self.model, self._traits, self._tables, state)
         forget_looks(self._tables)
         worlds = world_state(state)
         if self.busy:

@@ -31,7 +31,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.aims import AimRefresher
 from balloon_warp.schedules.fixtures import forget_looks
-from balloon_warp.schedules.ramp import note_pressures, refresh_ramp
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touching import TouchPieces, touch_arrays
 
@@ -66,6 +66,7 @@ class Pieces:
     def begin_frame(self, state: State) -> None:
         """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
+        weigh_air(self.model, self.traits, self.tables, state)
         forget_looks(self.tables)
         if self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)

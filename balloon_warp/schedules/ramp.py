@@ -1,7 +1,10 @@
-"""What is keyframed of the inflation, at the beginning of a frame and at its end."""
+"""What of balloons is settled as a frame begins and ends: what is keyframed, and air that moves along."""
+
+from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.schedules.air_along import air_kernel
 from balloon_warp.kernels.schedules.frame import note_given_loads, ramp_inflation
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
@@ -17,6 +20,13 @@ def refresh_ramp(model: Model, state: State) -> None:
         outputs=[state.inflation_ramp],
         device=model.device,
     )
+
+
+def weigh_air(model: Model, traits: Traits, tables: Any, state: State) -> None:
+    """The air that moves along with balloons in the frame that begins."""
+    if traits.takes_air_along:
+        places = model.world_count, model.balloon_count
+        wp.launch(air_kernel(model.columns), places, inputs=[tables, world_state(state)], device=model.device)
 
 
 def note_pressures(model: Model, traits: Traits, state: State) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from balloon_warp.kernels.laws import LAWS
+from balloon_warp.kernels.laws.air import VARYING
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
@@ -11,7 +12,7 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
-CHOOSE_TRAITS = frozenset({"breathing_damping"})
+CHOOSE_TRAITS = frozenset({"breathing_damping", "added_mass", *VARYING})
 """parameters that kernels are chosen by, and others when they change"""
 
 
@@ -42,6 +43,8 @@ def model_traits(model: Model) -> Traits:
         aims=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},
         gas=int(GAS) in kinds,
+        air_varies=_air_varies(model),
+        takes_air_along=int(GAS) in kinds and _takes_air_along(model),
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
         pumps=int(GAS) in kinds and _pumps(model),
         tubes=model.tube_count > 0,
@@ -66,6 +69,22 @@ def _pumps(model: Model) -> bool:
     at_start, *changed = values_over_time(model, "keyframe_values")
     of_gas = model.inflation_kind.numpy() == int(GAS)
     return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
+
+
+def _takes_air_along(model: Model) -> bool:
+    """Whether a balloon with gas has added mass, in any world at any time."""
+    at_start, *changed = values_over_time(model, "added_mass")
+    of_gas = model.inflation_kind.numpy() == int(GAS)
+    return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
+
+
+def _air_varies(model: Model) -> bool:
+    """Whether the air differs from place to place, in any world at any time."""
+    return any(
+        (values != np.float32(alike)).any()
+        for name, alike in VARYING.items()
+        for values in values_over_time(model, name)
+    )
 
 
 def _breathes_on(model: Model) -> bool:

@@ -7,6 +7,7 @@ knows of them: a law that stands there has its parameters in scenes, and acts in
 from balloon_warp.kernels.laws.air import AIR_DRAG
 from balloon_warp.kernels.laws.body import DAMPING, WEIGHT
 from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.laws.face_air import FACE_AIR
 from balloon_warp.kernels.laws.hooke import HOOKE
 from balloon_warp.kernels.laws.law import Given, Law, Parameter
 from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
@@ -14,7 +15,7 @@ from balloon_warp.kernels.laws.string import STRING
 from balloon_warp.kernels.laws.torsion import TORSION
 from balloon_warp.kernels.laws.water import WATER
 
-LAWS: tuple[Law, ...] = (WEIGHT, DAMPING, HOOKE, RUBBER, RUBBER_AT_LIMIT, STRING, TORSION, WATER, AIR_DRAG)
+LAWS: tuple[Law, ...] = (WEIGHT, DAMPING, HOOKE, RUBBER, RUBBER_AT_LIMIT, STRING, TORSION, WATER, AIR_DRAG, FACE_AIR)
 """in the order in which their forces are added"""
 PARAMETERS: dict[str, Parameter] = {row.name: row for row in columns_of(LAWS).rows}
 """all that every scene has, by name: of these laws, and of springs, inertia, gas and the ground"""

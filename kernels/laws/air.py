@@ -1,9 +1,10 @@
-"""The air around balloons: its density, and its drag."""
+"""The air around balloons: its pressure, density and wind at each place and time, and its drag."""
 
 from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.laws.gusts import gusts as gusts_at
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 GAS_CONSTANT = 8.314462618
@@ -12,6 +13,12 @@ DRY_AIR_MOLAR_MASS = 0.0289652
 """[kg/mol]"""
 OF_DRY_AIR = -1.0
 """stands for the density of dry air as an ideal gas"""
+ALIKE = -1.0
+"""stands for air that is the same at all heights"""
+HIGHEST = 0.9
+"""what of its temperature the air loses at most with height"""
+MOST_GROWTH = 10.0
+"""up to how many times `wind_height` the wind grows"""
 
 
 @wp.func
@@ -29,25 +36,95 @@ def density_of_air(air_pressure: float, air_temperature: float, air_density: flo
 
 
 @wp.func
-def air_drag(
-    velocity: wp.vec3,
-    area_vector: wp.vec3,
+def air_of_height(
+    height: float,
     air_pressure: float,
     air_temperature: float,
     air_density: float,
-    drag_coefficient: float,
-    wind: wp.vec3,
+    air_lapse: float,
+    gravity: float,
 ):
+    """Pressure [Pa], temperature [K] and density [kg/m^3] at a height, of those at 0.
+
+    The air is at rest, dp/dz = -density g, and as much colder with height as its lapse L says [K/m]:
+
+        T = T_0 - L z,  p = p_0 (T / T_0)^(density_0 g T_0 / (p_0 L)),  density = density_0 (p / p_0) (T_0 / T),
+
+    and p = p_0 exp(-density_0 g z / p_0) where L = 0 (the barometric formula; U.S. Standard Atmosphere 1976).
+    """
+    density = density_of_air(air_pressure, air_temperature, air_density)
+    air = wp.vec3(air_pressure, air_temperature, density)
+    if air_lapse >= 0.0:
+        colder = wp.min(air_lapse * height / air_temperature, HIGHEST)
+        more = 1.0 + 0.5 * colder  # -ln(1 - x) / x
+        if wp.abs(colder) > 1.0e-3:
+            more = -wp.log(1.0 - colder) / colder
+        ratio = wp.exp(-density * gravity * height * more / air_pressure)
+        air = wp.vec3(air_pressure * ratio, air_temperature * (1.0 - colder), density * ratio / (1.0 - colder))
+    return air
+
+
+@wp.func
+def density_at(
+    place: wp.vec3,
+    up: wp.vec3,
+    air_pressure: float,
+    air_temperature: float,
+    air_density: float,
+    air_lapse: float,
+    gravity: float,
+):
+    """Of the air at a place [kg/m^3]."""
+    return air_of_height(wp.dot(place, up), air_pressure, air_temperature, air_density, air_lapse, gravity)[2]
+
+
+@wp.func
+def wind_alike(wind: wp.vec3):
+    """Velocity of the air where it is the same at all places and times [m/s]."""
+    return wind
+
+
+@wp.func
+def wind_at(
+    place: wp.vec3,
+    up: wp.vec3,
+    time: float,
+    wind: wp.vec3,
+    wind_shear: float,
+    wind_height: float,
+    gusts: float,
+    gust_length: float,
+    gust_seed: float,
+):
+    """Velocity of the air at a place and time [m/s]: the wind times (z / wind_height)^wind_shear, up to ten times that
+    height, and gusts that it carries along."""
+    velocity = wind
+    if wind_shear > 0.0:
+        growth = wp.clamp(wp.dot(place, up) / wind_height, 0.0, MOST_GROWTH)
+        velocity = wp.pow(growth, wind_shear) * wind
+    if gusts > 0.0:
+        carried = (place - time * wind) / gust_length
+        velocity += (gusts * wp.length(wind)) * gusts_at(carried, wp.int32(gust_seed))
+    return velocity
+
+
+AIR_ALIKE = (wind_alike, density_of_air)
+"""functions that give velocity and density of the air, where it is the same at all places and times"""
+AIR_THAT_VARIES = (wind_at, density_at)
+"""and where it is not"""
+
+
+@wp.func
+def air_drag(velocity: wp.vec3, area_vector: wp.vec3, air: wp.vec4, drag_coefficient: float):
     """Force of the air on a particle [N]: 1/2 density C_d (u . n)^2 of its area, against u . n, along its normal n.
 
-    u is the velocity relative to the wind. Over a sphere in steady motion, whose front and back both count, this
+    u is the velocity relative to the air. Over a sphere in steady motion, whose front and back both count, this
     adds up to 1/2 density C_d pi R^2 u^2: the integral of |cos|^3 over it is pi R^2. A flat balloon across the wind
     gets twice that for its area, which is about how plates compare with spheres.
     """
-    density = density_of_air(air_pressure, air_temperature, air_density)
-    flux = wp.dot(velocity - wind, area_vector)
+    flux = wp.dot(velocity - wp.vec3(air[0], air[1], air[2]), area_vector)
     squared_area = wp.max(wp.length_sq(area_vector), 1.0e-30)
-    return (-0.5 * density * drag_coefficient * flux * wp.abs(flux) / squared_area) * area_vector
+    return (-0.5 * air[3] * drag_coefficient * flux * wp.abs(flux) / squared_area) * area_vector
 
 
 AIR = (
@@ -70,7 +147,66 @@ AIR = (
         path="atmosphere.density",
         meaning="that of dry air as an ideal gas when missing",
     ),
+    Parameter(
+        "air_lapse",
+        "K/m",
+        ALIKE,
+        least=0.0,
+        most=0.1,
+        of="world",
+        path="atmosphere.lapse",
+        meaning="how much colder it is with height, pressure and density falling along, from those at height 0: "
+        "0.0065 in the standard atmosphere, 0 where it is as warm; alike at all heights when missing",
+    ),
 )
+WIND = (
+    Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="velocity of the air"),
+    Parameter(
+        "wind_shear",
+        "1",
+        least=0.0,
+        most=2.0,
+        of="world",
+        path="atmosphere.shear",
+        meaning="the exponent with which the wind grows with height, from nothing at height 0 on and up to ten times "
+        "`wind_height`: 0.14 over open land, 0.3 in towns; 0 is the same at all heights",
+    ),
+    Parameter(
+        "wind_height",
+        "m",
+        10.0,
+        least=TINY,
+        of="world",
+        path="atmosphere.wind_height",
+        meaning="the height at which it is as `wind` says, if it grows",
+    ),
+    Parameter(
+        "gusts",
+        "1",
+        least=0.0,
+        most=2.0,
+        of="world",
+        path="atmosphere.gusts",
+        meaning="root mean square of each component of their velocity, over the wind's: 0.1 on a calm day, 0.3 in "
+        "streets",
+    ),
+    Parameter(
+        "gust_length",
+        "m",
+        10.0,
+        least=TINY,
+        of="world",
+        path="atmosphere.gust_length",
+        meaning="over which they belong together, the integral scale",
+    ),
+    Parameter(
+        "gust_seed", "1", 0, least=0.0, most=1e6, of="world", path="atmosphere.gust_seed", meaning="of the draws"
+    ),
+)
+VARYING = {"air_lapse": ALIKE, "wind_shear": 0.0, "gusts": 0.0}
+"""what makes the air differ from place to place, and what it is where none does"""
+LARGEST_GUST = 4.0
+"""over the root mean square of one component, that the step allows for"""
 
 
 def drag_bound(
@@ -81,10 +217,13 @@ def drag_bound(
     air_density: Any,
     drag_coefficient: Any,
     wind: Any,
+    wind_shear: Any,
+    gusts: Any,
 ) -> Any:
     """Density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
     density = density_of_given_air(air_pressure, air_temperature, air_density)
-    speed = ((velocity - wind) ** 2).sum(axis=-1) ** 0.5
+    more = MOST_GROWTH**wind_shear - 1.0 + LARGEST_GUST * gusts
+    speed = ((velocity - wind) ** 2).sum(axis=-1) ** 0.5 + more * (wind**2).sum(axis=-1) ** 0.5
     return density * drag_coefficient * area * speed
 
 
@@ -104,9 +243,9 @@ AIR_DRAG = Law(
             "1",
             least=0.0,
             path="drag_coefficient",
-            meaning="C_d of 1/2 density C_d A u^2, as for a sphere, u the speed relative to the wind",
+            meaning="C_d of 1/2 density C_d A u^2, as for a sphere, u the speed relative to the air",
         ),
-        Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="velocity of the air"),
+        *WIND,
     ),
     neutral={"drag_coefficient": 0.0},
     drag=drag_bound,

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from balloon_warp.kernels.laws.added_mass import ADDED_MASS
 from balloon_warp.kernels.laws.body import MASS
 from balloon_warp.kernels.laws.contact import FRICTION, GROUND
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
@@ -57,6 +58,7 @@ def columns_of(laws: Sequence[Law]) -> Columns:
         *KINDS,
         MASS,
         *GAS,
+        ADDED_MASS,
         FRICTION,
         *GROUND,
         *TOUCH,

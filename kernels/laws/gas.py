@@ -12,7 +12,7 @@ around their centers; it is homogeneous of degree three in the places, so that i
 
 import warp as wp
 
-from balloon_warp.kernels.laws.air import AIR, density_of_air, molar_volume
+from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
 from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.law import Parameter
 
@@ -118,6 +118,12 @@ def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: fl
 
 
 @wp.func
+def free_volume_there(free_volume: float, gamma: float, warmth: float):
+    """Of a gas that is as warm as the air around it, where that is warmer than at height 0 by a factor [m^3]."""
+    return wp.where(gamma == 1.0, free_volume * warmth, free_volume)
+
+
+@wp.func
 def gas_load(
     swelling: Swelling,
     amount: float,
@@ -129,6 +135,7 @@ def gas_load(
     air_pressure: float,
     air_temperature: float,
     air_density: float,
+    air_lapse: float,
     gravity: float,
 ):
     """Pressure of a gas above the air's at the center of mass [Pa], at height 0, and its rise with height [Pa/m]; and
@@ -149,19 +156,20 @@ def gas_load(
     The air's pressure falls with height, and the gas's less: that is buoyancy and the gas's weight. The area vectors
     times height add up to V up exactly.
     """
-    least = THINNEST * free_volume * wp.min(STANDARD_PRESSURE / air_pressure, 1.0)
+    air = air_of_height(swelling[HEIGHT], air_pressure, air_temperature, air_density, air_lapse, gravity)
+    there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
+    least = THINNEST * there * wp.min(STANDARD_PRESSURE / air[0], 1.0)
     volume = wp.max(swelling[VOLUME], wp.max(least, 1.0e-20))
-    explicit = gas_pressure(air_pressure, free_volume, volume, gamma)
-    stiffness = gamma * (air_pressure + explicit) / volume
-    outside = density_of_air(air_pressure, air_temperature, air_density)
-    rise = (outside - amount * molar_mass / volume) * gravity
+    explicit = gas_pressure(air[0], there, volume, gamma)
+    stiffness = gamma * (air[0] + explicit) / volume
+    rise = (air[2] - amount * molar_mass / volume) * gravity
     by_rise = rise * (swelling[RESPONSE_HEIGHT] - swelling[HEIGHT] * swelling[RESPONSE])
     rate = swelling[RATE] + step_seconds * by_rise
     pull = weight_of_end(breathing_damping) * stiffness * step_seconds
     yielding = 1.0 + pull * step_seconds * swelling[RESPONSE]
     pressure = (explicit - pull * rate) / yielding
     thin = THINNEST * wp.vec2(STANDARD_PRESSURE, volume)
-    slope = gamma * wp.max(air_pressure + explicit, thin[0]) / wp.max(free_volume, thin[1])
+    slope = gamma * wp.max(air[0] + explicit, thin[0]) / wp.max(there, thin[1])
     return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope / yielding)
 
 

@@ -27,6 +27,7 @@ _MOMENT = (
     Given("step_seconds", "float", "length of the substep [s]"),
     Given("time", "float", "since the simulation began [s]"),
 )
+_AIR = Given("air", "vec4", "how fast it is there [m/s], and its density [kg/m^3]")
 _PAIR = (
     Given("squared_length", "float", "|d|^2 [m^2], d from this end to the other; never 0"),
     Given("opening", "float", "d . d' [m^2/s], d' how fast d changes: it lengthens by opening / |d| each second"),
@@ -42,6 +43,7 @@ GIVEN: Mapping[Kind, tuple[Given, ...]] = {
         Given("mass_share", "float", "its part of the balloon's mass"),
         Given("area_vector", "vec3", "gradient of the balloon's volume by its place [m^2]"),
         Given("water_load", "vec4", "depth times area vector of its wetted faces [m^3], and their area [m^2]"),
+        _AIR,
         *_MOMENT,
     ),
     "spring": (*_PAIR, *_MOMENT[1:]),
@@ -58,6 +60,7 @@ GIVEN: Mapping[Kind, tuple[Given, ...]] = {
         Given("center", "vec3", "mean of its corners [m]"),
         Given("area_vector", "vec3", "its area along its outer normal [m^2]"),
         Given("velocity", "vec3", "mean of its corners' [m/s]"),
+        _AIR,
         *_MOMENT,
     ),
     "membrane": (

@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.gas import gas_through_tube, molar_free_volume, pumped_gas, tube_flow
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.traits import Traits
 
 SWEEPS = 8
 """through several tubes, whose flows depend on each other"""
@@ -115,13 +116,17 @@ def tubes_function(columns: Columns) -> Any:
 
 
 @cache
-def gas_mass_function(columns: Columns) -> Any:
-    """The function that weighs a balloon's gas."""
-    column = columns.places["molar_mass"]
+def gas_mass_function(traits: Traits) -> Any:
+    """The function that weighs a balloon's gas, and the air around it that moves along."""
+    column = traits.columns.places["molar_mass"]
 
     @wp.func
-    def gas_mass(t: Tables, amount: float, world: wp.int32, balloon: wp.int32):
+    def gas_mass(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
         """[kg]; it moves along with the balloon."""
-        return amount * t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, column]
+        amount = float(state.gas_amounts[world, balloon])
+        gas = amount * t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, column]
+        if wp.static(traits.takes_air_along):
+            gas += state.air_along[world, balloon]
+        return gas
 
     return gas_mass

@@ -22,10 +22,10 @@ from balloon_warp.kernels.traits import Traits
 
 NUMBERS_OF_WARP = 8
 """words that a warp has for a balloon: five sums, and three that are 0"""
-WORDS_OF_BALLOON = 6
-"""its load, how that rises, and of its gas in even and in odd substeps amount and free volume: they change while
-threads still read them, so that a substep reads one row, and a thread fills the other for the next"""
-LOAD, RISE, AMOUNT, FREE_VOLUME = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(4)
+WORDS_OF_BALLOON = 7
+"""its load, how that rises, of its gas in even and in odd substeps amount and free volume, and air that moves along.
+Gas changes while threads still read it, so that a substep reads one row, and a thread fills the other for the next."""
+LOAD, RISE, AMOUNT, FREE_VOLUME, AIR = (wp.constant(place) for place in (0, 1, 2, 4, 6))
 
 
 class GasSums(NamedTuple):
@@ -50,6 +50,8 @@ class GasSums(NamedTuple):
     """(balloon): pressure at height 0, and its rise"""
     amount_at: Any
     """(substep, balloon): of gas [mol]"""
+    air_at: Any
+    """(balloon): that moves along [kg]"""
 
 
 @cache
@@ -81,6 +83,16 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
         return word_at(known(), balloon * WORDS_OF_BALLOON + AMOUNT + (substep & 1))
 
     @wp.func
+    def air_at(balloon: wp.int32):
+        return word_at(known(), balloon * WORDS_OF_BALLOON + AIR)
+
+    @wp.func
+    def put_air(state: WorldState, world: wp.int32):
+        """By one thread, for a frame."""
+        for balloon in range(balloons):
+            put_word(known(), balloon * WORDS_OF_BALLOON + AIR, state.air_along[world, balloon])
+
+    @wp.func
     def free_volume_at(substep: wp.int32, balloon: wp.int32):
         return word_at(known(), balloon * WORDS_OF_BALLOON + FREE_VOLUME + (substep & 1))
 
@@ -100,6 +112,8 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
                 pump_gas(t, state, seat.world, 0.0)
             put_gases(state, seat.world, 0)
             put_gases(state, seat.world, 1)
+            if wp.static(traits.takes_air_along):
+                put_air(state, seat.world)
 
     @wp.func
     def pump(t: Tables, state: WorldState, seat: Seat):
@@ -175,4 +189,4 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
                 note_load(state, seat.world, 0, load)
             return wp.vec2(load[1], load[2])
 
-    return GasSums(shared, begin, clear, add, find_loads, own_load, pump, load_at, amount_at)
+    return GasSums(shared, begin, clear, add, find_loads, own_load, pump, load_at, amount_at, air_at)

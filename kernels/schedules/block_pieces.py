@@ -74,7 +74,10 @@ def pieces_of(
     def fill(t: Tables, seat: Seat, member: Member):
         if wp.static(traits.gas):
             amount = gas.amount_at(seat.substep, member.own.balloon)
-            member.inertia = member.own.mass + member.own.share * (amount * member.own.n[molar_mass_column])
+            along = amount * member.own.n[molar_mass_column]
+            if wp.static(traits.takes_air_along):
+                along += gas.air_at(member.own.balloon)
+            member.inertia = member.own.mass + member.own.share * along
         return member
 
     @wp.func

@@ -27,7 +27,7 @@ def pump_in_lanes(traits: Traits, layout: Layout) -> Any:
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
     pump_gas = pump_function(traits.columns)
-    gas_mass = gas_mass_function(traits.columns)
+    gas_mass = gas_mass_function(traits)
     mass_column = traits.columns.places["mass"]
 
     @wp.func
@@ -40,8 +40,7 @@ def pump_in_lanes(traits: Traits, layout: Layout) -> Any:
             world = places.world(group, lane, t.world_count)
             for balloon in range(t.all.inflation_kind.shape[0]):
                 own = lanes.numbers[group, balloon, mass_column][lane]
-                amount = float(state.gas_amounts[world, balloon])
-                lanes.masses[group, balloon][lane] = own + gas_mass(t.all, amount, world, balloon)
+                lanes.masses[group, balloon][lane] = own + gas_mass(t.all, state, world, balloon)
 
     return pump
 

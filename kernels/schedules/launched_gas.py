@@ -33,7 +33,7 @@ LARGE = 2048
 def pump_kernel(traits: Traits) -> Any:
     """The kernel that begins a substep of balloons with gas, or a frame where their gas stays as it is."""
     pump_gas = pump_function(traits.columns)
-    gas_mass = gas_mass_function(traits.columns)
+    gas_mass = gas_mass_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def pump_gases(
@@ -49,8 +49,7 @@ def pump_kernel(traits: Traits) -> Any:
         world = wp.tid()
         pump_gas(t, state, world, time_in_frame)
         for balloon in range(t.inflation_kind.shape[0]):
-            amount = float(state.gas_amounts[world, balloon])
-            working.gas_masses[world, balloon] = gas_mass(t, amount, world, balloon)
+            working.gas_masses[world, balloon] = gas_mass(t, state, world, balloon)
 
     return pump_gases
 

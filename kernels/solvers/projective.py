@@ -66,7 +66,7 @@ def foreseeing_kernel(traits: Traits) -> Any:
     """The kernel that foresees displacements."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     outer = tuple(law for law in traits.of_kind("particle") if law is not DAMPING)
-    particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns)
+    particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns, traits.air)
     inertia = inertia_function(traits)
     push_of = push_function(traits)
 

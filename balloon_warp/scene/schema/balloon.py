@@ -84,6 +84,7 @@ class Inflation(Table):
     gamma: float = field_of("gamma")
     breathing_damping: float = field_of("breathing_damping")
     molar_mass: float = field_of("molar_mass")
+    added_mass: float = field_of("added_mass")
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
@@ -142,7 +143,7 @@ AUTO_SECONDS = 1.0
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
     "pressure": ("pressure",),
-    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass"),
+    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass", "added_mass"),
 }
 KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
     "normal_force": "k_normal",
@@ -188,6 +189,8 @@ class Balloon(Table):
     helium: float = field_of("helium")
     damping: float = field_of("damping")
     drag_coefficient: float = field_of("drag_coefficient")
+    face_drag: float = field_of("face_drag")
+    face_friction: float = field_of("face_friction")
     friction: float | None = optional_field_of("balloon_friction")
     stiffness: Stiffness = Stiffness()
     material: Material = Material()

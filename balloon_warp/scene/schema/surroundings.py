@@ -23,12 +23,18 @@ class Box(Table):
 
 
 class Atmosphere(Table):
-    """The air around the balloons, alike everywhere."""
+    """The air around the balloons, alike everywhere unless it has a `lapse`, `shear` or `gusts`."""
 
     pressure: float = field_of("air_pressure")
     temperature: float = field_of("air_temperature")
     density: float | None = optional_field_of("air_density")
+    lapse: float | None = optional_field_of("air_lapse")
     wind: Vector = field_of("wind")
+    shear: float = field_of("wind_shear")
+    wind_height: float = field_of("wind_height")
+    gusts: float = field_of("gusts")
+    gust_length: float = field_of("gust_length")
+    gust_seed: int = field_of("gust_seed")
 
 
 class Ground(Table):

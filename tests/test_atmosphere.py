@@ -1,0 +1,110 @@
+"""Air whose pressure and density fall with height."""
+
+import numpy as np
+import pytest
+from gas_balloons import advanced, gas_balloon, set_state, volume_of
+from meshes import cube, quad_sphere
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.model import build_model
+from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Tube
+from balloon_warp.simulator import Simulator
+
+HEIGHTS = [0.0, -400.0, 3000.0, 9000.0]
+LAPSES = [0.0, 0.0065, 0.0065, 0.0]
+GRAVITY, GAS_CONSTANT, AIR_MASS = 9.80665, 8.314462618, 0.0289652
+
+
+def standard_air(height: float, lapse: float) -> tuple[float, float, float]:
+    """Pressure [Pa], temperature [K] and density [kg/m^3], as textbooks have them, from 101,325 Pa and 288.15 K on."""
+    temperature = 288.15 - lapse * height
+    if lapse:
+        pressure = 101325.0 * (temperature / 288.15) ** (GRAVITY * AIR_MASS / (GAS_CONSTANT * lapse))
+    else:
+        pressure = 101325.0 * np.exp(-GRAVITY * AIR_MASS * height / (GAS_CONSTANT * 288.15))
+    return pressure, temperature, pressure * AIR_MASS / (GAS_CONSTANT * temperature)
+
+
+def test_the_standard_atmosphere_is_the_standard_atmosphere():
+    """Or the formula above would say nothing: 70,109 Pa and 0.9093 kg/m^3 at 3,000 m."""
+    assert standard_air(3000.0, 0.0065) == pytest.approx((70109.0, 268.65, 0.9093), rel=1e-3)
+
+
+def test_buoyancy_falls_with_height(schedule: str, device: str):
+    """Of a weather balloon of 10 m with 100 kg: it starts upward with what its air weighs less all that it carries,
+    over what moves. Float32 knows a balloon at 9,000 m to a ten-thousandth of its size; 2% is what is asked for."""
+    balloon = gas_balloon(quad_sphere(3, 5.0), {"added_mass": 0.5, "gamma": 1.4}, mass=100.0)
+    air = Atmosphere(pressure=101325.0, temperature=288.15, lapse=0.0)
+    scene = Scene(balloon=[balloon], atmosphere=air, gravity=GRAVITY, frames_per_second=20.0, substeps=10)
+    vary = {"balloon.0.position.1": HEIGHTS, "atmosphere.lapse": LAPSES}
+    simulator = Simulator(scene, device, len(HEIGHTS), vary, schedule=schedule)
+    volume = volume_of(simulator, simulator.read_frame())
+    simulator.step()
+    speeds = simulator.state.velocities.numpy()[:, :, 1].astype(np.float64).mean(axis=1)
+    expected = []
+    for height, lapse in zip(HEIGHTS, LAPSES, strict=True):
+        pressure, temperature, density = standard_air(height, lapse)
+        gas = pressure * volume / (GAS_CONSTANT * temperature) * 0.0040026
+        expected.append((density * volume - 100.0 - gas) * GRAVITY / (100.0 + gas + 0.5 * density * volume))
+    assert max(expected) > 1.5 * min(expected)
+    np.testing.assert_allclose(speeds * 20.0, expected, rtol=0.02)
+    assert (
+        abs(simulator.state.pressures.numpy()).max() < 100.0
+    )  # in balance with the air around it, of 31,000 Pa and more
+
+
+@pytest.mark.parametrize("gamma", [1.0, 1.4])
+def test_a_gas_that_is_carried_up_presses_more(gamma: float, device: str):
+    """In a balloon too heavy to give way in a millisecond: from 1,000 to 3,000 m, as warm as the air there, or as it
+    was. Its amount is what balances the air at 1,000 m."""
+    (low, warm, _), (high, cold, _) = standard_air(1000.0, 0.0065), standard_air(3000.0, 0.0065)
+    ball = quad_sphere(3, 5.0)
+    amount = low * signed_volume(ball) / (GAS_CONSTANT * warm)
+    balloon = gas_balloon(ball, {"gamma": gamma, "amount": amount}, mass=1e7, position=(0.0, 1000.0, 0.0))
+    air = Atmosphere(temperature=288.15, lapse=0.0065)
+    scene = Scene(balloon=[balloon], atmosphere=air, gravity=GRAVITY, frames_per_second=1000.0, substeps=1)
+    simulator = Simulator(scene, device)
+    assert simulator.state.pressures.numpy()[0, 0] == pytest.approx(0.0, abs=1.0)
+    advanced(simulator, 1)
+    quantized = 1e-4 * high  # how well float32 knows the volume at such a height
+    assert simulator.state.pressures.numpy()[0, 0] == pytest.approx(0.0, abs=quantized)
+    points = simulator.state.points.numpy()[0]
+    set_state(simulator, points=points + (0.0, 2000.0, 0.0), velocities=np.zeros_like(points))
+    advanced(simulator, 1)
+    expected = low * (cold / warm if gamma == 1.0 else 1.0) - high
+    assert expected > 10_000.0
+    assert simulator.state.pressures.numpy()[0, 0] == pytest.approx(expected, abs=4.0 * quantized)
+
+
+def test_drag_follows_the_density(device: str):
+    """At 3,000 m in a wind of 10 m/s, on a cube."""
+    box = Balloon(mesh=cube(), drag_coefficient=1.0, damping=0.0, inflation=Inflation(pressure=0.0))
+    air = Atmosphere(temperature=288.15, lapse=0.0065, wind=(10.0, 0.0, 0.0))
+    scene = Scene(balloon=[box], atmosphere=air, gravity=GRAVITY, net_forces=True)
+    simulator = Simulator(scene, device, 2, {"balloon.0.position.1": [0.0, 3000.0]})
+    low, high = (simulator.read_frame(world).net_forces[0].sum(axis=0)[0] for world in range(2))
+    assert high / low == pytest.approx(standard_air(3000.0, 0.0065)[2] / standard_air(0.0, 0.0)[2], rel=1e-3)
+
+
+def test_what_heights_are_not_known_of_is_refused():
+    gas = {"kind": "gas", "gamma": 1.4, "pump": 0.1}
+    air = Atmosphere(lapse=0.0065)
+    pumped = Balloon(mesh=cube(), inflation=gas)
+    with pytest.raises(InputError, match=r"balloon.0.inflation.gamma: gas that keeps its heat is neither pumped"):
+        build_model(Scene(balloon=[pumped], atmosphere=air), "cpu")
+    sealed = Balloon(mesh=cube(), inflation={"kind": "gas", "gamma": 1.4})
+    joined = Scene(balloon=[sealed, sealed], tube=[Tube(balloons=(0, 1), conductance=1e-4)], atmosphere=air)
+    with pytest.raises(InputError, match=r"nor has tubes"):
+        build_model(joined, "cpu")
+    with pytest.raises(InputError, match=r"atmosphere.lapse: must be less than or equal to 0.1"):
+        Atmosphere(lapse=6.5)
+
+
+def test_gamma_that_changes_keeps_the_pressure_aloft(device: str):
+    change = Change(time=0.001, set={"balloon.0.inflation.gamma": 1.4})
+    balloon = gas_balloon(quad_sphere(3, 5.0), {"start_pressure": 500.0}, mass=1e7, position=(0.0, 3000.0, 0.0))
+    scene = Scene(balloon=[balloon], atmosphere=Atmosphere(lapse=0.0065), change=[change], frames_per_second=1000.0)
+    simulator = Simulator(scene, device)
+    advanced(simulator, 3)
+    assert simulator.state.pressures.numpy()[0, 0] == pytest.approx(500.0, abs=20.0)  # of 70,000, to 4 float32 volumes
