@@ -171,6 +171,18 @@ class TubeTable:
 
 
 @wp.struct
+class NeckTable:
+    """Where balloons are open; empty unless one is."""
+
+    weights: wp.array[float]
+    """what each particle gets of the thrust of its balloon's neck: by mass, 0 of those that are not at it"""
+    offsets: wp.array[wp.int32]
+    """where the edges around each balloon's neck begin, and after the last, where they end"""
+    edges: wp.array[wp.vec2i]
+    """in turn, as the faces run that close it"""
+
+
+@wp.struct
 class CorrectionTable:
     """The springs as the position correction takes them: color by color, no two of one color at one particle."""
 
@@ -199,6 +211,7 @@ class Tables:
     fixtures: FixtureTable
     bodies: BodyTable
     tubes: TubeTable
+    necks: NeckTable
     touch: TouchTable
     correction: CorrectionTable
     health: HealthTable
@@ -227,6 +240,7 @@ class WorldState:
     gas_amounts: wp.array2d[wp.float64]
     free_volumes: wp.array2d[wp.float64]
     tube_flows: wp.array2d[float]
+    vent_flows: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]
     sphere_positions: wp.array2d[wp.vec3]

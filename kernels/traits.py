@@ -39,6 +39,10 @@ class Traits(NamedTuple):
     """gas is pumped in or let out, at some time in some world"""
     tubes: bool = False
     """gas flows from balloon to balloon"""
+    vents: bool = False
+    """gas flows out, through necks or leaks, at some time in some world"""
+    jets: bool = False
+    """through necks, and so drives balloons"""
     fresh_normals: bool = False
     corrected: bool = False
     """springs that are too long after a step are shortened"""
@@ -88,6 +92,16 @@ class Traits(NamedTuple):
         return sum_of_laws_in_lane(kind, RESULT[kind], self.of_kind(kind), self.columns)
 
     @property
+    def gas_flows(self) -> bool:
+        """Whether a substep ends with more or less gas in a balloon, by how its pressure is then."""
+        return self.tubes or self.vents
+
+    @property
+    def gas_changes(self) -> bool:
+        """Whether balloons have more or less gas in some substep than in the one before."""
+        return self.pumps or self.gas_flows
+
+    @property
     def looks_at_velocities(self) -> bool:
         """Whether forces on a particle depend on its neighbors' velocities."""
         return self.viscous or self.needs("spring", "opening") or self.needs("face", "velocity")
@@ -119,8 +133,8 @@ class Traits(NamedTuple):
 
     @property
     def tells_time(self) -> bool:
-        """Whether a law asks for the time, or something is elsewhere at another."""
-        return any_names(self.laws, "time") or self.fixtures_move
+        """Whether a law asks for the time, or something is elsewhere at another, or open."""
+        return any_names(self.laws, "time") or self.fixtures_move or self.jets
 
     @property
     def always_busy(self) -> bool:

@@ -13,6 +13,7 @@ from balloon_warp.kernels.tables import (
     FaceTable,
     FanTable,
     HingeTable,
+    NeckTable,
     PairTable,
     ParticleTable,
     SpringTable,
@@ -58,7 +59,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
         t.spheres.small = _array(model, small_spheres(model), wp.int32)
         t.spheres.triangles = _array(model, np.concatenate(triangles), wp.vec3i)
     t.fixtures, t.bodies = fixture_table(model), body_table(model)
-    t.tubes = _tubes(model)
+    t.tubes, t.necks = _tubes(model), _necks(model)
     t.touch = touch_table(model, traits)
     t.correction = _correction(model, traits)
     t.health = health_table(model)
@@ -242,6 +243,12 @@ def _spheres(model: Model) -> Any:
 def _tubes(model: Model) -> Any:
     table = TubeTable()
     table.balloons, table.conductance = model.tube_balloons, model.parameters["tube_conductance"]
+    return table
+
+
+def _necks(model: Model) -> Any:
+    table = NeckTable()
+    table.weights, table.offsets, table.edges = model.neck_weights, model.neck_offsets, model.neck_edges
     return table
 
 

@@ -11,7 +11,7 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
-CHOOSE_TRAITS = frozenset({"breathing_damping"})
+CHOOSE_TRAITS = frozenset({"breathing_damping", "leak", "neck_diameter"})
 """parameters that kernels are chosen by, and others when they change"""
 
 
@@ -45,6 +45,8 @@ def model_traits(model: Model) -> Traits:
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
         pumps=int(GAS) in kinds and _pumps(model),
         tubes=model.tube_count > 0,
+        vents=_ever(model, "neck_diameter") or _ever(model, "leak"),
+        jets=_ever(model, "neck_diameter"),
         fresh_normals=scene.normals == "fresh" and int(NORMAL_FORCE) in kinds,
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
@@ -66,6 +68,11 @@ def _pumps(model: Model) -> bool:
     at_start, *changed = values_over_time(model, "keyframe_values")
     of_gas = model.inflation_kind.numpy() == int(GAS)
     return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
+
+
+def _ever(model: Model, name: str) -> bool:
+    """Whether a balloon's parameter is more than 0 in any world at any time."""
+    return any(values.any() for values in values_over_time(model, name))
 
 
 def _breathes_on(model: Model) -> bool:

@@ -10,6 +10,7 @@ from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Law, Parameter
 from balloon_warp.kernels.laws.membrane import PARAMETERS as MEMBRANE
+from balloon_warp.kernels.laws.orifice import PARAMETERS as OPENINGS
 from balloon_warp.kernels.laws.touch import TOUCH
 
 
@@ -51,12 +52,13 @@ class Columns:
 
 
 def columns_of(laws: Sequence[Law]) -> Columns:
-    """What these laws ask for, and what springs, membranes, inertia, gas, the ground and touching
-    balloons do, each once. The kinds of springs stand first."""
+    """What these laws ask for, and what springs, membranes, inertia, gas and its openings, the ground and
+    touching balloons do, each once. The kinds of springs stand first."""
     asked = (
         *KINDS,
         MASS,
         *GAS,
+        *OPENINGS,
         FRICTION,
         *GROUND,
         *TOUCH,

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
-from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function, tubes_function
+from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state
 from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
@@ -18,6 +18,7 @@ from balloon_warp.kernels.substep import (
     note_function,
     ramp_at,
     swell_function,
+    time_of,
     volume_origin,
 )
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -56,19 +57,20 @@ def pump_kernel(traits: Traits) -> Any:
 
 
 @cache
-def tube_kernel(traits: Traits) -> Any:
-    """The kernel that lets gas flow through tubes."""
-    flow_through_tubes = tubes_function(traits.columns)
+def flow_kernel(traits: Traits) -> Any:
+    """The kernel that lets gas flow through tubes, necks and leaks."""
+    flow_through_all = flows_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def let_gases_flow(
         # model
         t: Tables,
+        time_in_frame: float,
         # state in and out
         state: WorldState,
     ):
         """A thread a world, once the loads are known that were without."""
-        flow_through_tubes(t, state, wp.tid())
+        flow_through_all(t, state, wp.tid(), time_of(t, state.frame, time_in_frame))
 
     return let_gases_flow
 

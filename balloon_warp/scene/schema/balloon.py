@@ -84,6 +84,7 @@ class Inflation(Table):
     gamma: float = field_of("gamma")
     breathing_damping: float = field_of("breathing_damping")
     molar_mass: float = field_of("molar_mass")
+    leak: float = field_of("leak")
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
@@ -142,13 +143,31 @@ AUTO_SECONDS = 1.0
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
     "pressure": ("pressure",),
-    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass"),
+    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass", "leak"),
 }
 KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
     "normal_force": "k_normal",
     "pressure": "pressure",
     "gas": "pump",
 }
+
+
+class Neck(Table):
+    """The neck of a balloon with gas that is let go: open, gas leaves through it in a jet, which drives the balloon."""
+
+    at: Index | Annotated[str, Field(min_length=1)] = "lowest"
+    """where it is: the "lowest" or "highest" place along the up axis at the start, a vertex by the order of the file's,
+    or the faces of a group of the mesh, by its name; the jet goes straight out from there"""
+    diameter: float = field_of("neck_diameter")
+    discharge: float = field_of("neck_discharge")
+    opens: float = field_of("neck_opens")
+    closes: float | None = optional_field_of("neck_closes")
+
+    @model_validator(mode="after")
+    def _closes_later(self) -> Self:
+        if self.closes is not None and self.closes < self.opens:
+            raise ValueError(f"closes: must not come before it opens, at {self.opens:g} s (got {self.closes:g} s)")
+        return self
 
 
 def _mesh_of(given: Any) -> Any:
@@ -192,6 +211,7 @@ class Balloon(Table):
     stiffness: Stiffness = Stiffness()
     material: Material = Material()
     inflation: Inflation = Inflation()
+    neck: Neck | None = None
     fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []
     """particles that do not move: by the order of the file's vertices, or all of a group of the mesh, by its name (`g`
     and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the mesh's own points,
@@ -213,6 +233,12 @@ class Balloon(Table):
                 f"mass: follows from the material's thickness and density (got {self.mass:g}); expected none, or "
                 'material.kind = "springs"'
             )
+        return self
+
+    @model_validator(mode="after")
+    def _neck_of_gas(self) -> Self:
+        if self.neck and self.inflation.kind != "gas":
+            raise ValueError(f'neck: needs inflation.kind = "gas" (got "{self.inflation.kind}")')
         return self
 
     @model_validator(mode="before")
