@@ -6,6 +6,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereTable, TouchTable
+from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
 
@@ -163,26 +164,6 @@ class FanTable:
 
 
 @wp.struct
-class TubeTable:
-    """Tubes between balloons."""
-
-    balloons: wp.array[wp.vec2i]
-    conductance: wp.array2d[float]
-
-
-@wp.struct
-class NeckTable:
-    """Where balloons are open; empty unless one is."""
-
-    weights: wp.array[float]
-    """what each particle gets of the thrust of its balloon's neck: by mass, 0 of those that are not at it"""
-    offsets: wp.array[wp.int32]
-    """where the edges around each balloon's neck begin, and after the last, where they end"""
-    edges: wp.array[wp.vec2i]
-    """in turn, as the faces run that close it"""
-
-
-@wp.struct
 class CorrectionTable:
     """The springs as the position correction takes them: color by color, no two of one color at one particle."""
 
@@ -211,6 +192,7 @@ class Tables:
     fixtures: FixtureTable
     bodies: BodyTable
     tubes: TubeTable
+    pumps: PumpTable
     necks: NeckTable
     touch: TouchTable
     correction: CorrectionTable

@@ -37,6 +37,8 @@ class Traits(NamedTuple):
     """a gas's breathing is not damped as by backward Euler"""
     pumps: bool = False
     """gas is pumped in or let out, at some time in some world"""
+    fills: bool = False
+    """by breaths, litres, moles or a pump's curve, or up to a pressure or a diameter"""
     tubes: bool = False
     """gas flows from balloon to balloon"""
     vents: bool = False
@@ -133,8 +135,8 @@ class Traits(NamedTuple):
 
     @property
     def tells_time(self) -> bool:
-        """Whether a law asks for the time, or something is elsewhere at another, or open."""
-        return any_names(self.laws, "time") or self.fixtures_move or self.jets
+        """Whether a law asks for the time, or something is elsewhere at another, or open, or done."""
+        return any_names(self.laws, "time") or self.fixtures_move or self.jets or self.fills
 
     @property
     def always_busy(self) -> bool:

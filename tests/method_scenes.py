@@ -127,7 +127,8 @@ def in_air() -> Scene:
     scene = everything("fresh")
     ball, pentagon = scene.balloon
     gas = Inflation(kind="gas", start_pressure=30.0, pump=[(0.0, 0.02), (0.05, -0.01)], gamma=1.3)
-    less_gas = gas.model_copy(update={"start_pressure": 9.0, "breathing_damping": 0.3, "leak": 3e-5})
+    less_gas = gas.model_copy(update={"start_pressure": 9.0, "breathing_damping": 0.3, "leak": 3e-5, "pump": 0.0})
+    less_gas = less_gas.model_copy(update={"litres": 2.0, "fill_time": 0.06})
     neck = Neck(at="highest", diameter=0.015, discharge=0.8, opens=0.02)
     balloons = [
         ball.model_copy(update={"helium": 0.0, "inflation": gas, "drag_coefficient": 0.4}),

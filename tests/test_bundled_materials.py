@@ -1,5 +1,7 @@
 """Bundled scenes of rubber and foil do what they are there to show."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from played import played, shape_at
@@ -75,7 +77,7 @@ def test_rocket_balloon_is_driven_by_its_jet_and_loops():
 
     gained = (momentum(frames[53]) - momentum(frames[48]))[1]
     expected = 0.0
-    for before, frame in zip(frames[48:53], frames[49:54], strict=True):
+    for before, frame in pairwise(frames[48:54]):
         mass = own + of_gas * frame.gas_amounts[0]
         speed = 0.5 * (momentum(before) + momentum(frame))[1] / mass
         radius = np.cbrt(3.0 * frame.volumes[0] / (4.0 * np.pi))

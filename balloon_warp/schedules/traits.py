@@ -11,7 +11,9 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
-CHOOSE_TRAITS = frozenset({"breathing_damping", "leak", "neck_diameter"})
+FILLS = ("fill_breaths", "fill_litres", "fill_moles", "fill_to_pressure", "fill_to_diameter")
+"""parameters that ask for more than a pump"""
+CHOOSE_TRAITS = frozenset({"breathing_damping", "leak", "neck_diameter", *FILLS})
 """parameters that kernels are chosen by, and others when they change"""
 
 
@@ -43,7 +45,8 @@ def model_traits(model: Model) -> Traits:
         pressures=kinds != {int(NORMAL_FORCE)},
         gas=int(GAS) in kinds,
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
-        pumps=int(GAS) in kinds and _pumps(model),
+        pumps=int(GAS) in kinds and (_pumps(model) or _fills(model)),
+        fills=_fills(model),
         tubes=model.tube_count > 0,
         vents=_ever(model, "neck_diameter") or _ever(model, "leak"),
         jets=_ever(model, "neck_diameter"),
@@ -68,6 +71,12 @@ def _pumps(model: Model) -> bool:
     at_start, *changed = values_over_time(model, "keyframe_values")
     of_gas = model.inflation_kind.numpy() == int(GAS)
     return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
+
+
+def _fills(model: Model) -> bool:
+    """Whether a balloon is filled by more than a pump."""
+    curves = any(balloon.inflation.pump_curve for balloon in model.scene.balloon)
+    return curves or any(_ever(model, name) for name in FILLS)
 
 
 def _ever(model: Model, name: str) -> bool:

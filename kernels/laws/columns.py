@@ -6,6 +6,7 @@ from functools import cached_property
 
 from balloon_warp.kernels.laws.body import MASS
 from balloon_warp.kernels.laws.contact import FRICTION, GROUND
+from balloon_warp.kernels.laws.fill import PARAMETERS as FILL
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Law, Parameter
@@ -58,6 +59,7 @@ def columns_of(laws: Sequence[Law]) -> Columns:
         *KINDS,
         MASS,
         *GAS,
+        *FILL,
         *OPENINGS,
         FRICTION,
         *GROUND,

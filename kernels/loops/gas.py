@@ -7,7 +7,15 @@ import warp as wp
 
 from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.columns import Columns
-from balloon_warp.kernels.laws.gas import gas_through_tube, molar_free_volume, pumped_gas, tube_flow
+from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
+from balloon_warp.kernels.laws.gas import (
+    STANDARD_PRESSURE,
+    THINNEST,
+    gas_through_tube,
+    molar_free_volume,
+    pumped_gas,
+    tube_flow,
+)
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.laws.orifice import vent_flow
 from balloon_warp.kernels.loops.jets import opening_function
@@ -33,15 +41,71 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
 
 
 @cache
-def pump_function(columns: Columns) -> Any:
+def fill_function(columns: Columns) -> Any:
+    """The function that gives what is blown into a balloon in a substep, beside what is pumped."""
+    gamma_column = columns.places["gamma"]
+    pressure_column = columns.places["air_pressure"]
+    told = {"blown_in": blown_in, "breath_in": breath_in, "up_to": up_to}
+    given = {
+        "blown_in": ["time", "step_seconds"],
+        "breath_in": ["step_seconds"],
+        "up_to": ["moles", "pressure", "volume"],
+    }
+    functions = {}
+    for name, function in told.items():
+        arguments = ", ".join([*(f"{each}: float" for each in given[name]), "n: Any"])
+        source = f"def {name}_here({arguments}):\n    return {call_of(function, name, given[name], columns)}\n"
+        functions[name] = function_from(f"{name}_here", source, {name: function})
+    blown_in_here, breath_in_here, up_to_here = functions.values()
+    read_numbers = numbers_reader(columns)
+    ends = [columns.places[name] for name in ("fill_to_pressure", "fill_to_diameter")]
+    to_pressure_column, to_diameter_column = ends
+
+    @wp.func
+    def curve_flow(t: Tables, balloon: wp.int32, pressure: float):
+        """What a pump gives against a pressure [mol/s]: linear between the points of its curve, nothing beyond them."""
+        flow = t.pumps.flows[balloon, 0]
+        for point in range(t.pumps.flows.shape[1] - 1):
+            begin = t.pumps.pressures[balloon, point]
+            end = t.pumps.pressures[balloon, point + 1]
+            if pressure > begin and end > begin:
+                part = wp.min((pressure - begin) / (end - begin), 1.0)
+                flow = wp.lerp(t.pumps.flows[balloon, point], t.pumps.flows[balloon, point + 1], part)
+        return wp.where(pressure > t.pumps.pressures[balloon, t.pumps.flows.shape[1] - 1], 0.0, flow)
+
+    @wp.func
+    def fill(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, pumped: float, time: float):
+        """[mol]"""
+        n = read_numbers(t, world, balloon)
+        pressure = state.pressures[world, balloon]
+        here = wp.max(n[pressure_column] + pressure, THINNEST * STANDARD_PRESSURE)
+        volume = float(state.free_volumes[world, balloon]) * wp.pow(STANDARD_PRESSURE / here, 1.0 / n[gamma_column])
+        moles = pumped + blown_in_here(time, t.step_seconds, n)
+        curved = t.pumps.has[balloon] > 0
+        if curved:
+            moles += t.step_seconds * curve_flow(t, balloon, pressure)
+        ends = n[to_pressure_column] > 0.0 or n[to_diameter_column] > 0.0
+        if ends and not curved and pumped == 0.0:
+            moles += breath_in_here(t.step_seconds, n)
+        if ends and moles > 0.0:
+            moles = up_to_here(moles, pressure, volume, n)
+        return moles
+
+    return fill
+
+
+@cache
+def pump_function(traits: Traits) -> Any:
     """The function that pumps gas, or lets it out."""
+    columns = traits.columns
     gamma_column = columns.places["gamma"]
     pressure_column, temperature_column = (
         columns.places[name] - columns.balloon_width for name in ("air_pressure", "air_temperature")
     )
+    fill = fill_function(columns) if traits.fills else None
 
     @wp.func
-    def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float):
+    def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
         """What comes in a substep, as it begins; `inflation_ramp` has it in mol/s."""
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         of_world = row_of_world(world, t.world_numbers.shape[0])
@@ -49,6 +113,8 @@ def pump_function(columns: Columns) -> Any:
             if t.inflation_kind[balloon] == GAS:
                 ramp = state.inflation_ramp[world, balloon]
                 moles = t.step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * t.step_seconds))
+                if wp.static(fill is not None):
+                    moles = fill(t, state, world, balloon, moles, time)
                 pressure = t.world_numbers[of_world, pressure_column] + state.pressures[world, balloon]
                 gas = pumped_gas(
                     gas_in(state, world, balloon), moles, pressure,

@@ -34,7 +34,7 @@ class GasSums(NamedTuple):
     shared: bool
     """loads stand in shared memory; otherwise each warp finds that of the one balloon for itself"""
     begin: Any
-    """(t, state, seat): what a frame begins with; a barrier must follow"""
+    """(t, state, seat, frame_begin): what a frame begins with; a barrier must follow"""
     clear: Any
     """(seat): before a substep adds up"""
     add: Any
@@ -60,7 +60,7 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
     sums = shared_words("swellings", balloons * warps * NUMBERS_OF_WARP)
     known = shared_words("balloons", balloons * WORDS_OF_BALLOON)
     load_of_balloon, note_load = load_function(traits), note_function(traits)
-    pump_gas, let_gases_flow = pump_function(traits.columns), flows_function(traits)
+    pump_gas, let_gases_flow = pump_function(traits), flows_function(traits)
     read_numbers = numbers_reader(traits.columns)
 
     @wp.func
@@ -93,11 +93,11 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
             put_word(known(), word + FREE_VOLUME, float(state.free_volumes[world, balloon]))
 
     @wp.func
-    def begin(t: Tables, state: WorldState, seat: Seat):
+    def begin(t: Tables, state: WorldState, seat: Seat, frame_begin: float):
         if seat.thread == 0:
             put_loads(state, seat.world)
             if wp.static(traits.pumps):
-                pump_gas(t, state, seat.world, 0.0)
+                pump_gas(t, state, seat.world, 0.0, frame_begin)
             put_gases(state, seat.world, 0)
             put_gases(state, seat.world, 1)
 
@@ -106,7 +106,7 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
         if wp.static(traits.gas_changes):  # or else what stands there stays, and nobody waits for the state
             if seat.thread == 0 and seat.substep + 1 < t.substeps:
                 if wp.static(traits.pumps):
-                    pump_gas(t, state, seat.world, seat.time_in_frame + t.step_seconds)
+                    pump_gas(t, state, seat.world, seat.time_in_frame + t.step_seconds, seat.time + t.step_seconds)
                 put_gases(state, seat.world, seat.substep + 1)
 
     @wp.func

@@ -242,7 +242,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(stretch is not None):
                 stretch(t, lanes, group, points)
             if wp.static(traits.gas):
-                pump(t, state, lanes, group, time_in_frame)
+                pump(t, state, lanes, group, time_in_frame, time)
                 pull_and_swell(t, state, lanes, group, points, time, time_in_frame)
             for balloon in range(t.all.inflation_kind.shape[0]):
                 push_and_move(t, state, lanes, group, balloon, points, new_points, time, time_in_frame)

@@ -27,16 +27,16 @@ def pump_in_lanes(traits: Traits, layout: Layout) -> Any:
     """The function that pumps gas."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
-    pump_gas = pump_function(traits.columns)
+    pump_gas = pump_function(traits)
     gas_mass = gas_mass_function(traits.columns)
     mass_column = traits.columns.places["mass"]
 
     @wp.func
-    def pump(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time_in_frame: float):
+    def pump(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time_in_frame: float, time: float):
         """What is pumped in or let out, and the balloons' masses with their gas."""
         first = places.first_world(group)
         for world in range(first, first + places.worlds(group, t.world_count)):
-            pump_gas(t.all, state, world, time_in_frame)
+            pump_gas(t.all, state, world, time_in_frame, time)
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
             for balloon in range(t.all.inflation_kind.shape[0]):

@@ -33,7 +33,7 @@ LARGE = 2048
 @cache
 def pump_kernel(traits: Traits) -> Any:
     """The kernel that begins a substep of balloons with gas, or a frame where their gas stays as it is."""
-    pump_gas = pump_function(traits.columns)
+    pump_gas = pump_function(traits)
     gas_mass = gas_mass_function(traits.columns)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -48,7 +48,7 @@ def pump_kernel(traits: Traits) -> Any:
     ):
         """A thread a world: what is pumped in or let out, and the masses of gas."""
         world = wp.tid()
-        pump_gas(t, state, world, time_in_frame)
+        pump_gas(t, state, world, time_in_frame, time_of(t, state.frame, time_in_frame))
         for balloon in range(t.inflation_kind.shape[0]):
             amount = float(state.gas_amounts[world, balloon])
             working.gas_masses[world, balloon] = gas_mass(t, amount, world, balloon)
