@@ -86,6 +86,8 @@ METHODS = (
     Method("gas that breathes undamped", (GAS, "balloon.inflation.breathing_damping=0")),
     Method("air that moves along", (GAS, "balloon.inflation.added_mass=0.5")),
     Method("tubes between balloons", (GAS, "tube=[{balloons=[0, 1], conductance=1e-6}]"), (BALL, BALL)),
+    Method("breaths, litres, a pump's curve", ("balloon.inflation={kind='gas', breaths=0.1}",)),
+    Method("necks and leaks", (GAS, "balloon.inflation.leak=1e-6", "balloon.neck={}")),
     Method("drag in air, wind", ("balloon.drag_coefficient=0.4", "atmosphere.wind=[1, 0, 0]")),
     Method(
         "gusts, shear, air that thins with height",

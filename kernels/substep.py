@@ -5,9 +5,9 @@
     search       now and then: which balloons may touch, and where                  `schedules.touch_lists`
     press        balloons that touch push each other off                            `loops.meeting`, `laws.touch`
     pump         gas is pumped in, or let out                                       `loops.gas`
-    pull         all forces on a particle but the inflation                         `loops.net_force`
+    pull         all forces on a particle but the inflation, jets among them        `loops.net_force`, `loops.jets`
     swell        where there is gas: how balloons would swell, and their pressure   `swell`, `load_of_balloon`
-    flow         what flows through tubes meanwhile, and evens out the pressures    `loops.gas`
+    flow         what flows through tubes and out meanwhile, by the pressures then  `loops.gas`
     push         the inflation                                                      `inflation`
     move         a = F / m; v += h a; x += h v (the paper's listing)                `kick`, `drift`
     correct      springs that are too long are shortened                            `laws.correction`
@@ -196,7 +196,7 @@ def note_function(traits: Traits) -> Any:
         """By one thread."""
         state.pressures[world, balloon] = load[0]
         state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
-        if wp.static(traits.tubes):
+        if wp.static(traits.gas_flows):
             state.pressure_slopes[world, balloon] = load[3]
 
     return note_load

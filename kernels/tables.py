@@ -6,6 +6,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereTable, TouchTable
+from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
 
@@ -163,14 +164,6 @@ class FanTable:
 
 
 @wp.struct
-class TubeTable:
-    """Tubes between balloons."""
-
-    balloons: wp.array[wp.vec2i]
-    conductance: wp.array2d[float]
-
-
-@wp.struct
 class CorrectionTable:
     """The springs as the position correction takes them: color by color, no two of one color at one particle."""
 
@@ -199,6 +192,8 @@ class Tables:
     fixtures: FixtureTable
     bodies: BodyTable
     tubes: TubeTable
+    pumps: PumpTable
+    necks: NeckTable
     touch: TouchTable
     correction: CorrectionTable
     health: HealthTable
@@ -228,6 +223,7 @@ class WorldState:
     free_volumes: wp.array2d[wp.float64]
     air_along: wp.array2d[float]
     tube_flows: wp.array2d[float]
+    vent_flows: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]
     sphere_positions: wp.array2d[wp.vec3]

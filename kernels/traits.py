@@ -42,8 +42,14 @@ class Traits(NamedTuple):
     """a gas's breathing is not damped as by backward Euler"""
     pumps: bool = False
     """gas is pumped in or let out, at some time in some world"""
+    fills: bool = False
+    """by breaths, litres, moles or a pump's curve, or up to a pressure or a diameter"""
     tubes: bool = False
     """gas flows from balloon to balloon"""
+    vents: bool = False
+    """gas flows out, through necks or leaks, at some time in some world"""
+    jets: bool = False
+    """through necks, and so drives balloons"""
     fresh_normals: bool = False
     corrected: bool = False
     """springs that are too long after a step are shortened"""
@@ -98,6 +104,16 @@ class Traits(NamedTuple):
         return AIR_THAT_VARIES if self.air_varies else AIR_ALIKE
 
     @property
+    def gas_flows(self) -> bool:
+        """Whether a substep ends with more or less gas in a balloon, by how its pressure is then."""
+        return self.tubes or self.vents
+
+    @property
+    def gas_changes(self) -> bool:
+        """Whether balloons have more or less gas in some substep than in the one before."""
+        return self.pumps or self.gas_flows
+
+    @property
     def looks_at_velocities(self) -> bool:
         """Whether forces on a particle depend on its neighbors' velocities."""
         return self.viscous or self.needs("spring", "opening") or self.needs("face", "velocity")
@@ -129,8 +145,14 @@ class Traits(NamedTuple):
 
     @property
     def tells_time(self) -> bool:
-        """Whether a law asks for the time, or something is elsewhere at another."""
-        return any_names(self.laws, "time") or self.fixtures_move or (self.air_varies and any_names(self.laws, "air"))
+        """Whether a law asks for the time, or something is elsewhere at another, or open, or done."""
+        return (
+            any_names(self.laws, "time")
+            or self.fixtures_move
+            or self.jets
+            or self.fills
+            or (self.air_varies and any_names(self.laws, "air"))
+        )
 
     @property
     def always_busy(self) -> bool:

@@ -16,6 +16,7 @@ from balloon_warp.scenes.model_pillow import pillow
 from balloon_warp.scenes.model_slot import slot
 from balloon_warp.scenes.model_squirrel import squirrel
 from balloon_warp.scenes.model_table import table
+from balloon_warp.scenes.model_toy import toy
 from balloon_warp.scenes.model_turtle import turtle
 
 MODELS = {
@@ -28,6 +29,7 @@ MODELS = {
     "knot": knot,
     "table": table,
     "slot": slot,
+    "toy": toy,
 }
 
 

@@ -11,6 +11,7 @@ from balloon_warp.scene import (
     Ground,
     Inflation,
     Material,
+    Neck,
     Obstacle,
     Scene,
     Sphere,
@@ -121,16 +122,19 @@ def by_forward_euler() -> Scene:
 
 
 def in_air() -> Scene:
-    """Gas that is pumped and flows through a tube, pressure and normal forces, beside all that a scene can have."""
+    """Gas that is pumped, flows through a tube, leaks and drives by a jet, pressure and normal forces, beside all that
+    a scene can have."""
     scene = everything("fresh")
     ball, pentagon = scene.balloon
     gas = Inflation(kind="gas", start_pressure=30.0, pump=[(0.0, 0.02), (0.05, -0.01)], gamma=1.3)
-    less_gas = gas.model_copy(update={"start_pressure": 9.0, "breathing_damping": 0.3})
+    less_gas = gas.model_copy(update={"start_pressure": 9.0, "breathing_damping": 0.3, "leak": 3e-5, "pump": 0.0})
+    less_gas = less_gas.model_copy(update={"litres": 2.0, "fill_time": 0.06})
+    neck = Neck(at="highest", diameter=0.015, discharge=0.8, opens=0.02)
     balloons = [
         ball.model_copy(update={"helium": 0.0, "inflation": gas, "drag_coefficient": 0.4}),
         pentagon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=[(0.0, 5.0), (0.1, 20.0)])}),
         Balloon(mesh=cube(), position=(6.0, 0.3, 0.0), drag_coefficient=1.0, helium=9.0, inflation=PAPERS),
-        Balloon(mesh=quad_sphere(3), position=(-6.0, 2.0, 0.0), inflation=less_gas),
+        Balloon(mesh=quad_sphere(3), position=(-6.0, 2.0, 0.0), inflation=less_gas, neck=neck),
     ]
     surroundings = {
         "tube": [Tube(balloons=(0, 3), conductance=1e-4)],

@@ -15,6 +15,7 @@ from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import warp_mesh
 from balloon_warp.model.packing import pack_balloons, pack_worlds, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
+from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.vary import Vary
 from balloon_warp.scene import Scene
 
@@ -108,6 +109,11 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         keyframe_times=array(_keyframe_times(scene), float),
         inflation_kind=array([KINDS.index(balloon.inflation.kind) for balloon in scene.balloon], wp.int32),
         tube_balloons=array(np.array([tube.balloons for tube in scene.tube]).reshape(-1, 2), wp.vec2i),
+        neck_weights=joined(_neck_weights(shapes), float),
+        neck_offsets=array(np.cumsum([0, *(len(shape.neck.edges) for shape in shapes)]), wp.int32),
+        neck_edges=joined(
+            [shape.neck.edges + offset for shape, offset in zip(shapes, offsets, strict=False)], wp.vec2i
+        ),
         string_particle=array(
             [particle + offsets[string.balloon] for string, particle in zip(scene.string, plan.held, strict=True)],
             wp.int32,
@@ -122,6 +128,13 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         world_numbers=world_numbers,
         parameters={**views_of(columns, balloon_numbers, world_numbers), **others},
     )
+
+
+def _neck_weights(shapes: Sequence[BalloonShape]) -> list[NDArray[np.float64]]:
+    """Of all particles, or of none where no balloon has a neck."""
+    if not any(len(shape.neck.edges) for shape in shapes):
+        return [np.zeros(0)]
+    return [shape.neck.weights if len(shape.neck.edges) else np.zeros(shape.mesh.vertex_count) for shape in shapes]
 
 
 def _items(values: NDArray[np.float64], dtype: Any, device: wp.Device) -> wp.array:

@@ -17,6 +17,8 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.state import State
 from balloon_warp.scene import Scene
 
+LARGEST_OPENING = 0.25
+"""of a balloon's area at the start"""
 LEAST_ROUNDNESS = 1.0e-6
 """volume over the cube of the size, of a balloon that can hold gas"""
 
@@ -44,6 +46,32 @@ def require_sealed(shape: BalloonShape) -> None:
     size = float(np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).max())
     if signed_volume(shape.mesh) < LEAST_ROUNDNESS * size**3:
         raise InputError(f"{shape.name}: encloses no volume at the start, so that it cannot hold gas")
+
+
+def require_openings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> None:
+    """Make sure that gas can leave through necks and leaks.
+
+    Raises:
+        InputError: one is too wide for its balloon, or the gas weighs nothing.
+    """
+    for number, shape in enumerate(shapes):
+        diameter = float(parameters["neck_diameter"][:, number].max())
+        leak = float(parameters["leak"][:, number].max())
+        widest = np.sqrt(LARGEST_OPENING * shape.area * 4.0 / np.pi)
+        if diameter > widest:
+            raise InputError(
+                f"balloon.{number}.neck.diameter: must be at most {widest:.3g} m, for {shape.name} has "
+                f"{shape.area:.3g} m^2 (got {diameter:g})"
+            )
+        if leak > LARGEST_OPENING * shape.area:
+            raise InputError(
+                f"balloon.{number}.inflation.leak: must be at most {LARGEST_OPENING * shape.area:.3g} m^2, for "
+                f"{shape.name} has {shape.area:.3g} m^2 (got {leak:g})"
+            )
+        if (diameter > 0.0 or leak > 0.0) and float(parameters["molar_mass"][:, number].min()) <= 0.0:
+            raise InputError(
+                f"balloon.{number}.inflation.molar_mass: must be above 0 where gas leaves, by its density (got 0)"
+            )
 
 
 def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:

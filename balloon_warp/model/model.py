@@ -97,6 +97,15 @@ class Model:
     tube_balloons: wp.array
     """its two balloons, shape (tube_count,), vec2i"""
 
+    # necks
+    neck_weights: wp.array
+    """each particle's part of the thrust of its balloon's neck, shape (particle_count,), or (0,) where no balloon has
+    one; float32"""
+    neck_offsets: wp.array
+    """where the edges around each balloon's neck begin, shape (balloon_count + 1,), int32"""
+    neck_edges: wp.array
+    """in turn, shape (n,), vec2i"""
+
     # obstacles
     obstacles: list[ObstacleShape]
     """their shapes, in the scene's order"""

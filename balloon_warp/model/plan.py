@@ -15,7 +15,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
-from balloon_warp.model.gas import require_sealed, settle_gas
+from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
@@ -155,7 +155,7 @@ def _settled(
     the pressures that are left to us, and what gas there is.
 
     Raises:
-        InputError: a balloon cannot hold gas, is too far away for float32, or cannot be turned so.
+        InputError: a balloon cannot hold gas, or let it out so, is too far away for float32, or cannot be turned so.
     """
     for balloon, shape in zip(scene.balloon, shapes, strict=True):
         if balloon.inflation.kind == "gas":
@@ -167,6 +167,7 @@ def _settled(
     for number, particle in enumerate(held):
         require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
     parameters["string_length"] = string_lengths(scene, shapes, held, parameters)
+    require_openings(scene, shapes, parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
     parameters |= settle_touch(scene, shapes, parameters)
     return parameters | settle_gas(scene, shapes, parameters)

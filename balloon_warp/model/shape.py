@@ -19,6 +19,7 @@ from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.mesh.units import in_unit
 from balloon_warp.model.fixed import fixed_particles, group_of
+from balloon_warp.model.neck import NO_NECK, Neck, neck_of
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -48,6 +49,8 @@ class BalloonShape:
     membrane: Membrane
     """of rubber or film, as thick as the weights say, so that its areas are those of the balloon's thickness; empty
     where it is of springs"""
+    neck: Neck = NO_NECK
+    """where it is open"""
     remarks: tuple[str, ...] = ()
     """what is odd about it beside its mesh, in sentences"""
 
@@ -101,14 +104,16 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
         softness = np.ones(springs.count)
     else:
         softness = np.full(springs.count, LEAST) if as_soft_as_can_be else _softness(placed, springs)
+    mass_share = _mass_shares(placed, balloon, membrane)
     shape = BalloonShape(
         name=placed.name,
         mesh=placed,
         springs=springs,
         stiffness_scale=softness * _stiffness_scale(placed, springs, balloon.stiffness),
         softness=softness,
-        mass_share=_mass_shares(placed, balloon, membrane),
+        mass_share=mass_share,
         membrane=membrane,
+        neck=neck_of(balloon.neck.at, placed, mass_share, np.array(scene.up)) if balloon.neck else NO_NECK,
     )
     return replace(shape, remarks=(SHOOTS_AWAY,)) if balloon.inflation.is_automatic and shape.flies_off else shape
 

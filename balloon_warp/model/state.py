@@ -41,8 +41,8 @@ class State:
     pressures: wp.array
     """of balloons with pressure or gas, above the air's [Pa], shape (world_count, balloon_count), float32"""
     pressure_slopes: wp.array
-    """of balloons with tubes, how the pressure would rise within a substep with more gas [Pa/m^3 of free volume], shape
-    (world_count, balloon_count), float32"""
+    """of balloons whose gas flows, how the pressure would rise within a substep with more of it [Pa/m^3 of free
+    volume], shape (world_count, balloon_count), float32"""
     gas_amounts: wp.array
     """[mol], shape (world_count, balloon_count), float64"""
     free_volumes: wp.array
@@ -54,6 +54,9 @@ class State:
     tube_flows: wp.array
     """from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
     float32"""
+    vent_flows: wp.array
+    """out of a balloon through its neck and its leak in the last substep, negative inwards [mol/s], shape (world_count,
+    balloon_count), float32"""
     holds: wp.array
     """of particles where balloons touch: how far they have slipped from where they took hold of another surface [m],
     and how much of their overlap with it pushes [m], negative if they are behind it, 0 if they touch none;
@@ -106,6 +109,7 @@ def new_state(model: Model, room: Room) -> State:
         free_volumes=room.array(balloons, wp.float64),
         air_along=room.array(balloons, wp.float32),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
+        vent_flows=room.array(balloons, wp.float32),
         holds=room.array(touching, wp.vec4),
         deep=room.array(touching, wp.int8),
         body_positions=room.array(bodies, wp.vec3),

@@ -112,6 +112,9 @@ def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) 
     t.item_offsets, t.particles = array(items.offsets, wp.int32), array(items.particles, wp.int32)
     shares = np.append(model.particle_mass_share.numpy(), 0.0)[items.particles]
     t.shares = array(shares if layout.worlds else shares.reshape(-1, LANES), layout.number)
+    if traits.jets:
+        weights = np.append(model.neck_weights.numpy(), 0.0)[items.particles]
+        t.neck_weights = array(weights if layout.worlds else weights.reshape(-1, LANES), layout.number)
     _add_springs(t, model, traits, items, array)
     if traits.membranes:
         _add_membranes(t, model, items, array)
@@ -243,8 +246,9 @@ def _by_places(model: Model, items: Items, tables: Any) -> Any:
     seen = Tables()
     for name in Tables.vars:
         setattr(seen, name, getattr(tables, name))
-    faces, hinges, correction = type(tables.faces)(), type(tables.hinges)(), type(tables.correction)()
-    for copy, table in ((faces, tables.faces), (hinges, tables.hinges), (correction, tables.correction)):
+    changed = [getattr(tables, name) for name in ("faces", "hinges", "correction", "necks")]
+    faces, hinges, correction, necks = (type(table)() for table in changed)
+    for copy, table in zip((faces, hinges, correction, necks), changed, strict=True):
         for name in type(table).vars if hasattr(type(table), "vars") else copy._cls.vars:
             setattr(copy, name, getattr(table, name))
     faces.particles = renumbered(tables.faces.particles)
@@ -255,5 +259,7 @@ def _by_places(model: Model, items: Items, tables: Any) -> Any:
         hinges.particle_offsets = offsets_by_place(tables.hinges.particle_offsets)
     if tables.correction.particles.shape[0]:
         correction.particles = renumbered(tables.correction.particles)
-    seen.faces, seen.hinges, seen.correction = faces, hinges, correction
+    if tables.necks.edges.shape[0]:
+        necks.edges = renumbered(tables.necks.edges)
+    seen.faces, seen.hinges, seen.correction, seen.necks = faces, hinges, correction, necks
     return seen

@@ -18,10 +18,10 @@ from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP, face_ker
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
     PARTICLES_OF_PART,
+    flow_kernel,
     load_kernel,
     pump_kernel,
     swelling_kernel,
-    tube_kernel,
 )
 from balloon_warp.kernels.schedules.launched_roll import collide_kernel, roll_kernel
 from balloon_warp.kernels.schedules.launched_touch import touch_kernel
@@ -70,7 +70,7 @@ class Pieces:
         forget_looks(self.tables)
         if self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
-        if self.traits.gas and not self._gas_changes:
+        if self.traits.gas and not self.traits.gas_changes:
             self._pump(state, 0.0)
 
     def refresh(self, points: wp.array) -> None:
@@ -98,13 +98,8 @@ class Pieces:
 
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""
-        if self._gas_changes:
+        if self.traits.gas_changes:
             self._pump(state, time_in_frame)
-
-    @property
-    def _gas_changes(self) -> bool:
-        """Whether balloons have more or less gas in some substep than in the one before."""
-        return self.traits.pumps or self.traits.tubes
 
     def _pump(self, state: State, time_in_frame: float) -> None:
         inputs = [self.tables, time_in_frame, world_state(state), self.working]
@@ -113,7 +108,7 @@ class Pieces:
     def swell(
         self, state: State, time_in_frame: float, old: tuple[wp.array, wp.array], free_velocities: wp.array
     ) -> None:
-        """The pressures of balloons, from how they would swell without them, and what flows through tubes."""
+        """The pressures of balloons, from how they would swell without them, and what flows by them."""
         m = self.model
         if self.traits.gas:
             threads = SWELL_THREADS if m.device.is_cuda else 1
@@ -124,8 +119,9 @@ class Pieces:
                 wp.launch_tiled(swelling_kernel(self.traits), dim=parts, inputs=inputs, **place)
             kernel = load_kernel(self.traits, in_parts=parts[2] > 0)
             wp.launch_tiled(kernel, dim=whole, inputs=inputs, **place)
-        if self.traits.tubes:
-            wp.launch(tube_kernel(self.traits), m.world_count, [self.tables, world_state(state)], device=m.device)
+        if self.traits.gas_flows:
+            inputs = [self.tables, time_in_frame, world_state(state)]
+            wp.launch(flow_kernel(self.traits), m.world_count, inputs, device=m.device)
 
     def correct(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
         """Springs that are too long are shortened; then particles leave obstacles."""

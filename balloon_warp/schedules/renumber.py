@@ -67,4 +67,6 @@ def renumbered(model: Model, order: NDArray[np.int64]) -> Model:
         spring_particles=to_particles(model.spring_particles),
         membrane_corners=to_particles(model.membrane_corners),
         string_particle=to_particles(model.string_particle),
+        neck_weights=of_particles(model.neck_weights) if model.neck_weights.size else model.neck_weights,
+        neck_edges=to_particles(model.neck_edges),
     )

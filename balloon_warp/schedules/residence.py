@@ -43,9 +43,9 @@ def residence(model: Model, traits: Traits, ends: SpringEnds) -> Residence | Non
 
     Two particles a thread share what a thread does for itself (spheres, barriers), and their loads overlap; where a
     multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster. Where
-    gas flows through tubes, all wait for the thread that finds how much: several small blocks bear that better.
+    gas flows through tubes or out, all wait for the thread that finds how much: several small blocks bear that better.
     """
-    if not thread_a_particle(model) or model.device.is_cpu or traits.tubes or traits.membranes:
+    if not thread_a_particle(model) or model.device.is_cpu or traits.gas_flows or traits.membranes:
         return None
     rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
     single, double = (_residence(model, traits, ends, rings, particles) for particles in (1, 2))

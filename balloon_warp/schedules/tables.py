@@ -7,6 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact_tables import SphereTable
+from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.tables import (
     CHUNK,
     CorrectionTable,
@@ -18,7 +19,6 @@ from balloon_warp.kernels.tables import (
     SpringTable,
     StringTable,
     Tables,
-    TubeTable,
     WorldState,
 )
 from balloon_warp.kernels.traits import Traits
@@ -58,7 +58,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
         t.spheres.small = _array(model, small_spheres(model), wp.int32)
         t.spheres.triangles = _array(model, np.concatenate(triangles), wp.vec3i)
     t.fixtures, t.bodies = fixture_table(model), body_table(model)
-    t.tubes = _tubes(model)
+    t.tubes, t.pumps, t.necks = _tubes(model), _pumps(model), _necks(model)
     t.touch = touch_table(model, traits)
     t.correction = _correction(model, traits)
     t.health = health_table(model)
@@ -242,6 +242,23 @@ def _spheres(model: Model) -> Any:
 def _tubes(model: Model) -> Any:
     table = TubeTable()
     table.balloons, table.conductance = model.tube_balloons, model.parameters["tube_conductance"]
+    return table
+
+
+def _pumps(model: Model) -> Any:
+    """Of balloons without, a point without flow."""
+    curves = [balloon.inflation.pump_curve or [(0.0, 0.0)] for balloon in model.scene.balloon]
+    longest = max(map(len, curves))
+    points = np.array([[*curve, *curve[-1:] * (longest - len(curve))] for curve in curves])
+    table = PumpTable()
+    table.has = _array(model, [bool(balloon.inflation.pump_curve) for balloon in model.scene.balloon], wp.int32)
+    table.pressures, table.flows = _array(model, points[..., 0], float), _array(model, points[..., 1], float)
+    return table
+
+
+def _necks(model: Model) -> Any:
+    table = NeckTable()
+    table.weights, table.offsets, table.edges = model.neck_weights, model.neck_offsets, model.neck_edges
     return table
 
 

@@ -12,7 +12,9 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
-CHOOSE_TRAITS = frozenset({"breathing_damping", "added_mass", *VARYING})
+FILLS = ("fill_breaths", "fill_litres", "fill_moles", "fill_to_pressure", "fill_to_diameter")
+"""parameters that ask for more than a pump"""
+CHOOSE_TRAITS = frozenset({"breathing_damping", "added_mass", "leak", "neck_diameter", *VARYING, *FILLS})
 """parameters that kernels are chosen by, and others when they change"""
 
 
@@ -46,8 +48,11 @@ def model_traits(model: Model) -> Traits:
         air_varies=_air_varies(model),
         takes_air_along=int(GAS) in kinds and _takes_air_along(model),
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
-        pumps=int(GAS) in kinds and _pumps(model),
+        pumps=int(GAS) in kinds and (_pumps(model) or _fills(model)),
+        fills=_fills(model),
         tubes=model.tube_count > 0,
+        vents=_ever(model, "neck_diameter") or _ever(model, "leak"),
+        jets=_ever(model, "neck_diameter"),
         fresh_normals=scene.normals == "fresh" and int(NORMAL_FORCE) in kinds,
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
@@ -85,6 +90,17 @@ def _air_varies(model: Model) -> bool:
         for name, alike in VARYING.items()
         for values in values_over_time(model, name)
     )
+
+
+def _fills(model: Model) -> bool:
+    """Whether a balloon is filled by more than a pump."""
+    curves = any(balloon.inflation.pump_curve for balloon in model.scene.balloon)
+    return curves or any(_ever(model, name) for name in FILLS)
+
+
+def _ever(model: Model, name: str) -> bool:
+    """Whether a balloon's parameter is more than 0 in any world at any time."""
+    return any(values.any() for values in values_over_time(model, name))
 
 
 def _breathes_on(model: Model) -> bool:

@@ -7,10 +7,12 @@ from functools import cached_property
 from balloon_warp.kernels.laws.added_mass import ADDED_MASS
 from balloon_warp.kernels.laws.body import MASS
 from balloon_warp.kernels.laws.contact import FRICTION, GROUND
+from balloon_warp.kernels.laws.fill import PARAMETERS as FILL
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.laws.law import Law, Parameter
 from balloon_warp.kernels.laws.membrane import PARAMETERS as MEMBRANE
+from balloon_warp.kernels.laws.orifice import PARAMETERS as OPENINGS
 from balloon_warp.kernels.laws.touch import TOUCH
 
 
@@ -52,13 +54,15 @@ class Columns:
 
 
 def columns_of(laws: Sequence[Law]) -> Columns:
-    """What these laws ask for, and what springs, membranes, inertia, gas, the ground and touching
-    balloons do, each once. The kinds of springs stand first."""
+    """What these laws ask for, and what springs, membranes, inertia, gas and its openings, the ground and
+    touching balloons do, each once. The kinds of springs stand first."""
     asked = (
         *KINDS,
         MASS,
         *GAS,
         ADDED_MASS,
+        *FILL,
+        *OPENINGS,
         FRICTION,
         *GROUND,
         *TOUCH,

@@ -1,13 +1,25 @@
-"""Over the balloons and tubes of a world: gas that is pumped, flows, and has mass. By one thread of a world."""
+"""Over the balloons and tubes of a world: gas that is pumped, flows, leaves, and has mass. By one thread of a world."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.columns import Columns
-from balloon_warp.kernels.laws.gas import gas_through_tube, molar_free_volume, pumped_gas, tube_flow
+from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
+from balloon_warp.kernels.laws.gas import (
+    STANDARD_PRESSURE,
+    THINNEST,
+    gas_through_tube,
+    molar_free_volume,
+    pumped_gas,
+    tube_flow,
+)
 from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.laws.orifice import vent_flow
+from balloon_warp.kernels.loops.jets import opening_function
+from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
@@ -29,15 +41,71 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
 
 
 @cache
-def pump_function(columns: Columns) -> Any:
+def fill_function(columns: Columns) -> Any:
+    """The function that gives what is blown into a balloon in a substep, beside what is pumped."""
+    gamma_column = columns.places["gamma"]
+    pressure_column = columns.places["air_pressure"]
+    told = {"blown_in": blown_in, "breath_in": breath_in, "up_to": up_to}
+    given = {
+        "blown_in": ["time", "step_seconds"],
+        "breath_in": ["step_seconds"],
+        "up_to": ["moles", "pressure", "volume"],
+    }
+    functions = {}
+    for name, function in told.items():
+        arguments = ", ".join([*(f"{each}: float" for each in given[name]), "n: Any"])
+        source = f"def {name}_here({arguments}):\n    return {call_of(function, name, given[name], columns)}\n"
+        functions[name] = function_from(f"{name}_here", source, {name: function})
+    blown_in_here, breath_in_here, up_to_here = functions.values()
+    read_numbers = numbers_reader(columns)
+    ends = [columns.places[name] for name in ("fill_to_pressure", "fill_to_diameter")]
+    to_pressure_column, to_diameter_column = ends
+
+    @wp.func
+    def curve_flow(t: Tables, balloon: wp.int32, pressure: float):
+        """What a pump gives against a pressure [mol/s]: linear between the points of its curve, nothing beyond them."""
+        flow = t.pumps.flows[balloon, 0]
+        for point in range(t.pumps.flows.shape[1] - 1):
+            begin = t.pumps.pressures[balloon, point]
+            end = t.pumps.pressures[balloon, point + 1]
+            if pressure > begin and end > begin:
+                part = wp.min((pressure - begin) / (end - begin), 1.0)
+                flow = wp.lerp(t.pumps.flows[balloon, point], t.pumps.flows[balloon, point + 1], part)
+        return wp.where(pressure > t.pumps.pressures[balloon, t.pumps.flows.shape[1] - 1], 0.0, flow)
+
+    @wp.func
+    def fill(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, pumped: float, time: float):
+        """[mol]"""
+        n = read_numbers(t, world, balloon)
+        pressure = state.pressures[world, balloon]
+        here = wp.max(n[pressure_column] + pressure, THINNEST * STANDARD_PRESSURE)
+        volume = float(state.free_volumes[world, balloon]) * wp.pow(STANDARD_PRESSURE / here, 1.0 / n[gamma_column])
+        moles = pumped + blown_in_here(time, t.step_seconds, n)
+        curved = t.pumps.has[balloon] > 0
+        if curved:
+            moles += t.step_seconds * curve_flow(t, balloon, pressure)
+        ends = n[to_pressure_column] > 0.0 or n[to_diameter_column] > 0.0
+        if ends and not curved and pumped == 0.0:
+            moles += breath_in_here(t.step_seconds, n)
+        if ends and moles > 0.0:
+            moles = up_to_here(moles, pressure, volume, n)
+        return moles
+
+    return fill
+
+
+@cache
+def pump_function(traits: Traits) -> Any:
     """The function that pumps gas, or lets it out."""
+    columns = traits.columns
     gamma_column = columns.places["gamma"]
     pressure_column, temperature_column = (
         columns.places[name] - columns.balloon_width for name in ("air_pressure", "air_temperature")
     )
+    fill = fill_function(columns) if traits.fills else None
 
     @wp.func
-    def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float):
+    def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
         """What comes in a substep, as it begins; `inflation_ramp` has it in mol/s."""
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         of_world = row_of_world(world, t.world_numbers.shape[0])
@@ -45,6 +113,8 @@ def pump_function(columns: Columns) -> Any:
             if t.inflation_kind[balloon] == GAS:
                 ramp = state.inflation_ramp[world, balloon]
                 moles = t.step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * t.step_seconds))
+                if wp.static(fill is not None):
+                    moles = fill(t, state, world, balloon, moles, time)
                 pressure = t.world_numbers[of_world, pressure_column] + state.pressures[world, balloon]
                 gas = pumped_gas(
                     gas_in(state, world, balloon), moles, pressure,
@@ -58,7 +128,7 @@ def pump_function(columns: Columns) -> Any:
 
 @wp.func
 def raise_pressure(state: WorldState, world: wp.int32, balloon: wp.int32, free_volume: float):
-    """By what so much more gas would do within the substep [m^3]."""
+    """By what so much more free volume would do within the substep [m^3]."""
     by = state.pressure_slopes[world, balloon] * free_volume
     load = state.inflation_loads[world, balloon]
     state.pressures[world, balloon] = state.pressures[world, balloon] + by
@@ -66,35 +136,89 @@ def raise_pressure(state: WorldState, world: wp.int32, balloon: wp.int32, free_v
 
 
 @cache
-def tubes_function(columns: Columns) -> Any:
-    """The function that lets gas flow through tubes, once the loads are known that were without."""
-    gamma_column = columns.places["gamma"]
-    pressure_column = columns.places["air_pressure"] - columns.balloon_width
+def vent_function(columns: Columns) -> tuple[Any, Any]:
+    """The functions that let gas flow out of a balloon, or air in: that find how much, once the pressures are known
+    that were without, and that take it."""
+    gamma_column, leak_column, pressure_column, temperature_column = (
+        columns.places[name] for name in ("gamma", "leak", "air_pressure", "air_temperature")
+    )
+    read_numbers, opening_of_neck = numbers_reader(columns), opening_function(columns)
+    given = ["flow", "pressure", "taken", "slope", "step_seconds", "opening"]
+    arguments = ", ".join([*(f"{name}: float" for name in given), "n: Any"])
+    call = call_of(vent_flow, "vent_flow", given, columns)
+    source = f"def flow_of_vent({arguments}):\n    return {call}\n"
+    flow_of_vent = function_from("flow_of_vent", source, {"vent_flow": vent_flow})
 
     @wp.func
-    def find_flows(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32):
-        """Each as the pressures at its ends will be, which change with all flows: tube by tube, several times over."""
+    def find_vent(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
+        """By the pressure at the end of the substep, which changes by that."""
+        n = read_numbers(t, world, balloon)
+        flow_and_more = flow_of_vent(
+            state.vent_flows[world, balloon], state.pressures[world, balloon],
+            molar_free_volume(gas_in(state, world, balloon)), state.pressure_slopes[world, balloon], t.step_seconds,
+            opening_of_neck(time, n) + n[leak_column], n,
+        )  # fmt: skip
+        state.vent_flows[world, balloon] = flow_and_more[0]
+        raise_pressure(state, world, balloon, -t.step_seconds * flow_and_more[1])
+
+    @wp.func
+    def take_vented(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
+        """Of the balloon's gas."""
+        n = read_numbers(t, world, balloon)
+        gas = pumped_gas(
+            gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon],
+            n[pressure_column] + state.pressures[world, balloon], n[gamma_column], n[temperature_column],
+        )  # fmt: skip
+        put_gas(state, world, balloon, gas)
+
+    return find_vent, take_vented
+
+
+@cache
+def flows_function(traits: Traits) -> Any:
+    """The function that lets gas flow through tubes and out of balloons, once the loads are known that were without."""
+    columns = traits.columns
+    gamma_column = columns.places["gamma"]
+    pressure_column = columns.places["air_pressure"] - columns.balloon_width
+    find_vent, take_vented = vent_function(columns) if traits.vents else (None, None)
+
+    @wp.func
+    def find_flow(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32, tube: wp.int32):
+        """As the pressures at its ends will be."""
+        first = t.tubes.balloons[tube][0]
+        second = t.tubes.balloons[tube][1]
+        difference = state.pressures[world, first] - state.pressures[world, second]
+        source = wp.where(difference > 0.0, first, second)
+        a_mole = molar_free_volume(gas_in(state, world, source))
+        softness = a_mole * (state.pressure_slopes[world, first] + state.pressure_slopes[world, second])
+        flow = state.tube_flows[world, tube]
+        more = tube_flow(t.tubes.conductance[conductances, tube], flow, difference, softness, t.step_seconds)
+        state.tube_flows[world, tube] = flow + more
+        raise_pressure(state, world, first, -t.step_seconds * more * a_mole)
+        raise_pressure(state, world, second, t.step_seconds * more * a_mole)
+
+    @wp.func
+    def find_flows(t: Tables, state: WorldState, world: wp.int32, time: float):
+        """All pressures change with all flows: one by one, several times over."""
         count = t.tubes.balloons.shape[0]
         for tube in range(count):
             state.tube_flows[world, tube] = 0.0
-        for _sweep in range(wp.where(count > 1, SWEEPS, 1)):
+        sweeps = wp.where(count > 1 or (wp.static(traits.vents) and count > 0), SWEEPS, 1)
+        if wp.static(traits.vents):
+            for balloon in range(t.inflation_kind.shape[0]):
+                state.vent_flows[world, balloon] = 0.0
+        for _sweep in range(sweeps):
             for tube in range(count):
-                first = t.tubes.balloons[tube][0]
-                second = t.tubes.balloons[tube][1]
-                difference = state.pressures[world, first] - state.pressures[world, second]
-                source = wp.where(difference > 0.0, first, second)
-                a_mole = molar_free_volume(gas_in(state, world, source))
-                softness = a_mole * (state.pressure_slopes[world, first] + state.pressure_slopes[world, second])
-                flow = state.tube_flows[world, tube]
-                more = tube_flow(t.tubes.conductance[conductances, tube], flow, difference, softness, t.step_seconds)
-                state.tube_flows[world, tube] = flow + more
-                raise_pressure(state, world, first, -t.step_seconds * more * a_mole)
-                raise_pressure(state, world, second, t.step_seconds * more * a_mole)
+                find_flow(t, state, world, row_of_world(world, t.tubes.conductance.shape[0]), tube)
+            if wp.static(traits.vents):
+                for balloon in range(t.inflation_kind.shape[0]):
+                    if t.inflation_kind[balloon] == GAS:
+                        find_vent(t, state, world, balloon, time)
 
     @wp.func
-    def flow_through_tubes(t: Tables, state: WorldState, world: wp.int32):
+    def let_gases_flow(t: Tables, state: WorldState, world: wp.int32, time: float):
         """Pressures, loads and gases of a substep with what flows in it."""
-        find_flows(t, state, world, row_of_world(world, t.tubes.conductance.shape[0]))
+        find_flows(t, state, world, time)
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         of_world = row_of_world(world, t.world_numbers.shape[0])
         air_pressure = t.world_numbers[of_world, pressure_column]
@@ -111,8 +235,12 @@ def tubes_function(columns: Columns) -> Any:
             )  # fmt: skip
             put_gas(state, world, source, left)
             put_gas(state, world, sink, gained)
+        if wp.static(traits.vents):
+            for balloon in range(t.inflation_kind.shape[0]):
+                if t.inflation_kind[balloon] == GAS:
+                    take_vented(t, state, world, balloon)
 
-    return flow_through_tubes
+    return let_gases_flow
 
 
 @cache

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import warp as wp
 
+from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function, scalar_loops
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.own import own_functions
@@ -62,6 +63,7 @@ def advance_kernel(
     net_force = net_force_function(traits, loops) if loops else None
     inertia = inertia_function(traits)
     push_and_move = pushing_function(traits)
+    jet = jet_loop(traits, vector_at) if traits.jets else None
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": fast_math})
     def advance_particles(
@@ -95,6 +97,11 @@ def advance_kernel(
             area_vector = area
             if wp.static(traits.touches and until != "forces"):
                 force += take_pushes(working, world, particle)
+            if wp.static(jet is not None):
+                force += jet(
+                    t.necks, points[world], t.necks.weights[particle], own.balloon,
+                    state.inflation_loads[world, own.balloon], wp.dot(point, t.up), time, own.n,
+                )  # fmt: skip
         else:
             free_velocity = free_velocities[world, particle]
             if wp.static(traits.pressures):

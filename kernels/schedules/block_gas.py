@@ -11,7 +11,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
-from balloon_warp.kernels.loops.gas import pump_function, tubes_function
+from balloon_warp.kernels.loops.gas import flows_function, pump_function
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warp_sums import put_warp_sums, sum_of_warp_sums
@@ -34,13 +34,13 @@ class GasSums(NamedTuple):
     shared: bool
     """loads stand in shared memory; otherwise each warp finds that of the one balloon for itself"""
     begin: Any
-    """(t, state, seat): what a frame begins with; a barrier must follow"""
+    """(t, state, seat, frame_begin): what a frame begins with; a barrier must follow"""
     clear: Any
     """(seat): before a substep adds up"""
     add: Any
     """(seat, balloon, part, added): by all threads of a warp, what its particles give to their balloons"""
     find_loads: Any
-    """(t, state, seat): the pressures, and what flows through tubes, after a barrier; where they are shared, with
+    """(t, state, seat): the pressures, and what flows by them, after a barrier; where they are shared, with
     another"""
     own_load: Any
     """(t, state, seat, member): a particle's load then"""
@@ -62,7 +62,7 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
     sums = shared_words("swellings", balloons * warps * NUMBERS_OF_WARP)
     known = shared_words("balloons", balloons * WORDS_OF_BALLOON)
     load_of_balloon, note_load = load_function(traits), note_function(traits)
-    pump_gas, flow_through_tubes = pump_function(traits.columns), tubes_function(traits.columns)
+    pump_gas, let_gases_flow = pump_function(traits), flows_function(traits)
     read_numbers = numbers_reader(traits.columns)
 
     @wp.func
@@ -105,11 +105,11 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
             put_word(known(), word + FREE_VOLUME, float(state.free_volumes[world, balloon]))
 
     @wp.func
-    def begin(t: Tables, state: WorldState, seat: Seat):
+    def begin(t: Tables, state: WorldState, seat: Seat, frame_begin: float):
         if seat.thread == 0:
             put_loads(state, seat.world)
             if wp.static(traits.pumps):
-                pump_gas(t, state, seat.world, 0.0)
+                pump_gas(t, state, seat.world, 0.0, frame_begin)
             put_gases(state, seat.world, 0)
             put_gases(state, seat.world, 1)
             if wp.static(traits.takes_air_along):
@@ -117,10 +117,10 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
 
     @wp.func
     def pump(t: Tables, state: WorldState, seat: Seat):
-        if wp.static(traits.pumps or traits.tubes):  # or else what stands there stays, and nobody waits for the state
+        if wp.static(traits.gas_changes):  # or else what stands there stays, and nobody waits for the state
             if seat.thread == 0 and seat.substep + 1 < t.substeps:
                 if wp.static(traits.pumps):
-                    pump_gas(t, state, seat.world, seat.time_in_frame + t.step_seconds)
+                    pump_gas(t, state, seat.world, seat.time_in_frame + t.step_seconds, seat.time + t.step_seconds)
                 put_gases(state, seat.world, seat.substep + 1)
 
     @wp.func
@@ -168,9 +168,9 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
             for balloon in range(seat.thread // WARP_THREADS, balloons, warps):
                 find_load(t, state, seat, balloon)
             block_barrier()
-            if wp.static(traits.tubes):
+            if wp.static(traits.gas_flows):
                 if seat.thread == 0:
-                    flow_through_tubes(t, state, seat.world)
+                    let_gases_flow(t, state, seat.world, seat.time)
                     put_loads(state, seat.world)
                 block_barrier()
 

@@ -7,9 +7,11 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, aim_of
+from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
 from balloon_warp.kernels.loops.obstacles import around_function, leave_one_sphere, standing_function
 from balloon_warp.kernels.loops.touching import is_near_sphere
+from balloon_warp.kernels.memory import in_tile
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
@@ -52,6 +54,7 @@ def pieces_of(
     Member = member_type  # noqa: N806 - a type
     area_of_balloon = refresh.area
     net_force = net_force_function(traits, loops)
+    jet = jet_loop(traits, in_tile) if traits.jets else None
     inflation = inflation_of(traits)
     drift = drift_of(traits)
     swell_of_particle = swell_function(traits, board.sphere_at)
@@ -85,6 +88,11 @@ def pieces_of(
         force, area_vector, facing = net_force(
             t, points, velocities, member.own, member.springs, member.point, member.velocity, seat.time
         )
+        if wp.static(jet is not None):
+            force += jet(
+                t.necks, points, t.necks.weights[member.own.number], member.own.balloon, member.load,
+                wp.dot(member.point, t.up), seat.time, member.own.n,
+            )  # fmt: skip
         member.area_vector = area_vector
         if wp.static(traits.aims_on_the_way and traits.balloons == 1):
             member.aim = aim_of(facing, area)

@@ -217,7 +217,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
-            gas.begin(t, state, seat)
+            gas.begin(t, state, seat, frame_begin)
         mine = take_place(state, seat, seat_member(t, slots, state, seat, thread), thread, even, velocities)
         also = Member()
         if wp.static(two):

@@ -271,7 +271,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
-            gas.begin(t, state, seat)
+            gas.begin(t, state, seat, frame_begin)
         for particle in range(thread, seat.count, wp.block_dim()):
             number = memory.numbers[particle]
             put_in_tile(even, particle, state.points[world, number])

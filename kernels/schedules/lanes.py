@@ -15,7 +15,7 @@ from balloon_warp.kernels.schedules.lanes_contact import (
     leave_function,
 )
 from balloon_warp.kernels.schedules.lanes_free import free_functions
-from balloon_warp.kernels.schedules.lanes_gas import load_in_lanes, pump_in_lanes, swell_in_lanes
+from balloon_warp.kernels.schedules.lanes_gas import jet_in_lanes, load_in_lanes, pump_in_lanes, swell_in_lanes
 from balloon_warp.kernels.schedules.lanes_hinges import bend_function
 from balloon_warp.kernels.schedules.lanes_loops import lane_loops
 from balloon_warp.kernels.schedules.lanes_membranes import stretch_function
@@ -58,6 +58,7 @@ def gas_steps(traits: Traits, layout: Layout) -> Any:
     net_force = net_force_function(traits, lane_loops(traits, layout))
     swell = swell_in_lanes(traits, layout)
     find_load, take_loads = load_in_lanes(traits, layout)
+    jet = jet_in_lanes(traits, layout) if traits.jets else None
     Swellings = wp.types.matrix(shape=(5, 8), dtype=wp.float32)  # noqa: N806 - a type
 
     @wp.func
@@ -82,6 +83,8 @@ def gas_steps(traits: Traits, layout: Layout) -> Any:
             force, area_vector, _facing = net_force(
                 t, points, lanes.shown_velocities[group], own, item, point, velocity, time
             )
+            if wp.static(jet is not None):
+                force += jet(t, lanes, own, points, point, time)
             masses = times(own.share, lanes.masses[group, balloon])
             free = kick(velocity, force, masses, t.step_seconds)
             lanes.free_velocities[group, item] = free
@@ -107,7 +110,7 @@ def gas_steps(traits: Traits, layout: Layout) -> Any:
         """Every item as far as its free velocity, and the loads of all balloons."""
         for balloon in range(t.all.inflation_kind.shape[0]):
             pull_and_swell_one(t, state, lanes, group, balloon, points, time, time_in_frame)
-        take_loads(t, state, lanes, group)
+        take_loads(t, state, lanes, group, time)
 
     return pull_and_swell
 
@@ -239,7 +242,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(stretch is not None):
                 stretch(t, lanes, group, points)
             if wp.static(traits.gas):
-                pump(t, state, lanes, group, time_in_frame)
+                pump(t, state, lanes, group, time_in_frame, time)
                 pull_and_swell(t, state, lanes, group, points, time, time_in_frame)
             for balloon in range(t.all.inflation_kind.shape[0]):
                 push_and_move(t, state, lanes, group, balloon, points, new_points, time, time_in_frame)

@@ -7,12 +7,13 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, reach_along, scaled, set_lane, times
 from balloon_warp.kernels.laws.gas import Swelling, memory_of_rate, swelling_of_particle
-from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function, tubes_function
+from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
+from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.obstacles import course_function, sphere_in_state
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.lanes_contact import around_in_lanes, touch_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
-from balloon_warp.kernels.schedules.layouts import Layout, places_of
+from balloon_warp.kernels.schedules.layouts import Layout, places_of, view_of
 from balloon_warp.kernels.substep import load_function, note_function, ramp_at, response
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
@@ -26,16 +27,16 @@ def pump_in_lanes(traits: Traits, layout: Layout) -> Any:
     """The function that pumps gas."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
-    pump_gas = pump_function(traits.columns)
+    pump_gas = pump_function(traits)
     gas_mass = gas_mass_function(traits)
     mass_column = traits.columns.places["mass"]
 
     @wp.func
-    def pump(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time_in_frame: float):
+    def pump(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time_in_frame: float, time: float):
         """What is pumped in or let out, and the balloons' masses with their gas."""
         first = places.first_world(group)
         for world in range(first, first + places.worlds(group, t.world_count)):
-            pump_gas(t.all, state, world, time_in_frame)
+            pump_gas(t.all, state, world, time_in_frame, time)
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
             for balloon in range(t.all.inflation_kind.shape[0]):
@@ -112,14 +113,41 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
 
 
 @cache
+def jet_in_lanes(traits: Traits, layout: Layout) -> Any:
+    """The function that gives an item's part of its balloon's thrust."""
+    LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+    jet_of_particle = jet_loop(traits, places.seen)
+    read_numbers = numbers_reader(traits.columns)
+
+    @wp.func
+    def jet(t: LaneTables, lanes: LaneState, own: LaneOwn, points: Any, point: Lanes3, time: float):
+        """Force [N]; the edges around necks are known by places."""
+        force = Lanes3()
+        heights = reach_along(point, t.up)
+        for lane in range(t.lane_count):
+            weight = of_lane(t.neck_weights[own.item], lane)
+            if weight > 0.0:
+                load = wp.vec2(lanes.loads[own.group, own.balloon][lane], lanes.rises[own.group, own.balloon][lane])
+                n = read_numbers(t.all, places.world(own.group, lane, t.world_count), own.balloon)
+                of_particle = jet_of_particle(
+                    t.seen.necks, view_of(points, lane), weight, own.balloon, load, heights[lane], time, n
+                )
+                force = set_lane(force, lane, of_particle)
+        return force
+
+    return jet
+
+
+@cache
 def load_in_lanes(traits: Traits, layout: Layout) -> tuple[Any, Any]:
     """The functions that find a balloon's load in each world, and that take all loads into the lanes, with what flows
-    through tubes."""
+    by them."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
     load_of_balloon = load_function(traits)
     note_load = note_function(traits)
-    flow_through_tubes = tubes_function(traits.columns)
+    let_gases_flow = flows_function(traits)
     read_numbers = numbers_reader(traits.columns)
 
     @wp.func
@@ -158,12 +186,12 @@ def load_in_lanes(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             load_of_world(t, state, first + place, balloon, swelling, time_in_frame)
 
     @wp.func
-    def take_loads(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32):
-        """Of all balloons, with what flows through tubes."""
-        if wp.static(traits.tubes):
+    def take_loads(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, time: float):
+        """Of all balloons, with what flows by them."""
+        if wp.static(traits.gas_flows):
             first = places.first_world(group)
             for world in range(first, first + places.worlds(group, t.world_count)):
-                flow_through_tubes(t.all, state, world)
+                let_gases_flow(t.all, state, world, time)
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
             for balloon in range(t.all.inflation_kind.shape[0]):

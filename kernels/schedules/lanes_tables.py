@@ -62,6 +62,8 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         """where each balloon's items begin, and after the last, where they end"""
         shares: wp.array[Number]
         """of the balloon's mass"""
+        neck_weights: wp.array[Number]
+        """of the thrust of its neck; empty unless one is open"""
         particles: wp.array[wp.int32]
         """the particle of each place of an octet; of eight worlds, of each item"""
         spring_offsets: wp.array[wp.int32]

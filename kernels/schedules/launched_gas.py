@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
-from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function, tubes_function
+from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state
 from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
@@ -18,6 +18,7 @@ from balloon_warp.kernels.substep import (
     note_function,
     ramp_at,
     swell_function,
+    time_of,
     volume_origin,
 )
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -32,7 +33,7 @@ LARGE = 2048
 @cache
 def pump_kernel(traits: Traits) -> Any:
     """The kernel that begins a substep of balloons with gas, or a frame where their gas stays as it is."""
-    pump_gas = pump_function(traits.columns)
+    pump_gas = pump_function(traits)
     gas_mass = gas_mass_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -47,7 +48,7 @@ def pump_kernel(traits: Traits) -> Any:
     ):
         """A thread a world: what is pumped in or let out, and the masses of gas."""
         world = wp.tid()
-        pump_gas(t, state, world, time_in_frame)
+        pump_gas(t, state, world, time_in_frame, time_of(t, state.frame, time_in_frame))
         for balloon in range(t.inflation_kind.shape[0]):
             working.gas_masses[world, balloon] = gas_mass(t, state, world, balloon)
 
@@ -55,19 +56,20 @@ def pump_kernel(traits: Traits) -> Any:
 
 
 @cache
-def tube_kernel(traits: Traits) -> Any:
-    """The kernel that lets gas flow through tubes."""
-    flow_through_tubes = tubes_function(traits.columns)
+def flow_kernel(traits: Traits) -> Any:
+    """The kernel that lets gas flow through tubes, necks and leaks."""
+    flow_through_all = flows_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False)
     def let_gases_flow(
         # model
         t: Tables,
+        time_in_frame: float,
         # state in and out
         state: WorldState,
     ):
         """A thread a world, once the loads are known that were without."""
-        flow_through_tubes(t, state, wp.tid())
+        flow_through_all(t, state, wp.tid(), time_of(t, state.frame, time_in_frame))
 
     return let_gases_flow
 

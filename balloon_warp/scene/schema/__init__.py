@@ -11,7 +11,7 @@ touch          balloons that touch
 fields         what all of these are made of
 """
 
-from balloon_warp.scene.schema.balloon import Balloon, Inflation, Stiffness
+from balloon_warp.scene.schema.balloon import Balloon, Inflation, Neck, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
@@ -31,6 +31,7 @@ __all__ = [
     "Ground",
     "Inflation",
     "Material",
+    "Neck",
     "Obstacle",
     "Scene",
     "Sphere",

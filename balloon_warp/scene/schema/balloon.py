@@ -81,10 +81,20 @@ class Inflation(Table):
     """of "gas": above the air's, at the start [Pa]; 0 is in balance with springs at their rest lengths"""
     pump: Keyframed = 0.0
     """of "gas": what is pumped in, and if negative let out [mol/s]; a number or keyframes"""
+    pump_curve: list[tuple[NonNegative, NonNegative]] = []
+    """of "gas": what a pump gives against a pressure, [[pressure, flow], ...], above the air's [Pa] and [mol/s]: linear
+    between them, and nothing beyond the last"""
+    breaths: float = field_of("fill_breaths")
+    litres: float = field_of("fill_litres")
+    moles: float = field_of("fill_moles")
+    fill_time: float = field_of("fill_time")
+    fill_to_pressure: float = field_of("fill_to_pressure")
+    fill_to_diameter: float = field_of("fill_to_diameter")
     gamma: float = field_of("gamma")
     breathing_damping: float = field_of("breathing_damping")
     molar_mass: float = field_of("molar_mass")
     added_mass: float = field_of("added_mass")
+    leak: float = field_of("leak")
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
@@ -131,6 +141,22 @@ class Inflation(Table):
         return self
 
     @model_validator(mode="after")
+    def _one_amount(self) -> Self:
+        """One way of saying how much, and one of saying how fast."""
+        for several in (MUCH, FAST):
+            given = [field for field in several if getattr(self, field) not in (None, 0.0, [])]
+            if len(given) > 1:
+                raise ValueError(f"{given[1]}: says another way what {given[0]} says; expected one of both")
+        return self
+
+    @model_validator(mode="after")
+    def _curve_rises(self) -> Self:
+        pressures = [pressure for pressure, _ in self.pump_curve]
+        if any(later <= earlier for earlier, later in itertools.pairwise(pressures)):
+            raise ValueError(f"pump_curve: pressures must increase (got {pressures})")
+        return self
+
+    @model_validator(mode="after")
     def _times_increase(self) -> Self:
         times = [time for time, _ in self.keyframes]
         if any(later <= earlier for earlier, later in itertools.pairwise(times)):
@@ -140,16 +166,42 @@ class Inflation(Table):
 
 AUTO_SECONDS = 1.0
 """in which a pressure that is left to us rises"""
+MUCH = ("amount", "breaths", "litres", "moles", "fill_to_pressure", "fill_to_diameter")
+"""ways of saying how much gas there will be"""
+FAST = ("pump", "pump_curve", "breaths", "litres", "moles")
+"""ways of saying how fast it comes"""
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
     "pressure": ("pressure",),
-    "gas": ("amount", "start_pressure", "pump", "gamma", "breathing_damping", "molar_mass", "added_mass"),
+    "gas": (
+        *("amount", "start_pressure", "pump", "pump_curve"),
+        *("breaths", "litres", "moles", "fill_time", "fill_to_pressure", "fill_to_diameter"),
+        *("gamma", "breathing_damping", "molar_mass", "added_mass", "leak"),
+    ),
 }
 KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
     "normal_force": "k_normal",
     "pressure": "pressure",
     "gas": "pump",
 }
+
+
+class Neck(Table):
+    """The neck of a balloon with gas that is let go: open, gas leaves through it in a jet, which drives the balloon."""
+
+    at: Index | Annotated[str, Field(min_length=1)] = "lowest"
+    """where it is: the "lowest" or "highest" place along the up axis at the start, a vertex by the order of the file's,
+    or the faces of a group of the mesh, by its name; the jet goes straight out from there"""
+    diameter: float = field_of("neck_diameter")
+    discharge: float = field_of("neck_discharge")
+    opens: float = field_of("neck_opens")
+    closes: float | None = optional_field_of("neck_closes")
+
+    @model_validator(mode="after")
+    def _closes_later(self) -> Self:
+        if self.closes is not None and self.closes < self.opens:
+            raise ValueError(f"closes: must not come before it opens, at {self.opens:g} s (got {self.closes:g} s)")
+        return self
 
 
 def _mesh_of(given: Any) -> Any:
@@ -195,6 +247,7 @@ class Balloon(Table):
     stiffness: Stiffness = Stiffness()
     material: Material = Material()
     inflation: Inflation = Inflation()
+    neck: Neck | None = None
     fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []
     """particles that do not move: by the order of the file's vertices, or all of a group of the mesh, by its name (`g`
     and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the mesh's own points,
@@ -216,6 +269,12 @@ class Balloon(Table):
                 f"mass: follows from the material's thickness and density (got {self.mass:g}); expected none, or "
                 'material.kind = "springs"'
             )
+        return self
+
+    @model_validator(mode="after")
+    def _neck_of_gas(self) -> Self:
+        if self.neck and self.inflation.kind != "gas":
+            raise ValueError(f'neck: needs inflation.kind = "gas" (got "{self.inflation.kind}")')
         return self
 
     @model_validator(mode="before")

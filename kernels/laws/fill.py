@@ -1,0 +1,104 @@
+"""What a balloon is filled with: breaths, litres or moles over some time, or what a pump gives, up to a pressure or a
+diameter."""
+
+import math
+
+import warp as wp
+
+from balloon_warp.kernels.laws.air import GAS_CONSTANT, molar_volume
+from balloon_warp.kernels.laws.law import Parameter
+
+BREATH = 3.5e-3
+"""[m^3] of an adult's deep breath: from rest to the full lungs, the inspiratory capacity (Hall, *Guyton and Hall
+Textbook of Medical Physiology*, "pulmonary volumes and capacities")"""
+LITRE = 1.0e-3
+"""[m^3]"""
+SHORTEST = 1.0e-6
+"""[s] in which anything is blown in"""
+
+
+def _filled(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
+    return Parameter(f"fill_{name}", unit, default, least=0.0, path=f"inflation.{name}", meaning=meaning)
+
+
+PARAMETERS = (
+    _filled(
+        "breaths",
+        "1",
+        "of a gas: deep breaths that are blown in, each of 3.5 l at the pressure of the air, an adult's inspiratory "
+        "capacity",
+    ),
+    _filled("litres", "l", "of a gas: litres, at the pressure of the air, that are blown in"),
+    _filled("moles", "mol", "of a gas: moles that are blown in"),
+    Parameter(
+        "fill_time",
+        "s",
+        1.0,
+        least=SHORTEST,
+        path="inflation.fill_time",
+        meaning="of a gas: in which breaths, litres or moles are blown in, evenly from the start; up to a pressure or "
+        "a diameter, in which each breath is",
+    ),
+    Parameter(
+        "fill_to_pressure",
+        "Pa",
+        0.0,
+        least=0.0,
+        path="inflation.fill_to_pressure",
+        meaning="of a gas: blow until it presses so much more than the air, and no further; 0 is no such end",
+    ),
+    Parameter(
+        "fill_to_diameter",
+        "m",
+        0.0,
+        least=0.0,
+        path="inflation.fill_to_diameter",
+        meaning="of a gas: blow until a ball of its volume would be so wide, and no further; 0 is no such end",
+    ),
+)
+
+
+@wp.func
+def blown_in(
+    fill_breaths: float,
+    fill_litres: float,
+    fill_moles: float,
+    fill_time: float,
+    air_pressure: float,
+    air_temperature: float,
+    time: float,
+    step_seconds: float,
+):
+    """In a step [mol], exactly so much over all of the time."""
+    volume = fill_litres * LITRE + fill_breaths * BREATH
+    amount = fill_moles + volume / molar_volume(air_pressure, air_temperature)
+    during = wp.clamp(fill_time - time, 0.0, step_seconds)
+    return amount * during / fill_time
+
+
+@wp.func
+def breath_in(fill_time: float, air_pressure: float, air_temperature: float, step_seconds: float):
+    """In a step [mol], a breath in each `fill_time`."""
+    return BREATH / molar_volume(air_pressure, air_temperature) * step_seconds / fill_time
+
+
+@wp.func
+def up_to(
+    moles: float,
+    pressure: float,
+    volume: float,
+    fill_to_pressure: float,
+    fill_to_diameter: float,
+    gamma: float,
+    air_pressure: float,
+    air_temperature: float,
+):
+    """What of some moles comes in before the balloon is full: no more than would take it there if it were rigid."""
+    allowed = moles
+    full = GAS_CONSTANT * air_temperature
+    if fill_to_pressure > 0.0:
+        allowed = wp.min(allowed, (fill_to_pressure - pressure) * volume / (gamma * full))
+    if fill_to_diameter > 0.0:
+        room = wp.static(math.pi / 6.0) * wp.pow(fill_to_diameter, 3.0) - volume
+        allowed = wp.min(allowed, room * (air_pressure + pressure) / full)
+    return wp.clamp(allowed, 0.0, moles)

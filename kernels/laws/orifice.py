@@ -1,0 +1,133 @@
+"""Gas that leaves through an opening: the neck of a balloon that is let go, or a hole that it leaks through.
+
+By Bernoulli's law a gas of the density rho leaves from the pressure p above the air's at u = sqrt(2 p / rho); of the
+opening's area A the stream fills C_d A, so that rho C_d A u leaves each second, and pushes back by that times u:
+2 C_d A p. C_d is 0.95 to 0.99 where a nozzle leads to the opening, as a balloon's neck does (ISO 5167-3), 0.61 of a
+hole with a sharp edge (Kirchhoff's pi / (pi + 2)). That the density stays on the way is right to p / (2 gamma) of the
+full pressure: 1 % at 2 kPa.
+
+What is drawn in, where p is negative, comes from all sides, and gives its momentum to what is inside: it has no thrust.
+
+The pressure acts on the faces that close the neck in the mesh as on all others, so that it has no net force; the
+thrust is that of the open neck, all of it, and is counted once.
+"""
+
+import math
+
+import warp as wp
+
+from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS, density_of_air, molar_volume
+from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, throttled
+from balloon_warp.kernels.laws.law import FAR, Parameter
+
+LEAST_FLOW = 1.0e-30
+"""what is divided by where nothing flows"""
+NEVER = 1.0e9
+"""[s]"""
+PARAMETERS = (
+    Parameter(
+        "neck_diameter",
+        "m",
+        0.01,
+        least=0.0,
+        path="neck.diameter",
+        absent=0.0,
+        meaning="of the opening, however far the rubber around it is stretched; 0 is closed",
+    ),
+    Parameter(
+        "neck_discharge",
+        "1",
+        1.0,
+        least=0.0,
+        most=1.0,
+        path="neck.discharge",
+        meaning="part of the opening that the stream fills: 0.95 to 1 of a neck that narrows smoothly, 0.61 of a hole "
+        "with a sharp edge",
+    ),
+    Parameter("neck_opens", "s", 0.0, least=0.0, path="neck.opens", meaning="when it is let go"),
+    Parameter(
+        "neck_closes", "s", NEVER, least=0.0, path="neck.closes", meaning="when it is shut again; never when missing"
+    ),
+    Parameter(
+        "leak",
+        "m^2",
+        0.0,
+        least=0.0,
+        most=FAR,
+        path="inflation.leak",
+        meaning="of a gas: area of a stream that gets out through pores and pinholes, without thrust",
+    ),
+)
+
+
+@wp.func
+def neck_opening(neck_diameter: float, neck_discharge: float, neck_opens: float, neck_closes: float, time: float):
+    """C_d A of a neck [m^2], 0 while it is shut."""
+    area = wp.static(0.25 * math.pi) * neck_diameter * neck_diameter
+    return wp.where(time >= neck_opens and time < neck_closes, neck_discharge * area, 0.0)
+
+
+@wp.func
+def thrust(opening: float, pressure: float):
+    """2 C_d A p [N]; none of what is drawn in."""
+    return 2.0 * opening * wp.max(pressure, 0.0)
+
+
+@wp.func
+def orifice_flow(
+    opening: float, density: float, molar_volume: float, pressure: float, softness: float, step_seconds: float
+):
+    """What leaves [mol/s] from a pressure p >= 0 above that beyond [Pa], such that it is what the pressure at the end
+    of the step gives, p less `softness` [Pa/mol] for all that has flowed: q = C_d A sqrt(2 (p - s h q) / rho) / v, with
+    v the volume of a mole [m^3/mol]. It is stable at any step, and empties nothing beyond p = 0."""
+    squared = 2.0 * opening * opening / wp.max(density * molar_volume * molar_volume, LEAST_FLOW)
+    held_back = squared * softness * step_seconds
+    return (
+        2.0
+        * squared
+        * pressure
+        / wp.max(held_back + wp.sqrt(held_back * held_back + 4.0 * squared * pressure), LEAST_FLOW)
+    )
+
+
+@wp.func
+def vent_flow(
+    flow: float,
+    pressure: float,
+    taken: float,
+    slope: float,
+    step_seconds: float,
+    opening: float,
+    gamma: float,
+    molar_mass: float,
+    air_pressure: float,
+    air_temperature: float,
+    air_density: float,
+):
+    """What leaves a balloon [mol/s], negative if air comes in, by the pressure at the end
+    of the step; and how much faster free volume leaves by that [m^3/s] than by the flow that was believed before.
+
+    Args:
+        flow: that one [mol/s].
+        pressure: with it, above the air's [Pa].
+        taken: free volume of a mole of the gas [m^3/mol], which takes it along.
+        slope: rise of the pressure in the step with free volume [Pa/m^3].
+        opening: C_d A of both [m^2].
+    """
+    here = wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE)
+    brought = throttled(molar_volume(STANDARD_PRESSURE, air_temperature), STANDARD_PRESSURE, here, gamma)
+    before = flow * wp.where(flow > 0.0, taken, brought)
+    alone = pressure + slope * step_seconds * before
+    leaving = float(0.0)
+    after = float(0.0)
+    if alone > 0.0:
+        volume = taken * wp.pow(STANDARD_PRESSURE / here, 1.0 / gamma)  # of a mole
+        density = wp.max(molar_mass, THINNEST * DRY_AIR_MOLAR_MASS) / wp.max(volume, LEAST_FLOW)
+        leaving = orifice_flow(opening, density, volume, alone, slope * taken, step_seconds)
+        after = leaving * taken
+    else:
+        density = density_of_air(air_pressure, air_temperature, air_density)
+        volume = molar_volume(air_pressure, air_temperature)
+        leaving = -orifice_flow(opening, density, volume, -alone, slope * brought, step_seconds)
+        after = leaving * brought
+    return wp.vec2(leaving, after - before)

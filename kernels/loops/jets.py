@@ -1,0 +1,62 @@
+"""What pushes a balloon whose neck is open: the thrust of its jet, on the particles at the neck."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws.orifice import neck_opening, thrust
+from balloon_warp.kernels.tables import NeckTable
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def opening_function(columns: Columns) -> Any:
+    """The function that gives how far a neck is open at a time, of the row of its balloon's numbers."""
+    call = call_of(neck_opening, "neck_opening", ["time"], columns)
+    source = f"def opening_of_neck(time: float, n: Any):\n    return {call}\n"
+    return function_from("opening_of_neck", source, {"neck_opening": neck_opening})
+
+
+@cache
+def jet_loop(traits: Traits, at: Any) -> Any:
+    """The function that gives a particle's part of its balloon's thrust.
+
+    Args:
+        at: the function that reads a point.
+    """
+    opening_of_neck = opening_function(traits.columns)
+
+    @wp.func
+    def jet(
+        necks: NeckTable,
+        points: Any,
+        weight: float,
+        balloon: wp.int32,
+        load: wp.vec2,
+        height: float,
+        time: float,
+        n: Any,
+    ):
+        """Force [N], inwards across the neck: its edges in turn enclose an area vector of the direction of the jet.
+
+        Args:
+            weight: the particle's part.
+            load: pressure at height 0 [Pa], and its rise with height [Pa/m].
+            height: of the particle [m].
+        """
+        force = wp.vec3()
+        if weight > 0.0:
+            out = wp.vec3()
+            first = necks.offsets[balloon]
+            origin = at(points, necks.edges[first][0])
+            for edge in range(first, necks.offsets[balloon + 1]):
+                ends = necks.edges[edge]
+                out += wp.cross(at(points, ends[0]) - origin, at(points, ends[1]) - origin)
+            pressure = load[0] + load[1] * height
+            force = (-weight * thrust(opening_of_neck(time, n), pressure)) * wp.normalize(out)
+        return force
+
+    return jet
