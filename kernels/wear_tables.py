@@ -15,6 +15,8 @@ class TearTable:
     neighbors: wp.array[wp.int32]
     distances: wp.array[float]
     """from a face's center to each of those, at rest [m]"""
+    branching: wp.array[wp.int8]
+    """1 of faces where tears branch, if they do"""
     strength: wp.array2d[float]
     """of balloons, see `laws.tearing`, shape (W, balloon_count), as are the next four"""
     tear_strength: wp.array2d[float]

@@ -18,8 +18,13 @@ from balloon_warp.kernels.schedules.launched_tears import (
 )
 from balloon_warp.kernels.wear_tables import TearTable
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import face_vector_areas
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
+
+BRANCHING_WAY = 0.25
+"""of a balloon's diameter, that a tear runs between two branches"""
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 def tear_arrays(model: Model, room: Room) -> dict[str, Any]:
@@ -57,6 +62,7 @@ def tear_table(model: Model) -> Any:
     table.triangles = array(order, wp.int32)
     table.neighbor_offsets = array(np.searchsorted(pairs[:, 0], numbers), wp.int32)
     table.neighbors, table.distances = array(pairs[:, 1], wp.int32), array(distances, wp.float32)
+    table.branching = array(np.concatenate([_branching(shape.mesh) for shape in model.shapes]), wp.int8)
     put_tear_parameters(table, model)
     return table
 
@@ -97,6 +103,14 @@ def _centers(mesh: PolygonMesh) -> NDArray[np.float64]:
     corners = np.asarray(mesh.points, dtype=np.float64)[mesh.face_vertex_indices]
     offsets = np.cumsum(np.append(0, mesh.face_vertex_counts))
     return np.array([corners[begin:end].mean(axis=0) for begin, end in pairwise(offsets)])
+
+
+def _branching(mesh: PolygonMesh) -> NDArray[np.bool_]:
+    """The faces where a tear branches that does: so many that there is one along its way as often on any mesh, spread
+    evenly by the golden ratio."""
+    areas = np.linalg.norm(face_vector_areas(mesh), axis=1)
+    way = BRANCHING_WAY * np.sqrt(areas.sum() / np.pi)
+    return (np.arange(1, len(areas) + 1) * GOLDEN) % 1.0 < np.sqrt(areas) / way
 
 
 class TearPieces:

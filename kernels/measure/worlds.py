@@ -133,12 +133,14 @@ def measure_worlds(
     sums: wp.array3d[BalloonSums],
     first_bad: wp.array[wp.int32],
     no_body: wp.int32,
+    has_box: bool,
+    bursts: wp.array2d[wp.vec4],
     # out
     measures: wp.array2d[float],
     healthy: wp.array[wp.int32],
 ):
     """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
-    spheres; and where it is asked for, how many balloons are in a box.
+    spheres; and where it is asked for, how many balloons are in a box, and how many have burst.
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
@@ -189,5 +191,12 @@ def measure_worlds(
         measures[world, 5] = kinetic_energy
         for sphere in range(sphere_positions.shape[1]):
             measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
-        if measures.shape[1] > 6 + sphere_positions.shape[1]:
-            measures[world, 6 + sphere_positions.shape[1]] = inside
+        last = 6 + sphere_positions.shape[1]
+        if has_box:
+            measures[world, last] = inside
+            last += 1
+        if bursts.shape[1] > 0:
+            burst = float(0.0)
+            for balloon in range(bursts.shape[1]):
+                burst += wp.where(bursts[world, balloon][0] >= 0.0, 1.0, 0.0)
+            measures[world, last] = burst

@@ -139,7 +139,7 @@ def run_tears(
     reach = torn[world, face]
     if reach >= 0.0 and reach < SPENT:
         reach += of_balloon(tears.tear_speed, world, balloon) * t.step_seconds
-        branches = burst[3] > of_balloon(tears.branching_stress, world, balloon)
+        branches = tears.branching[face] == wp.int8(1) and burst[3] > of_balloon(tears.branching_stress, world, balloon)
         if mark_next(t, torn, world, face, reach, branches):
             reach = 2.0 * SPENT
         torn[world, face] = wp.min(reach, 2.0 * SPENT)
