@@ -51,7 +51,8 @@ class Membrane:
 
     def part(self, rows: NDArray[np.integer]) -> "Membrane":
         """Some of the triangles."""
-        return Membrane(self.corners[rows], self.areas[rows], self.edges[rows])
+        faces = self.faces[rows] if len(self.faces) else self.faces
+        return Membrane(self.corners[rows], self.areas[rows], self.edges[rows], faces)
 
     @property
     def quad_rows(self) -> NDArray[np.int64]:

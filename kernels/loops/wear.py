@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws
 from balloon_warp.kernels.laws.softening import softened
 from balloon_warp.kernels.laws.tearing import true_stress
-from balloon_warp.kernels.laws.tension_field import LEAST_DET, invariants_of, is_taut, pulled_back, relaxed
+from balloon_warp.kernels.laws.tension_field import LEAST_DET, invariants_of, is_taut, mixed_stretch, relaxed
 from balloon_warp.kernels.loops.membranes import material_reader
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
@@ -32,7 +32,7 @@ def wear_function(traits: Traits) -> Any:
         d1 = points[corners[1]] - points[corners[0]]
         d2 = points[corners[2]] - points[corners[0]]
         metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
-        trace, area_squared, spread = invariants_of(pulled_back(metric, t.membranes.corner_rests[triangle]))
+        trace, area_squared, spread = invariants_of(mixed_stretch(metric, t.membranes.corner_rests[triangle]))
         det = wp.max(area_squared, LEAST_DET)
         major = 0.5 * (trace + spread)
         stretched = wp.max(major, 1.0)
