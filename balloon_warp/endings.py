@@ -87,6 +87,8 @@ def _ending(model: Model | ModelPlan, frame: Frame | LastFrame, number: int) -> 
     used = np.unique(rest.face_vertex_indices)
     if (model.shapes[number].mass_share[used] == 0.0).all() or rest.face_vertex_counts.max() < 3:
         return None
+    if isinstance(frame, Frame) and frame.torn and frame.torn[number].any():
+        return None  # it burst, as it was told
     return (
         _falling(model, frame, number, used)
         or _drifted(rest, end, used)

@@ -48,10 +48,12 @@ class Frame:
     """[m], minus infinity where there is no water"""
     meshes: list[PolygonMesh]
     """of the balloons, as they are at the start"""
+    torn: list[NDArray[np.bool_]]
+    """of each balloon, which of its faces are, shape (face_count,); empty where no balloon may burst"""
 
     @property
     def volumes(self) -> NDArray[np.float64]:
-        """of the balloons [m^3], shape (balloon_count,): what a closed one encloses"""
+        """of the balloons [m^3], shape (balloon_count,): what a closed one encloses; 0 of one that burst"""
         return self._volumes_and_areas[:, 0]
 
     @property
@@ -62,8 +64,25 @@ class Frame:
     @cached_property
     def _volumes_and_areas(self) -> NDArray[np.float64]:
         pairs = zip(self.meshes, self.points, strict=True)
-        now = (replace(mesh, points=points.astype(np.float64)) for mesh, points in pairs)
-        return np.array([volume_and_area(mesh) for mesh in now]).reshape(-1, 2)
+        now = [
+            replace(mesh, points=points.astype(np.float64), face_vertex_indices=self.corners(number))
+            for number, (mesh, points) in enumerate(pairs)
+        ]
+        measures = np.array([volume_and_area(mesh) for mesh in now]).reshape(-1, 2)
+        measures[[torn.any() for torn in self.torn] if self.torn else slice(0), 0] = 0.0
+        return measures
+
+    def corners(self, number: int) -> NDArray[np.int32]:
+        """Of a balloon's faces, one after the other; those of a torn face are all at one vertex: it is there no more.
+        Shape (corner_count,)."""
+        mesh = self.meshes[number]
+        if not self.torn or not self.torn[number].any():
+            return mesh.face_vertex_indices
+        firsts = np.cumsum(mesh.face_vertex_counts) - mesh.face_vertex_counts
+        places = np.arange(len(mesh.face_vertex_indices))
+        gathered = np.repeat(firsts, mesh.face_vertex_counts)
+        gone = np.repeat(self.torn[number], mesh.face_vertex_counts)
+        return mesh.face_vertex_indices[np.where(gone, gathered, places)]
 
     def __repr__(self) -> str:
         balloons = ", ".join(

@@ -112,12 +112,20 @@ class Reading:
             ground_height=self._height("ground_height"),
             water_level=self._height("water_level"),
             meshes=[shape.mesh for shape in self.model.shapes],
+            torn=self._torn(),
         )
 
     def first_bad(self) -> NDArray[np.int32]:
         """Of every world the first particle or sphere that is bad, as `State.first_bad`, shape (world_count,)."""
         self._buffer.wait()
         return np.asarray(self._buffer.arrays["first_bad"].numpy(), dtype=np.int32)
+
+    def _torn(self) -> list[NDArray[np.bool_]]:
+        """Of each balloon which faces are; none if none may be."""
+        if "torn" not in self._buffer.arrays:
+            return []
+        ends = np.cumsum([shape.mesh.face_count for shape in self.model.shapes])
+        return np.split(self._row("torn", np.float32) >= 0.0, ends[:-1])
 
     def _row(self, name: str, dtype: Any) -> NDArray[Any]:
         """The world's row of what is on the host, for whoever is to keep it."""

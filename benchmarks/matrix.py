@@ -101,6 +101,10 @@ METHODS = (
     Method("stiffness that varies", ("balloon.stiffness.variation=0.3",)),
     Method("rubber and film", ("balloon.material={preset='latex'}",)),
     Method("rubber with damping of its own", ("balloon.material={preset='latex', viscosity=10}",)),
+    Method("rubber that softens", ("balloon.material={preset='latex', softening=0.3}",)),
+    Method(
+        "balloons that burst", ("balloon.material={preset='latex', strength=2e7}", "balloon.inflation={pressure=9}")
+    ),
     Method("Provot's correction", ("correction=provot",)),
     Method("Tarantino's correction", ("correction=tarantino",)),
     Method("forward Euler", ("solver=forward_euler",)),

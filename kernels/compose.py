@@ -80,6 +80,20 @@ def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
     return function_from("membrane_laws", source, {"number_in": number_in, **called})
 
 
+@cache
+def choice_of_energies(laws: tuple[Law, ...], columns: Columns) -> Any:
+    """The same of their energies [J/m^3], for a row of plain numbers."""
+    given = [each.name for each in GIVEN["membrane"]]
+    called = {f"energy_{place}": law.energy for place, law in enumerate(laws)}
+    calls = [call_of(energy, each, given, columns) for each, energy in called.items()]
+    lines = [f"    energy = {calls[0]}"]
+    for place, call in enumerate(calls[1:], 1):
+        lines += [f"    if material == {place}:", f"        energy = {call}"]
+    arguments = ", ".join([*(f"{each}: float" for each in given), "material: wp.int32, n: Any"])
+    source = "\n".join([f"def membrane_energies({arguments}):", *lines, "    return energy\n"])
+    return function_from("membrane_energies", source, called)
+
+
 def _number(column: int, size: int, of_which: str = "") -> str:
     parts = [f"n[{each}]{of_which}" for each in range(column, column + size)]
     return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"

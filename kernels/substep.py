@@ -4,6 +4,7 @@
     roll         spheres move under the contacts of the substep before             `loops.rolling`
     search       now and then: which balloons may touch, and where                  `schedules.touch_lists`
     press        balloons that touch push each other off                            `loops.meeting`, `laws.touch`
+    wear         what is left of the tensions of rubber that softens                `loops.wear`
     pump         gas is pumped in, or let out                                       `loops.gas`
     pull         all forces on a particle but the inflation, jets among them        `loops.net_force`, `loops.jets`
     swell        where there is gas: how balloons would swell, and their pressure   `swell`, `load_of_balloon`
@@ -225,3 +226,10 @@ def ramp_at(state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame
     """What is keyframed, such as k_normal, at a time of the frame."""
     ramp = state.inflation_ramp[world, balloon]
     return ramp[0] + ramp[1] * time_in_frame
+
+
+@wp.func
+def load_once_burst(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec2):
+    """The pressure at height 0 [Pa], and its rise with height [Pa/m], of a balloon that may have burst."""
+    burst = state.bursts[world, balloon]
+    return wp.where(burst[0] < 0.0, load, wp.vec2(burst[1] * burst[1], 0.0))

@@ -9,6 +9,7 @@ from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereT
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
+from balloon_warp.kernels.wear_tables import WearTable
 
 SLICE = wp.constant(32)
 """particles of a slice of the tables of springs and of quads: the threads of a warp"""
@@ -114,6 +115,7 @@ class MembraneTable:
     """the other two corners of each"""
     rests: wp.array[wp.vec4]
     """with the particle as the first corner"""
+    wear: WearTable
 
 
 @wp.struct
@@ -226,6 +228,7 @@ class WorldState:
     vent_flows: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]
+    bursts: wp.array2d[wp.vec4]
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]

@@ -18,6 +18,10 @@ class Traits(NamedTuple):
     """those of balloons that are no springs"""
     viscous: bool = False
     """a membrane is"""
+    softens: bool = False
+    """a membrane pulls less once it has been stretched further"""
+    bursts: bool = False
+    """a membrane may tear"""
     balloons: int = 1
     spheres: int = 0
     springs_vary: bool = False
@@ -117,6 +121,11 @@ class Traits(NamedTuple):
     def looks_at_velocities(self) -> bool:
         """Whether forces on a particle depend on its neighbors' velocities."""
         return self.viscous or self.needs("spring", "opening") or self.needs("face", "velocity")
+
+    @property
+    def wears(self) -> bool:
+        """Whether what is left of a membrane's tension is found before each substep's forces."""
+        return self.softens or self.bursts
 
     @property
     def keeps_velocities(self) -> bool:

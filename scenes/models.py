@@ -8,7 +8,7 @@ import warp as wp
 
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.scenes.model_ball import ball
+from balloon_warp.scenes.model_ball import ball, fine_ball
 from balloon_warp.scenes.model_bead import bead
 from balloon_warp.scenes.model_bowl import bowl
 from balloon_warp.scenes.model_knot import knot
@@ -25,6 +25,7 @@ MODELS = {
     "pillow": pillow,
     "bowl": bowl,
     "ball": ball,
+    "fine_ball": fine_ball,
     "bead": bead,
     "knot": knot,
     "table": table,

@@ -102,6 +102,24 @@ def of_materials(scene: Scene) -> Scene:
     return scene.model_copy(update={"balloon": [first, second, *others]})
 
 
+def softening() -> Scene:
+    """The same with rubber that pulls less once it has been stretched further."""
+    scene = of_materials(in_air())
+    softer = {"softening": 0.4, "softening_energy": 3.0e4}
+    first, *others = scene.balloon
+    first = first.model_copy(update={"material": LATEX.model_copy(update=softer)})
+    return scene.model_copy(update={"balloon": [first, *others]})
+
+
+def bursting() -> Scene:
+    """Everything, with a balloon of rubber that a needle pierces, and whose hole stays as it is."""
+    scene = everything("fresh")
+    torn = Material(preset="latex", strength=1e9, tear_strength=1e9, needle_time=0.05)
+    pricked = {"material": torn, "inflation": Inflation(kind="gas", start_pressure=100.0), "helium": 0.0}
+    first, *others = scene.balloon
+    return scene.model_copy(update={"balloon": [first.model_copy(update=pricked), *others], "substeps": "auto"})
+
+
 IMPULSE = {"contact": "impulse"}
 CORRECTED = {"correction": "provot", "correction_limit": 0.01, "correction_sweeps": 2}
 
@@ -201,6 +219,8 @@ SCENES = {
     "torsion": with_torsion(),
     "materials": of_materials(everything()),
     "materials in air": of_materials(in_air()),
+    "softening": softening(),
+    "bursting": bursting(),
     "provot": corrected("provot"),
     "tarantino": corrected("tarantino"),
     "forward Euler": by_forward_euler(),

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.membrane import MEMBRANES, PARAMETERS
+from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
+from balloon_warp.kernels.laws.softening import steepening
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
@@ -24,7 +26,9 @@ APART = 1.0e-3
 """between the two stretches of a state, at least, so that quotients of differences can be taken"""
 STEP = 1.0e-5
 """of differences"""
-NAMES = frozenset(row.name for row in PARAMETERS)
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+"""of the integral from rest to a state"""
+NAMES = frozenset(row.name for row in (*PARAMETERS, *SOFTENING))
 """parameters that the step of a membrane depends on"""
 
 
@@ -47,7 +51,7 @@ def settle_masses(scene: Scene, shapes: Sequence[BalloonShape], parameters: Para
 
 def numbers_of(parameters: Mapping[str, Values], number: int) -> dict[str, Values]:
     """Of a balloon's material, each of shape (W, 1), a vector's of shape (3, W, 1)."""
-    rows = {row.name: parameters[row.name][:, number] for row in PARAMETERS}
+    rows = {row.name: parameters[row.name][:, number] for row in (*PARAMETERS, *SOFTENING)}
     return {name: values.T[..., None] if values.ndim > 1 else values[:, None] for name, values in rows.items()}
 
 
@@ -58,6 +62,17 @@ def slopes_by_stretches(law: Law, told: Mapping[str, Values], first: Values, sec
     names = law.force.func.__code__.co_varnames[: law.force.func.__code__.co_argcount]
     by_trace, by_det = law.force.func(**{name: {**told, **invariants}[name] for name in names})
     return 2.0 * first * (by_trace + by_det * minor), 2.0 * second * (by_trace + by_det * major)
+
+
+def steepest_softening(law: Law, told: Mapping[str, Values], first: Values, second: Values) -> Values:
+    """How fast what is left of a state's stress falls with its energy density, at most [1/Pa]."""
+    if not told["softening"].any():
+        return np.zeros(1)
+    energy = np.zeros(np.broadcast_shapes(first.shape, told["softening"].shape))
+    for node, weight in zip(0.5 * (NODES + 1.0), 0.5 * WEIGHTS, strict=True):  # along the straight way from rest
+        w1, w2 = slopes_by_stretches(law, told, 1.0 + node * (first - 1.0), 1.0 + node * (second - 1.0))
+        energy = energy + weight * (w1 * (first - 1.0) + w2 * (second - 1.0))
+    return steepening(np.maximum(energy, 0.0), *(told[row.name] for row in SOFTENING))
 
 
 def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
@@ -81,6 +96,8 @@ def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
         return slopes_by_stretches(law, told, a, b)
 
     w1, w2 = slopes(first, second)
+    # where it begins to give way, the energy's slopes fall, too, with the energy itself
+    giving_way = steepest_softening(law, told, first, second) * (w1 * w1 + w2 * w2)
     up, down = slopes(first + STEP, second), slopes(first - STEP, second)
     w11, w12 = ((upper - lower) / (2.0 * STEP) for upper, lower in zip(up, down, strict=True))
     w22 = (slopes(first, second + STEP)[1] - slopes(first, second - STEP)[1]) / (2.0 * STEP)
@@ -91,7 +108,7 @@ def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
         stretching = 0.5 * (w11 + w22) + np.hypot(0.5 * (w11 - w22), w12 - taken)
         best = np.minimum(best, np.maximum(stretching, np.maximum(shear + taken, spin - taken)))
     aside = np.maximum(w1 / first, w2 / second)
-    return np.maximum(best, aside).max(axis=1)
+    return np.maximum(best + giving_way, aside).max(axis=1)
 
 
 def thickest_viscosity(told: Mapping[str, Values]) -> Values:

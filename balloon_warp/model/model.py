@@ -204,6 +204,16 @@ class Model:
         return self.membrane_corners.shape[0]
 
     @property
+    def softens(self) -> bool:
+        """whether a balloon is of rubber that may"""
+        return any(balloon.material.softening is not None for balloon in self.scene.balloon)
+
+    @property
+    def bursts(self) -> bool:
+        """whether a balloon may"""
+        return any(balloon.material.strength is not None for balloon in self.scene.balloon)
+
+    @property
     def balloon_count(self) -> int:
         return len(self.shapes)
 

@@ -27,6 +27,7 @@ from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
 from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
+from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, turns
 from balloon_warp.model.touch import settle_touch
 from balloon_warp.model.vary import Vary, vary_parameters
@@ -170,6 +171,7 @@ def _settled(
     require_openings(scene, shapes, parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
     parameters |= settle_touch(scene, shapes, parameters)
+    parameters |= settle_tears(scene, parameters)
     return parameters | settle_gas(scene, shapes, parameters)
 
 

@@ -7,6 +7,8 @@ import numpy as np
 from balloon_warp.kernels.laws import Law, Parameter
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.kernels.laws.law import TINY
+from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
+from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
 
 START = "initial_"
 """how the name of a parameter begins that counts at the start alone, and so cannot change"""
@@ -23,6 +25,8 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("initial_spins", "rad/s", path="angular_velocity", size=3),
     Parameter("initial_gas_amounts", "mol", np.nan, least=0.0, path="inflation.amount"),
     Parameter("initial_density", "kg/m^3", 940.0, least=TINY, path="material.density"),
+    *SOFTENING,
+    *TEARING,
     Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="of a gas, above the air's"),
     Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),
     Parameter("initial_sphere_velocities", "m/s", of="sphere", path="velocity", size=3),

@@ -64,6 +64,18 @@ class State:
     deep: wp.array
     """1 of particles that may be deep in another balloon, where nothing is near them: at the start that is not known of
     any; of that shape, int8"""
+    peaks: wp.array
+    """of triangles of rubber that softens: the greatest energy density that each has had [Pa], shape (world_count,
+    triangle_count), float32, or (world_count, 0) where none softens"""
+    torn: wp.array
+    """of faces: how far a tear may have run from there, at rest [m], large where it has gone on, and negative where the
+    face is whole, shape (world_count, face_count), float32, or (world_count, 0) where none may tear"""
+    bursts: wp.array
+    """of balloons: when each burst [s], or negative; the root of its pressure since then [Pa^(1/2)], how fast that
+    falls for each square meter of hole, see `laws.tearing`, and the stress at which it burst [Pa], shape (world_count,
+    balloon_count), vec4, or (world_count, 0)"""
+    hole_areas: wp.array
+    """of balloons that burst, in square micrometers, which add up alike in any order, of that shape, int64"""
     body_positions: wp.array
     """centers of mass [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -94,6 +106,8 @@ def new_state(model: Model, room: Room) -> State:
     particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
     touching = (worlds, model.particle_count if model.scene.touches else 0)
     balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
+    softening = (worlds, model.triangle_count if model.softens else 0)
+    bursting = (worlds, model.balloon_count if model.bursts else 0)
     return State(
         frame=room.array(1, wp.int32),
         points=room.array(particles, wp.vec3),
@@ -112,6 +126,10 @@ def new_state(model: Model, room: Room) -> State:
         vent_flows=room.array(balloons, wp.float32),
         holds=room.array(touching, wp.vec4),
         deep=room.array(touching, wp.int8),
+        peaks=room.array(softening, wp.float32),
+        torn=room.array((worlds, model.face_count if model.bursts else 0), wp.float32),
+        bursts=room.array(bursting, wp.vec4),
+        hole_areas=room.array(bursting, wp.int64),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),
@@ -144,6 +162,8 @@ def initial_state(model: Model) -> State:
         row = parameters[name].numpy()
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
     state.deep.fill_(1)
+    state.torn.fill_(-1.0)
+    state.bursts.fill_(wp.vec4(-1.0, 0.0, 0.0, 0.0))
     if model.bodies:
         _place_bodies(model, state)
     state.first_bad.fill_(HEALTHY)

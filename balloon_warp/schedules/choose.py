@@ -49,7 +49,8 @@ SCHEDULES = {
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
 LAUNCHED = ("scatter", "gather")
-"""those that launch a kernel for each piece of a substep: in these alone spheres touch faces, and bodies move"""
+"""those that launch a kernel for each piece of a substep: in these alone spheres touch faces, bodies
+move, and rubber softens and tears"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -83,6 +84,10 @@ def only_launched(model: Model) -> str | None:
     """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
     if model.bodies:
         return "bodies move"
+    if model.bursts:
+        return "balloons burst"
+    if model.softens:
+        return "rubber soften"
     return "spheres touch faces" if any(small_spheres(model)) else None
 
 

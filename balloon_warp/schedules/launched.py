@@ -83,6 +83,7 @@ class LaunchedSchedule(ABC):
             pieces.roll(state, time_in_frame)
             pieces.tumble(state, time_in_frame)
             pieces.press(state, substep, *now)
+            pieces.wear(state, time_in_frame, now[0])
             now = self.advance_substep(state, time_in_frame, now)
             pieces.touch(state, time_in_frame, *now)
             yield substep

@@ -9,9 +9,13 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.membrane import MEMBRANES
+from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.tables import MembraneTable
+from balloon_warp.kernels.wear_tables import WearTable
 from balloon_warp.model import Model
+from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.slices import slices_of
+from balloon_warp.schedules.tears import tear_table, tears_of_world
 from balloon_warp.springs.membrane import Membrane
 
 
@@ -40,7 +44,42 @@ def membrane_table(model: Model) -> Any:
     table.slice_offsets = _array(model, slices.offsets, wp.int32)
     table.counts = _array(model, counts, wp.int32)
     table.others, table.rests = _array(model, others, wp.vec2i), _array(model, rests, wp.vec4)
+    if model.softens or model.bursts:
+        numbers = np.zeros(len(others))
+        numbers[slices.places] = around.numbers
+        table.wear.numbers = _array(model, numbers, wp.int32)
+        table.wear.left = left_array(model, Allocating(model.device))
+        put_wear_parameters(table.wear, model)
+    if model.bursts:
+        table.wear.tears = tear_table(model)
     return table
+
+
+def left_array(model: Model, room: Room) -> Any:
+    """Memory for what is left of triangles' tensions, where rubber softens or tears."""
+    wears = model.softens or model.bursts
+    return room.array((model.world_count, model.triangle_count if wears else 0), wp.float32)
+
+
+def membranes_of_world(model: Model, membranes: Any) -> Any:
+    """A batch's table for one of its worlds."""
+    if not model.softens and not model.bursts:
+        return membranes
+    table, wear = MembraneTable(), WearTable()
+    for name in MembraneTable.vars:
+        setattr(table, name, getattr(membranes, name))
+    wear.numbers, wear.left = membranes.wear.numbers, membranes.wear.left[:1]
+    put_wear_parameters(wear, model)
+    if model.bursts:
+        wear.tears = tears_of_world(model, membranes.wear.tears)
+    table.wear = wear
+    return table
+
+
+def put_wear_parameters(wear: Any, model: Model) -> None:
+    """Of balloons, as they are in the model's worlds."""
+    for row in SOFTENING:
+        setattr(wear, row.name, model.parameters[row.name])
 
 
 class CornerTriangles(NamedTuple):
@@ -52,6 +91,8 @@ class CornerTriangles(NamedTuple):
     """shape (n, 2)"""
     rests: NDArray[np.float64]
     """with the particle as the first corner, see `MembraneTable`, shape (n, 4)"""
+    numbers: NDArray[np.int64]
+    """of the triangles, shape (n,)"""
 
 
 def corner_triangles(model: Model) -> CornerTriangles:
@@ -66,7 +107,7 @@ def corner_triangles(model: Model) -> CornerTriangles:
     corners = np.concatenate([each.corners for each in turned])
     rests = np.concatenate([each.rests for each in turned])
     order = np.argsort(corners[:, 0], kind="stable")
-    return CornerTriangles(corners[order, 0], corners[order, 1:], rests[order])
+    return CornerTriangles(corners[order, 0], corners[order, 1:], rests[order], order % triangles.count)
 
 
 class MembraneQuads(NamedTuple):

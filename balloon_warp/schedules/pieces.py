@@ -25,14 +25,17 @@ from balloon_warp.kernels.schedules.launched_gas import (
 )
 from balloon_warp.kernels.schedules.launched_roll import collide_kernel, roll_kernel
 from balloon_warp.kernels.schedules.launched_touch import touch_kernel
+from balloon_warp.kernels.schedules.launched_wear import wear_kernel
 from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.aims import AimRefresher
 from balloon_warp.schedules.fixtures import forget_looks
+from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.tears import TearPieces, tear_arrays
 from balloon_warp.schedules.touching import TouchPieces, touch_arrays
 
 SWELL_THREADS = 256
@@ -50,6 +53,7 @@ class Pieces:
         for name, array in working_arrays(model, traits, room).items():
             setattr(self.working, name, array)
         self._touching = TouchPieces(model, traits, tables, self.working) if traits.touches else None
+        self._tears = TearPieces(model, tables) if traits.bursts else None
         self._aims = AimRefresher(model, tables, room) if traits.aims else None
         places, split = model.columns.places, model.columns.balloon_width
         self._limit_column = places["correction_limit"] - split if traits.corrected else 0
@@ -60,6 +64,8 @@ class Pieces:
     def allot(model: Model, traits: Traits, room: Room) -> None:
         """Ask for all memory that it keeps."""
         working_arrays(model, traits, room)
+        left_array(model, room)
+        tear_arrays(model, room)
         if traits.aims:
             AimRefresher.arrays(model, room)
 
@@ -136,6 +142,16 @@ class Pieces:
             moving = world_state(state), self.working, points, velocities
             self.over_particles(leave_kernel(self.traits), self.tables, time_in_frame, *moving)
 
+    def wear(self, state: State, time_in_frame: float, points: wp.array) -> None:
+        """What is left of the tensions of membranes that soften or tear."""
+        if self.traits.wears:
+            m = self.model
+            inputs = [self.tables, points, state.peaks]
+            wp.launch(wear_kernel(self.traits), (m.world_count, m.triangle_count), inputs, device=m.device)
+        if self._tears:
+            self._tears.weigh(state, time_in_frame)
+            self._tears.tear(state, world_state(state), time_in_frame, points)
+
     def press(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
         """Balloons that touch push each other off; now and then it is found which may. Where particles are is kept for
         the spheres that meet faces."""
@@ -171,6 +187,8 @@ class Pieces:
         if self.traits.penalties:
             self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)
+        if self._tears:
+            self._tears.note(world_state(state))
 
     def over_particles(self, kernel: Any, *arguments: Any) -> None:
         """Launch a thread a (world, particle)."""

@@ -9,11 +9,13 @@ import warp as wp
 from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_measure, string_measure
 from balloon_warp.kernels.schedules.frame import add_inflation_forces
 from balloon_warp.kernels.schedules.launched import Working
+from balloon_warp.kernels.schedules.launched_wear import wear_kernel
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.aims import AimRefresher
 from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, tables_of_world, world_state
+from balloon_warp.schedules.tears import TearPieces
 from balloon_warp.schedules.traits import model_traits
 
 
@@ -45,6 +47,12 @@ class ForceReader:
     def refresh(self, state: State) -> None:
         """What a frame begins with: its ramp, such as of k_normal, each particle's aim, and its area vector."""
         refresh_ramp(self.model, state)
+        if self._traits.wears:
+            inputs = [self._tables, state.points, state.peaks]
+            shape = (self.model.world_count, self.model.triangle_count)
+            wp.launch(wear_kernel(self._traits, keeps=False), shape, inputs, device=self.model.device)
+        if self._traits.bursts:
+            TearPieces(self.model, self._tables).weigh(state, 0.0)
         if self._traits.aims:
             self._refresher.refresh(state.points, self._working.aims)
         if self._traits.measures_areas:

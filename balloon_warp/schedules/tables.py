@@ -26,7 +26,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
-from balloon_warp.schedules.membranes import membrane_table
+from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
@@ -76,6 +76,7 @@ def tables_of_world(model: Model, tables: Any) -> Any:
     for name in StringTable.vars:
         setattr(strings, name, getattr(tables.strings, name))
     _put_string_parameters(strings, model)
+    t.membranes = membranes_of_world(model, tables.membranes)
     t.strings, t.spheres, t.tubes = strings, _spheres(model), _tubes(model)
     t.spheres.small, t.spheres.triangles = tables.spheres.small, tables.spheres.triangles
     t.fixtures, t.bodies = tables.fixtures, body_table(model)

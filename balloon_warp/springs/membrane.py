@@ -1,6 +1,6 @@
 """The triangles that a membrane is stretched over: of quads and polygons so many that no diagonal is preferred."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ class Membrane:
     """at rest, times the triangle's part of what covers the face [m^2], shape (T,)"""
     edges: NDArray[np.float64]
     """at rest, from the first corner to the others [m], shape (T, 2, 3)"""
+    faces: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """that each covers a part of, shape (T,)"""
 
     @property
     def count(self) -> int:
@@ -49,7 +51,8 @@ class Membrane:
 
     def part(self, rows: NDArray[np.integer]) -> "Membrane":
         """Some of the triangles."""
-        return Membrane(self.corners[rows], self.areas[rows], self.edges[rows])
+        faces = self.faces[rows] if len(self.faces) else self.faces
+        return Membrane(self.corners[rows], self.areas[rows], self.edges[rows], faces)
 
     @property
     def quad_rows(self) -> NDArray[np.int64]:
@@ -106,19 +109,22 @@ def build_membrane(mesh: PolygonMesh) -> Membrane:
     A face of two corners has none, and neither has what is no wider than a line.
     """
     starts, corners, parts = face_starts(mesh), [np.zeros((0, 3), dtype=np.int64)], [np.zeros(0)]
+    faces = [np.zeros(0, dtype=np.int64)]
     for size in np.unique(mesh.face_vertex_counts[mesh.face_vertex_counts > 2]).tolist():
         places, weights = _fans(size)
         firsts = starts[mesh.face_vertex_counts == size]
         of_faces = mesh.face_vertex_indices[firsts[:, None, None] + places].astype(np.int64)
         corners.append(of_faces.reshape(-1, 3))
         parts.append(np.tile(weights, len(firsts)))
+        faces.append(np.repeat(np.flatnonzero(mesh.face_vertex_counts == size), len(weights)))
     triangles = np.concatenate(corners)
     points = mesh.points[triangles]
     edges = points[:, 1:] - points[:, :1]
     double_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     longest = np.maximum((edges**2).sum(axis=2).max(axis=1), ((edges[:, 1] - edges[:, 0]) ** 2).sum(axis=1))
     wide = 0.5 * double_areas > LEAST_AREA * longest
-    return Membrane(triangles[wide], (0.5 * double_areas * np.concatenate(parts))[wide], edges[wide])
+    areas = 0.5 * double_areas * np.concatenate(parts)
+    return Membrane(triangles[wide], areas[wide], edges[wide], np.concatenate(faces)[wide])
 
 
 def _fans(size: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

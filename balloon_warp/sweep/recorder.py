@@ -23,9 +23,11 @@ MEASURES = ("volume", "area", "pressure", "center_height", "largest_stretch", "k
 
 
 def columns_of(scene: Scene) -> list[str]:
-    """What is measured of each world: `MEASURES`, then the height of each sphere [m], and how many are in the box."""
+    """What is measured of each world: `MEASURES`, then the height of each sphere [m], how many are in the box, and how
+    many balloons have burst."""
     heights = [f"sphere_{number}_height" for number in range(len(scene.sphere))]
-    return [*MEASURES, *heights, *(["in_box"] if scene.box else [])]
+    may_burst = any(balloon.material.strength is not None for balloon in scene.balloon)
+    return [*MEASURES, *heights, *(["in_box"] if scene.box else []), *(["burst"] if may_burst else [])]
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ class Recorder:
                 *(model.inflation_kind, model.keyframe_times, model.parameters["keyframe_values"]),
                 *(model.frame_seconds, model.up, wp.vec3(*self._box.lower), wp.vec3(*self._box.upper)),
                 *(state.frame, state.pressures, state.points, state.sphere_positions, self._sums),
-                *(state.first_bad, HEALTHY),
+                *(state.first_bad, HEALTHY, model.scene.box is not None, state.bursts),
             ],
             outputs=[self._measures, self._healthy],
         )

@@ -149,6 +149,7 @@ class Layers:
             _see(balloon, self.shown["balloon"] and not strained)
             if balloon.visible:
                 balloon.vertices = points
+                self._hide_torn(picture, number, balloon)
             if strained and self._count % SLOWER == 0:
                 for band, triangles in zip(bands, self._drawing.strain_bands(picture, number), strict=True):
                     _see(band, len(triangles) > 0)
@@ -159,6 +160,13 @@ class Layers:
             elif not strained:
                 for band in bands:
                     _see(band, False)
+
+    def _hide_torn(self, picture: Picture, number: int, balloon: Any) -> None:
+        """The triangles of faces that are torn are not shown; they are sent when others are than before."""
+        if picture.frame.torn:
+            whole = ~picture.frame.torn[number][self._drawing.triangle_faces[number]]
+            if whole.any() and whole.sum() != len(balloon.faces):
+                balloon.faces = self._drawing.triangles[number][whole].astype(np.uint32)
 
     def _draw_lines(self, picture: Picture) -> None:
         wanted: dict[str, Callable[[], Lines]] = {

@@ -119,9 +119,13 @@ def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most
 
 
 @wp.func
-def gent_energy(trace: float, det: float, shear_modulus: float, gent_limit: float):
-    """[J/m^3], within the most stretch."""
-    return -0.5 * shear_modulus * gent_limit * wp.log(1.0 - (trace + 1.0 / det - 3.0) / gent_limit)
+def gent_energy(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
+    """[J/m^3]"""
+    squared = most_stretch * most_stretch
+    least = wp.max(1.0 - (2.0 * squared + 1.0 / (squared * squared) - 3.0) / gent_limit, LEAST_ROOM)
+    room = 1.0 - (trace + 1.0 / det - 3.0) / gent_limit
+    beyond = wp.max(least - room, 0.0) / least
+    return 0.5 * shear_modulus * gent_limit * (beyond - wp.log(wp.max(room, least)))
 
 
 @wp.func
@@ -157,7 +161,8 @@ def ogden_energy(trace: float, det: float, spread: float, ogden_moduli: wp.vec3,
     energy = 0.0 * det
     for term in range(3):
         k = 0.5 * ogden_exponents[term]
-        energy = energy + 0.5 * ogden_moduli[term] / k * (first**k + (det / first) ** k + det ** (-k) - 3.0)
+        if k != 0.0:  # or else the term is none
+            energy = energy + 0.5 * ogden_moduli[term] / k * (first**k + (det / first) ** k + det ** (-k) - 3.0)
     return energy
 
 

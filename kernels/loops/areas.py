@@ -117,3 +117,36 @@ def face_measures(at: Any) -> tuple[Any, Any]:
         return scaled(total, 0.5)
 
     return center_of_face, area_vector_of_face
+
+
+@cache
+def area_loop_beside_holes(at: Any) -> Any:
+    """The function that sums a particle's area vector over its faces that are not torn."""
+
+    @wp.func
+    def area_vector_beside_holes(t: Any, points: Any, own: Any, springs: Any, point: wp.vec3):
+        """[m^2]"""
+        area_vector = wp.vec3()
+        gone = t.membranes.wear.tears.gone
+        for place in range(t.faces.particle_offsets[own.number], t.faces.particle_offsets[own.number + 1]):
+            face = t.faces.around_particles[place]
+            if gone[own.world, face] == wp.int8(0):
+                begin = t.faces.offsets[face]
+                count = t.faces.offsets[face + 1] - begin
+                corner = wp.int32(0)
+                for each in range(count):
+                    if t.faces.particles[begin + each] == own.number:
+                        corner = each
+                first = at(points, t.faces.particles[begin + (corner + 1) % count]) - point
+                arm = first
+                arms = first
+                double_area = wp.vec3()
+                for further in range(2, count):
+                    next_arm = at(points, t.faces.particles[begin + (corner + further) % count]) - point
+                    double_area += wp.cross(arm, next_arm)
+                    arms += next_arm
+                    arm = next_arm
+                area_vector += area_vector_of_corner(double_area, first - arm, arms, float(count))
+        return area_vector
+
+    return area_vector_beside_holes

@@ -128,16 +128,29 @@ def material_reader(traits: Traits) -> Any:
 
 
 @cache
+def wear_reader(traits: Traits) -> Any:
+    """The function that reads what is left of a triangle's tension, once `wear` has found it."""
+
+    @wp.func
+    def left_of(membranes: MembraneTable, world: wp.int32, triangle: wp.int32):
+        return membranes.wear.left[world, triangle]
+
+    return left_of
+
+
+@cache
 def membrane_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
     """The function that sums the triangles of a particle."""
     pull_of_triangle = triangle_pull(traits)
     material_of = material_reader(traits)
+    left_of = wear_reader(traits)
 
     @wp.func
     def pull_of_membrane(
         membranes: MembraneTable,
         points: Any,
         velocities: Any,
+        world: wp.int32,
         particle: wp.int32,
         balloon: wp.int32,
         point: wp.vec3,
@@ -159,6 +172,8 @@ def membrane_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
                 at(points, others[0]) - point, at(points, others[1]) - point, v1, v2,
                 four_floats_at(membranes.rests, entry), material, n,
             )  # fmt: skip
+            if wp.static(traits.wears):
+                pull *= left_of(membranes, world, membranes.wear.numbers[entry])
             force += pull
         return force
 

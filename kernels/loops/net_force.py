@@ -119,7 +119,9 @@ def scalar_loops(
         if wp.static(traits.has("face")):
             force += sum_faces(t, points, velocities, own.number, own.n, time)
         if wp.static(sum_membrane is not None):
-            force += sum_membrane(t.membranes, points, velocities, own.number, own.balloon, point, velocity, own.n)
+            force += sum_membrane(
+                t.membranes, points, velocities, own.world, own.number, own.balloon, point, velocity, own.n
+            )
         return force
 
     @wp.func

@@ -111,6 +111,31 @@ def whole_balloon(sums: wp.array3d[BalloonSums], world: wp.int32, balloon: wp.in
     return total
 
 
+@wp.func
+def note_further(
+    measures: wp.array2d[float],
+    world: wp.int32,
+    sphere_positions: wp.array2d[wp.vec3],
+    up: wp.vec3,
+    has_box: bool,
+    inside: float,
+    bursts: wp.array2d[wp.vec4],
+):
+    """The columns that not every table has."""
+    column = wp.int32(6)
+    for sphere in range(sphere_positions.shape[1]):
+        measures[world, column] = wp.dot(sphere_positions[world, sphere], up)
+        column += 1
+    if has_box:
+        measures[world, column] = inside
+        column += 1
+    if bursts.shape[1] > 0:
+        count = float(0.0)
+        for balloon in range(bursts.shape[1]):
+            count += wp.where(bursts[world, balloon][0] >= 0.0, 1.0, 0.0)
+        measures[world, column] = count
+
+
 @wp.kernel(enable_backward=False)
 def measure_worlds(
     # model
@@ -133,12 +158,14 @@ def measure_worlds(
     sums: wp.array3d[BalloonSums],
     first_bad: wp.array[wp.int32],
     no_body: wp.int32,
+    has_box: bool,
+    bursts: wp.array2d[wp.vec4],
     # out
     measures: wp.array2d[float],
     healthy: wp.array[wp.int32],
 ):
     """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
-    spheres; and where it is asked for, how many balloons are in a box.
+    spheres; and where it is asked for, how many balloons are in a box, and how many have burst.
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
@@ -187,7 +214,4 @@ def measure_worlds(
         measures[world, 3] = height
         measures[world, 4] = stretch
         measures[world, 5] = kinetic_energy
-        for sphere in range(sphere_positions.shape[1]):
-            measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
-        if measures.shape[1] > 6 + sphere_positions.shape[1]:
-            measures[world, 6 + sphere_positions.shape[1]] = inside
+        note_further(measures, world, sphere_positions, up, has_box, inside, bursts)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import warp as wp
 
+from balloon_warp.kernels.loops.areas import area_loop_beside_holes
 from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function, scalar_loops
 from balloon_warp.kernels.memory import vector_at
@@ -24,7 +25,8 @@ from balloon_warp.kernels.traits import Traits
 @cache
 def gathering_loops(traits: Traits) -> Loops:
     """Over all that acts on a particle."""
-    return scalar_loops(traits, vector_at)
+    area_vector = area_loop_beside_holes(vector_at) if traits.bursts else None
+    return scalar_loops(traits, vector_at, area_vector=area_vector)
 
 
 @cache

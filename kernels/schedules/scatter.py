@@ -10,7 +10,7 @@ from balloon_warp.kernels.laws.torsion import FIRST_WING
 from balloon_warp.kernels.loops.areas import area_vector_of_corner
 from balloon_warp.kernels.loops.faces import face_push
 from balloon_warp.kernels.loops.hinges import hinge_force, wing_size
-from balloon_warp.kernels.loops.membranes import material_reader, triangle_pull
+from balloon_warp.kernels.loops.membranes import material_reader, triangle_pull, wear_reader
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
@@ -30,6 +30,7 @@ def force_kernel(traits: Traits) -> Any:
     read_numbers = numbers_reader(traits.columns)
     pull_of_triangle = triangle_pull(traits) if traits.membranes else None
     material_of = material_reader(traits)
+    left_of = wear_reader(traits)
 
     @wp.func
     def add_triangle(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, velocities: Any, forces: Any):
@@ -43,6 +44,11 @@ def force_kernel(traits: Traits) -> Any:
             velocities[corners[1]] - velocities[p], velocities[corners[2]] - velocities[p],
             t.membranes.corner_rests[triangle], material_of(t.membranes, balloon), n,
         )  # fmt: skip
+        if wp.static(traits.wears):
+            left = left_of(t.membranes, world, triangle)
+            pull *= left
+            first *= left
+            second *= left
         wp.atomic_add(forces, p, pull)
         wp.atomic_add(forces, corners[1], first)
         wp.atomic_add(forces, corners[2], second)
@@ -130,8 +136,12 @@ def add_area_vectors(
     # out
     area_vectors: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, face): its parts of its particles' area vectors."""
+    """A thread a (world, face): its parts of its particles' area vectors; none where it is torn."""
     world, face = wp.tid()
+    gone = t.membranes.wear.tears.gone
+    if gone.shape[1] > 0:
+        if gone[world, face] == wp.int8(1):
+            return
     begin = t.faces.offsets[face]
     end = t.faces.offsets[face + 1]
     count = end - begin

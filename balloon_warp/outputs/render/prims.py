@@ -31,7 +31,8 @@ SIDES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2,
 
 
 class MeshPrim:
-    """A UsdGeom.Mesh of fixed topology."""
+    """A UsdGeom.Mesh of fixed topology, but for faces whose corners come to be all at one vertex: these are not
+    drawn."""
 
     def __init__(self, prim: Usd.Prim, moment: Moment):
         self._mesh = UsdGeom.Mesh(prim)
@@ -42,15 +43,27 @@ class MeshPrim:
         )
         if np.any(counts < 0) or counts.sum() != len(indices) or np.any((indices < 0) | (indices >= len(points))):
             raise InputError(f"{prim.GetPath()}: its faces do not fit its {len(points)} points")
-        whole = np.repeat(counts, counts) >= 3
+        seen = (counts >= 3) & ~_gathered(counts, indices)
+        whole = np.repeat(seen, counts)
+        self._counts, self._seen = counts, seen
         self.point_count = len(points)
         self.used = np.unique(indices[whole])
         # What bends sharply in one frame is smooth in the next.
         self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
         """whether its points move"""
-        self.surface = SmoothSurface(PolygonMesh(points, counts[counts >= 3], indices[whole]), creased=not self.soft)
+        self.surface = SmoothSurface(PolygonMesh(points, counts[seen], indices[whole]), creased=not self.soft)
         self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
         self.finish = read_finish(prim)
+
+    def gone(self, moment: Moment) -> NDArray[np.bool_] | None:
+        """Which of the surface's triangles are not there; None where all always are."""
+        attribute = self._mesh.GetFaceVertexIndicesAttr()
+        if attribute.GetNumTimeSamples() == 0:
+            return None
+        indices = np.asarray(attribute.Get(moment.time), np.int32)
+        if len(indices) != self._counts.sum():
+            raise InputError(f"{self._mesh.GetPath()}: has other faces at frame {moment.time.GetValue():g}")
+        return self.surface.triangles_of(_gathered(self._counts, indices)[self._seen])
 
     def points(self, moment: Moment) -> NDArray[np.float64]:
         """The mesh's own points, shape (point_count, 3)."""
@@ -177,3 +190,10 @@ def _require_count(prim: UsdGeom.PointBased, points: NDArray[np.float64], expect
             f"{prim.GetPath()}: has {len(points)} points at frame {moment.time.GetValue():g}; "
             f"expected {expected} at every frame"
         )
+
+
+def _gathered(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Which faces have all of their corners at one vertex."""
+    firsts = np.repeat(np.cumsum(counts) - counts, counts)
+    elsewhere = np.bincount(np.repeat(np.arange(len(counts)), counts), indices != indices[firsts], len(counts))
+    return (counts > 0) & (elsewhere == 0)

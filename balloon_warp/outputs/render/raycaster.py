@@ -63,7 +63,7 @@ class RayCaster:
     def place(self, frame: int, least_radius: float) -> None:
         """Move everything to where it is at a frame. Lines are at least `least_radius` thick, in the stage's unit."""
         if self._stage.meshes:
-            self._place_meshes(self._stage.points(frame))
+            self._place_meshes(self._stage.points(frame), self._stage.gone(frame))
         if self._stage.rounds:
             self._place_capsules(self._stage.capsules(frame), least_radius)
         heights = (np.array(self._stage.heights(frame)) - self._center[1]) / self._size
@@ -111,7 +111,8 @@ class RayCaster:
         starts = np.cumsum([0, *(mesh.surface.vertex_count for mesh in meshes)])
         if meshes:
             corners = [mesh.surface.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
-            self._shapes.corners = self._array(np.concatenate(corners).ravel(), wp.int32)
+            self._corners = np.concatenate(corners)
+            self._shapes.corners = self._array(self._corners.ravel(), wp.int32)
             self._shapes.colors = self._array(np.concatenate([mesh.colors for mesh in meshes]))
             finishes = [np.tile(mesh.finish.as_row(), (len(mesh.surface.triangles), 1)) for mesh in meshes]
             self._shapes.finishes = self._array(np.concatenate(finishes))
@@ -141,10 +142,14 @@ class RayCaster:
             wp.load_module(raycast, device=self.device)
         self._pool = ThreadPoolExecutor(self._bands)
 
-    def _place_meshes(self, points: list[NDArray[np.float64]]) -> None:
+    def _place_meshes(self, points: list[NDArray[np.float64]], gone: NDArray[np.bool_] | None) -> None:
         placed = [mesh.surface.place(each) for mesh, each in zip(self._stage.meshes, points, strict=True)]
         vertices = self._array(self._local(np.concatenate([vertices for vertices, _ in placed])))
         self._shapes.normals = self._array(np.concatenate([normals for _, normals in placed]))
+        if gone is not None:  # what is gone has no width
+            self._mesh = None
+            corners = np.where(gone[:, None], self._corners[:, :1], self._corners)
+            self._shapes.corners = self._array(corners.ravel(), wp.int32)
         if self._mesh is None:
             self._mesh = wp.Mesh(vertices, self._shapes.corners)
             self._shapes.mesh = self._mesh.id

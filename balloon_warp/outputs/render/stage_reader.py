@@ -99,6 +99,15 @@ class RenderStage:
         moment = Moment(self._stage, frame)
         return [mesh.points(moment) for mesh in self.meshes]
 
+    def gone(self, frame: int) -> NDArray[np.bool_] | None:
+        """Which triangles of all meshes are not there; None where all always are."""
+        moment = Moment(self._stage, frame)
+        each = [mesh.gone(moment) if isinstance(mesh, MeshPrim) else None for mesh in self.meshes]
+        if all(gone is None for gone in each):
+            return None
+        pairs = zip(self.meshes, each, strict=True)
+        return np.concatenate([np.zeros(len(m.surface.triangles), bool) if g is None else g for m, g in pairs])
+
     def heights(self, frame: int) -> tuple[float, float]:
         """Of the ground and the water; minus infinity without one."""
         moment = Moment(self._stage, frame)

@@ -32,7 +32,7 @@ class SmoothSurface:
     def __init__(self, mesh: PolygonMesh, creased: bool = False):
         corner_vertices, self._source, sharp = cut_at_creases(mesh) if creased else leave_whole(mesh)
         self._mesh = replace(mesh, points=mesh.points[self._source], face_vertex_indices=corner_vertices)
-        self.triangles, _ = triangulate(self._mesh)
+        self.triangles, self._faces = triangulate(self._mesh)
         corner_numbers = np.arange(len(corner_vertices), dtype=np.int32)
         self._corners = triangulate(replace(self._mesh, face_vertex_indices=corner_numbers))[0]
         self._edges: list[NDArray[np.int32]] = []
@@ -46,6 +46,10 @@ class SmoothSurface:
             self.vertex_count += len(edges)
             self._edges.append(edges)
             self._straight.append(straight)
+
+    def triangles_of(self, faces: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which of its triangles are of these faces of the mesh, shape (face_count,)."""
+        return np.repeat(faces[self._faces], 4 ** len(self._edges))
 
     def spread(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values at the corners of the mesh's faces, shape (corner_count, k), at those of the triangles, three each.

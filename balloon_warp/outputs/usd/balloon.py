@@ -1,4 +1,5 @@
-"""A balloon in the stage: a polygon mesh of fixed topology."""
+"""A balloon in the stage: a polygon mesh of fixed topology. Where it may burst, the corners of its faces are written
+anew in each frame: those of a torn face are all at one of its vertices, so that there are as many faces as ever."""
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
@@ -45,6 +46,7 @@ class BalloonPrim:
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
         define_deformable(self.prim, self.mesh, float(model.parameters["mass"].numpy()[0, number]))
         self.prim.CreateVelocitiesAttr()
+        self._may_burst = model.scene.balloon[number].material.strength is not None
         self._layer = stage.GetRootLayer()
         self._measures = {
             name: self.prim.GetPrim().CreateAttribute(f"userProperties:{name}", Sdf.ValueTypeNames.Double, custom=True)
@@ -54,6 +56,9 @@ class BalloonPrim:
     def write(self, frame: Frame) -> None:
         points = Vt.Vec3fArray.FromNumpy(frame.points[self.number])
         self.prim.GetPointsAttr().Set(points, frame.number)
+        if self._may_burst:
+            corners = Vt.IntArray.FromNumpy(frame.corners(self.number))
+            self.prim.GetFaceVertexIndicesAttr().Set(corners, frame.number)
         self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(points), frame.number)
         for name, value in self._measure(frame).items():
             self._measures[name].Set(value, frame.number)

@@ -1,18 +1,21 @@
 """What a balloon is made of."""
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.laws.membrane import MOST_STRETCH
+from balloon_warp.kernels.laws.tearing import NEVER
 from balloon_warp.scene.pinned import weighed_by
 from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema.fields import NonNegative, Positive, Rule, Table, Vector, optional_field_of
 
 Kind = Literal["springs", "neo_hookean", "mooney_rivlin", "ogden", "gent"]
 SpringsBeside = Literal["structural", "shear", "flexion"]
-OF_ALL = ("thickness", "density", "wrinkling", "most_stretch", "viscosity", "springs", "weights")
+SOFTENING = ("softening", "softening_energy", "softening_share")
+TEARING = ("strength", "tear_strength", "branching_stress", "tear_speed", "needle_time")
+OF_ALL = ("thickness", "density", "wrinkling", "most_stretch", "viscosity", "springs", "weights", *SOFTENING, *TEARING)
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "springs": (),
     "neo_hookean": (*OF_ALL, "shear_modulus"),
@@ -50,6 +53,27 @@ class Material(Table):
     most_stretch: float | None = optional_field_of("most_stretch")
     viscosity: NonNegative = 0.0
     """damping of the material's own, against any change of its shape [Pa s]"""
+    softening: Annotated[float, Field(ge=0.0, le=0.95)] | None = None
+    """rubber's hysteresis (Mullins): the most of its pull that it loses where it has been stretched further before, so
+    that it takes less pressure to hold a balloon as it deflates than as it was inflated; Ogden and Roxburgh's 1 / r"""
+    softening_energy: Positive = 1.0e5
+    """of `softening`: how far the energy density is below the greatest that there was when most of that is lost [Pa];
+    their m"""
+    softening_share: Annotated[float, Field(ge=0.0, le=10.0)] = 0.3
+    """of `softening`: this part of the greatest energy density is added to `softening_energy`; the greater, the slower
+    it gives way, and the longer the stable step"""
+    strength: Positive | None = None
+    """the true stress at which it tears and the balloon bursts, force over what is left of the section [Pa]; when
+    missing, it never does"""
+    tear_strength: Positive | None = None
+    """of `strength`: the stress at the tip of a tear that it needs to run on [Pa]; a tenth of it when missing"""
+    branching_stress: Positive | None = None
+    """of `strength`: a balloon that bursts at a higher stress does not open along one tear, but in pieces [Pa]; half of
+    it when missing"""
+    tear_speed: Positive | None = None
+    """of `strength`: of a tear, as on the unstretched skin [m/s]; when missing, that of waves on its surface"""
+    needle_time: NonNegative = NEVER
+    """of `strength`: when a needle pierces it, where it is stretched most [s]; 1e9, never, when missing"""
     springs: list[SpringsBeside] = []
     """kinds of springs that it has beside, such as "flexion" against bending"""
     weights: list[Positive] | dict[str, Positive] | Rule | None = None
@@ -69,8 +93,9 @@ class Material(Table):
 
     @property
     def own_fields(self) -> tuple[str, ...]:
-        """the fields that its kind has"""
-        return FIELDS_OF_KINDS[self.law]
+        """the fields that its kind has, without what it does not do"""
+        absent = (*(SOFTENING if self.softening is None else ()), *(TEARING if self.strength is None else ()))
+        return tuple(field for field in FIELDS_OF_KINDS[self.law] if field not in absent)
 
     def value(self, field: str) -> Any:
         """What it is: as said, or as its preset has it; None where neither says it."""
@@ -90,11 +115,17 @@ class Material(Table):
     @model_validator(mode="after")
     def _fields_of_its_kind(self) -> Self:
         for field, info in type(self).model_fields.items():
-            if field in ("preset", "kind", *self.own_fields) or getattr(self, field) == info.default:
+            if field in ("preset", "kind", *FIELDS_OF_KINDS[self.law]) or getattr(self, field) == info.default:
                 continue
             kinds = " or ".join(f'"{kind}"' for kind, fields in FIELDS_OF_KINDS.items() if field in fields)
             needed = 'a preset, or a kind such as "neo_hookean"' if field in OF_ALL else f"kind = {kinds}"
             raise ValueError(f'{field}: needs {needed} (got kind = "{self.law}")')
+        for (first, *others), what in ((SOFTENING, "the most of its pull that it loses"), (TEARING, "where it tears")):
+            for field in others:
+                if getattr(self, first) is None and getattr(self, field) != type(self).model_fields[field].default:
+                    raise ValueError(f"{field}: needs `{first}`, {what}")
+        if self.strength is not None and (self.springs):
+            raise ValueError("springs: would hold a tear together; expected none beside, or no strength")
         return self
 
     @model_validator(mode="after")

@@ -1,0 +1,46 @@
+"""Balloons that may burst: what the scene leaves open of their tears, and what they cannot be joined with yet."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws.tearing import BRANCHING, RAYLEIGH, TEARING
+from balloon_warp.scene import Scene
+
+Values = NDArray[np.float64]
+
+
+def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Values]:
+    """The stresses at which tears run on and branch, and how fast they run, where the scene does not say them.
+
+    Raises:
+        InputError: a balloon that may burst has something that would not burst with it.
+    """
+    _require_bursting_alone(scene)
+    strength, density = parameters["strength"], parameters["initial_density"]
+    shear = parameters["shear_modulus"]
+    of_terms = 0.5 * (parameters["ogden_moduli"] * parameters["ogden_exponents"]).sum(axis=-1)
+    is_ogden = np.array([balloon.material.law == "ogden" for balloon in scene.balloon])
+    speed = RAYLEIGH * np.sqrt(np.where(is_ogden, of_terms, shear) / density)
+    automatic = {"tear_strength": TEARING * strength, "branching_stress": BRANCHING * strength, "tear_speed": speed}
+    return {name: np.where(np.isnan(parameters[name]), values, parameters[name]) for name, values in automatic.items()}
+
+
+def _require_bursting_alone(scene: Scene) -> None:
+    may_burst = {number for number, balloon in enumerate(scene.balloon) if balloon.material.strength is not None}
+    for number in may_burst:
+        balloon = scene.balloon[number]
+        named = f"balloon.{number}.material.strength: a balloon that may burst"
+        if balloon.stiffness.torsion:
+            raise InputError(f"{named} has no torsion springs, which hold tears together (got stiffness.torsion)")
+        if balloon.inflation.kind == "normal_force":
+            raise InputError(f'{named} needs a pressure or gas (got inflation.kind = "normal_force")')
+    for number, tube in enumerate(scene.tube):
+        if joined := may_burst & set(tube.balloons):
+            raise InputError(f"tube.{number}: joins balloon {min(joined)}, which may burst; expected one or the other")
+    if may_burst and scene.touches:
+        raise InputError("touch: balloons that may burst, material.strength, touch none; expected one or the other")
+    if may_burst and scene.water:
+        raise InputError("water: balloons that may burst, material.strength, do not float; expected one or the other")

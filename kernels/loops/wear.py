@@ -1,0 +1,71 @@
+"""Membranes that soften as they are stretched, or tear: what is left of the tension of a triangle, and its stress."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws
+from balloon_warp.kernels.laws.softening import softened
+from balloon_warp.kernels.laws.tearing import true_stress
+from balloon_warp.kernels.laws.tension_field import LEAST_DET, invariants_of, is_taut, mixed_stretch, relaxed
+from balloon_warp.kernels.loops.membranes import material_reader
+from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def wear_function(traits: Traits) -> Any:
+    """The function that finds what is left of a triangle's tension, the greatest energy density that it ever had, of
+    that until now, and its larger true stress."""
+    energy_of_law = choice_of_energies(traits.membranes, traits.columns)
+    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
+    material_of = material_reader(traits)
+    wrinkling = traits.columns.places["wrinkling"]
+
+    @wp.func
+    def wear(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, peak: float, n: Any):
+        """Of 1, [Pa] and [Pa]."""
+        corners = t.membranes.corners[triangle]
+        balloon = t.particles.balloon[corners[0]]
+        material = material_of(t.membranes, balloon)
+        d1 = points[corners[1]] - points[corners[0]]
+        d2 = points[corners[2]] - points[corners[0]]
+        metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
+        trace, area_squared, spread = invariants_of(mixed_stretch(metric, t.membranes.corner_rests[triangle]))
+        det = wp.max(area_squared, LEAST_DET)
+        major = 0.5 * (trace + spread)
+        stretched = wp.max(major, 1.0)
+        stretch = wp.sqrt(stretched)
+        across = 1.0 / stretch
+        wrinkles = n[wrinkling]
+        taut = is_taut(det, stretch, wrinkles)
+        law_trace = wp.where(taut, trace, stretched + across)
+        law_det = wp.where(taut, det, stretch)
+        law_spread = wp.where(taut, spread, stretched - across)
+        left = float(1.0)
+        greatest = float(0.0)
+        stress = float(0.0)
+        if wp.static(traits.softens):
+            energy = wp.max(energy_of_law(law_trace, law_det, law_spread, material, n), 0.0)
+            greatest = wp.max(peak, energy)
+            table = t.membranes.wear
+            left = softened(
+                energy, greatest,
+                of_balloon(table.softening, world, balloon),
+                of_balloon(table.softening_energy, world, balloon),
+                of_balloon(table.softening_share, world, balloon),
+            )  # fmt: skip
+        if wp.static(traits.bursts):
+            by_trace, by_det = slopes_of_law(law_trace, law_det, law_spread, material, n, 0)
+            by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
+            stress = left * true_stress(by_trace, by_det, major, major - spread)
+        return left, greatest, stress
+
+    return wear
+
+
+@wp.func
+def of_balloon(values: wp.array2d[float], world: wp.int32, balloon: wp.int32):
+    """A balloon's parameter in a world."""
+    return values[row_of_world(world, values.shape[0]), balloon]

@@ -1,0 +1,260 @@
+"""Balloons that burst: when, how tears run, and what stays of momentum and energy."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from conserved import put
+from meshes import mesh_of, prism, quad_sphere
+from numpy.typing import NDArray
+from rubber_theory import ENERGIES, MATERIALS, MU, principal_stretches, slope, sphere_pressure
+from test_membranes import AIR, BALL, DENSITY, THICKNESS, amount_at, stretched, volumes
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.model import plan_model
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Touch, Tube, Water
+from balloon_warp.schedules.choose import LAUNCHED
+from balloon_warp.schedules.tears import neighbors_of
+from balloon_warp.simulator import Simulator
+
+NEO = ENERGIES["neo_hookean"]
+GAS = Inflation(kind="gas", start_pressure=0.0)
+each_schedule = pytest.mark.parametrize("schedule", LAUNCHED)
+
+
+def scene_of(mesh: PolygonMesh = BALL, damping: float = 0.0, rate: float = 2000.0, **material: Any) -> Scene:
+    made = {"thickness": THICKNESS, "density": DENSITY, "strength": 1.0e7, "most_stretch": 4.0, **material}
+    own = MATERIALS["neo_hookean"].model_copy(update=made)
+    balloon = Balloon(mesh=mesh, material=own, inflation=GAS, damping=damping)
+    return Scene(balloon=[balloon], gravity=0.0, frames_per_second=rate)
+
+
+def filled(scene: Scene, stretch: float, device: str = "cpu", schedule: str = "auto") -> Simulator:
+    """At rest with the gas that holds it so."""
+    mesh = scene.balloon[0].mesh
+    pressure = sphere_pressure(NEO, mesh, THICKNESS, np.array(stretch))
+    amount = [float(amount_at(mesh, pressure, stretch))]
+    simulator = Simulator(scene, device, 1, {"balloon.inflation.amount": amount}, schedule=schedule)
+    stretched(simulator, stretch)
+    return simulator
+
+
+def torn(simulator: Simulator) -> NDArray[np.bool_]:
+    return np.array(simulator.state.torn.numpy()[0] >= 0.0)
+
+
+def masses(simulator: Simulator) -> NDArray[np.float64]:
+    mass = float(simulator.model.parameters["mass"].numpy()[0, 0])
+    return mass * np.asarray(simulator.model.particle_mass_share.numpy(), dtype=np.float64)
+
+
+def momentum(simulator: Simulator) -> NDArray[np.float64]:
+    return masses(simulator) @ simulator.state.velocities.numpy()[0].astype(np.float64)
+
+
+def energy(simulator: Simulator) -> float:
+    """Of motion, and of the triangles of faces that are whole [J]."""
+    shape = simulator.model.shapes[0].membrane
+    points, speeds = (each.numpy()[0].astype(np.float64) for each in (simulator.state.points,
+                                                                     simulator.state.velocities))  # fmt: skip
+    edges = points[shape.corners[:, 1:]] - points[shape.corners[:, :1]]
+    first, second = principal_stretches(shape.edges, edges)
+    first = np.maximum(first, 1.0)
+    stored = shape.areas * THICKNESS * NEO(first, np.maximum(second, first**-0.5))
+    whole = ~torn(simulator)[shape.faces]
+    return float(0.5 * masses(simulator) @ (speeds**2).sum(axis=1) + stored[whole].sum())
+
+
+@each_schedule
+def test_it_bursts_at_the_analytic_pressure(schedule: str, device: str):
+    """Gas is pumped until the true stress l W' / 2 is the strength. Of neo-Hookean rubber that is mu (l^2 - l^-4). The
+    ball's flattest faces bear 1 % more than its mean, and the pressure falls by as much as the stress rises, half."""
+    strength = 1.5e6
+    stretches = np.linspace(1.5, 3.0, 20001)
+    at = float(np.interp(strength, 0.5 * stretches * slope(NEO, stretches), stretches))
+    assert strength == pytest.approx(MU * (at**2 - at**-4), rel=1e-4)
+    begin = float(amount_at(BALL, sphere_pressure(NEO, BALL, THICKNESS, np.array(1.8)), 1.8))
+    pump = Inflation(kind="gas", amount=begin, pump=0.5)
+    scene = scene_of(strength=strength, damping=3.0, rate=500.0)
+    scene = scene.model_copy(update={"balloon": [scene.balloon[0].model_copy(update={"inflation": pump})]})
+    simulator = Simulator(scene, device, schedule=schedule)
+    stretched(simulator, 1.8)
+    before = (0.0, 0.0)
+    while not torn(simulator).any():
+        before = float(simulator.state.pressures.numpy()[0, 0]), float(volumes(simulator)[0])
+        simulator.step()
+        assert simulator.frame_number < 300
+    expected = float(sphere_pressure(NEO, BALL, THICKNESS, np.array(at)))
+    assert before[0] == pytest.approx(expected, rel=0.02)
+    assert (before[1] / signed_volume(BALL)) ** (1.0 / 3.0) == pytest.approx(at, rel=0.01)
+    burst = simulator.state.bursts.numpy()[0, 0]
+    assert simulator.frame_number - 1 <= 500.0 * burst[0] <= simulator.frame_number
+    assert burst[3] == pytest.approx(strength, rel=0.01)
+
+
+@each_schedule
+def test_one_tear_opens_it_at_low_tension(schedule: str, device: str):
+    """A needle at a stretch of 2. Faces that tear are a line: each has two torn neighbors at most, and its
+    ends one. The gas leaves; what is left keeps its momentum and gains no energy."""
+    scene = scene_of(needle_time=1e-3, branching_stress=1e9, tear_strength=1e6)
+    simulator = filled(scene, 2.0, device, schedule)
+    simulator.step()
+    before = energy(simulator)
+    gas = float(simulator.state.pressures.numpy()[0, 0]) * volumes(simulator)[0]
+    energies, momenta, pressures, gone = [], [], [], torn(simulator)
+    for _ in range(30):
+        simulator.step()
+        if len(energies) < 14:  # until both ends meet
+            gone = torn(simulator)
+        energies.append(energy(simulator))
+        momenta.append(momentum(simulator))
+        pressures.append(float(simulator.state.pressures.numpy()[0, 0]))
+    pairs = neighbors_of(BALL)
+    beside = np.bincount(pairs[gone[pairs].all(axis=1), 0], minlength=len(gone))
+    assert 8 <= gone.sum() < 24
+    assert beside[gone].max() <= 2
+    assert beside[gone].min() == 1
+    assert (np.diff(pressures) <= 0.0).all()
+    assert pressures[-1] == 0.0
+    free = int(np.argmax(np.array(pressures) == 0.0))
+    size = masses(simulator).sum() * np.abs(simulator.state.velocities.numpy()).max()
+    last = np.broadcast_to(momenta[free], np.shape(momenta[free:]))
+    np.testing.assert_allclose(momenta[free:], last, atol=1e-4 * size)
+    assert max(energies) < before + gas  # and what the gas has given
+    assert energies[-1] < before
+    assert float(simulator.state.gas_amounts.numpy()[0, 0]) == 0.0
+    assert all(np.isfinite(array.numpy()).all() for array in vars(simulator.state).values())
+
+
+def test_tears_run_no_faster_than_they_may(device: str):
+    """The way from face to face on the unstretched skin takes its time, and so twice the speed tears twice as much."""
+    counts = []
+    for speed in (8.0, 16.0):
+        scene = scene_of(quad_sphere(16, 0.1), needle_time=5e-4, branching_stress=1e9, tear_speed=speed)
+        simulator = filled(scene, 2.2, device)
+        for _ in range(10):
+            simulator.step()
+        counts.append(int(torn(simulator).sum()))
+        length = 0.5 * np.pi * 0.1 / 16.0  # of a face, on average
+        assert counts[-1] <= 1 + 2 * (simulator.frame_number / 2000.0 * speed / (0.75 * length) + 1)
+    assert 1.5 * counts[0] < counts[1] < 2.5 * counts[0]
+
+
+def test_it_bursts_to_pieces_above_a_stress(device: str):
+    """At twice the tension, in one piece or in several: those that faces hold together by their edges."""
+    pieces = []
+    for stress in (1e9, 1e6):
+        simulator = filled(scene_of(quad_sphere(12, 0.1), needle_time=5e-4, branching_stress=stress), 3.0, device)
+        for _ in range(40):
+            simulator.step()
+        gone = torn(simulator)
+        pairs = neighbors_of(simulator.model.shapes[0].mesh)
+        pieces.append(_pieces(len(gone), pairs[~gone[pairs].any(axis=1)], ~gone))
+    assert pieces[0] <= 2
+    assert pieces[1] >= 5
+
+
+def _pieces(count: int, pairs: NDArray[np.int64], whole: NDArray[np.bool_]) -> int:
+    """Of at least four faces."""
+    names = np.arange(count)
+    while True:
+        least = names.copy()
+        np.minimum.at(least, pairs[:, 0], names[pairs[:, 1]])
+        if (least == names).all():
+            return int((np.bincount(names[whole], minlength=count) >= 4).sum())
+        names = least
+
+
+def test_a_burst_world_goes_on_beside_others(device: str):
+    """A needle for one of three worlds; those that stay whole are as without, and the batch is not blown up."""
+    times = {"balloon.material.needle_time": [1e9, 1e-3, 4e-3]}
+    simulator = Simulator(scene_of(prism(7), strength=1e9).model_copy(update={"frames_per_second": 1000.0}), device, 3,
+                          times)  # fmt: skip
+    start = simulator.state.points.numpy()[0].copy()
+    put(simulator, 1.5 * start)
+    simulator.step()
+    for _ in range(8):
+        simulator.step()
+    holes = (simulator.state.torn.numpy() >= 0.0).sum(axis=1)
+    assert holes[0] == 0 < holes[2] <= holes[1]
+    bursts = simulator.state.bursts.numpy()[:, 0, 0]
+    np.testing.assert_allclose(bursts[1:], [1e-3, 4e-3], atol=2e-4)
+    assert bursts[0] < 0.0
+    assert np.isfinite(simulator.state.points.numpy()).all()
+
+
+def test_it_goes_on_bit_for_bit(device: str):
+    scene = scene_of(quad_sphere(5, 0.1), needle_time=1e-3)
+    one = filled(scene, 2.5, device)
+    for _ in range(6):
+        one.step()
+    assert torn(one).any()
+    saved = {name: array.numpy().copy() for name, array in vars(one.state).items()}
+    other = filled(scene, 2.5, device)
+    other.restore(saved)
+    for simulator in (one, other):
+        for _ in range(4):
+            simulator.step()
+    for name, array in vars(one.state).items():
+        np.testing.assert_array_equal(array.numpy(), getattr(other.state, name).numpy(), err_msg=name)
+
+
+def test_schedules_agree(device: str):
+    """On a ball without symmetry, where no two faces bear alike."""
+    ball = quad_sphere(5, 0.1)
+    shaken = ball.points * (1.0, 1.07, 1.15) + np.random.default_rng(1).normal(scale=0.002, size=ball.points.shape)
+    ball = mesh_of(shaken, ball.face_vertex_indices.reshape(-1, 4).tolist())
+    results = []
+    for schedule in LAUNCHED:
+        simulator = filled(scene_of(ball, needle_time=1e-3, branching_stress=1e9), 2.5, device, schedule)
+        for _ in range(6):
+            simulator.step()
+        results.append((torn(simulator), simulator.state.points.numpy()[0]))
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-3)
+    assert results[0][0].sum() > 2
+
+
+def test_gas_leaves_as_through_an_orifice():
+    """The root of the pressure falls by gamma p C A root(2 / rho) / 2 V in each second."""
+    simulator = filled(scene_of(quad_sphere(12, 0.1), needle_time=0.0, tear_strength=1e9), 2.0)
+    mesh, volume = simulator.model.shapes[0].mesh, volumes(simulator)[0]
+    pressure = float(sphere_pressure(NEO, mesh, THICKNESS, np.array(2.0)))
+    simulator.state.pressures.fill_(pressure)
+    for _ in range(3):
+        simulator.step()
+    hole, burst = simulator.state.hole_areas.numpy()[0, 0] / 1e12, simulator.state.bursts.numpy()[0, 0]
+    assert torn(simulator).sum() == 1
+    rate = 0.5 * 1.4 * (AIR + pressure) / volume * 0.6 * np.sqrt(2.0 / 1.204)
+    seconds = 3.0 / 2000.0
+    assert burst[1] == pytest.approx(np.sqrt(pressure) - rate * hole * seconds, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("material", "fields", "sentence"),
+    [
+        ({"strength": 0.0}, {}, "material.strength: must be greater than"),
+        ({"tear_speed": 3.0, "strength": None}, {}, "material.tear_speed: needs `strength`"),
+        ({"springs": ["flexion"]}, {}, "springs: would hold a tear together"),
+        ({}, {"touch": Touch(itself=True)}, "touch: balloons that may burst"),
+        ({}, {"water": Water()}, "water: balloons that may burst"),
+        ({}, {"tube": [Tube(balloons=(0, 0), conductance=1e-6)]}, "tube"),
+    ],
+)
+def test_what_does_not_go_with_it_gets_a_sentence(material: dict[str, Any], fields: dict[str, Any], sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        _planned(material, fields)
+
+
+def _planned(material: dict[str, Any], fields: dict[str, Any]) -> None:
+    made = {"kind": "neo_hookean", "strength": 1e7, **material}
+    given = {name: value for name, value in made.items() if value is not None}
+    plan_model(Scene(balloon=[Balloon(mesh=BALL, material=given, inflation=GAS)], ground=Ground(), **fields))
+
+
+def test_schedules_that_cannot_say_so(device: str):
+    for schedule in ("block", "lanes", "octets"):
+        with pytest.raises(InputError, match=f"--schedule {schedule}: cannot let balloons burst; auto, scatter and"):
+            Simulator(scene_of(), device, schedule=schedule)

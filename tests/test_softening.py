@@ -1,0 +1,215 @@
+"""Rubber's hysteresis: it takes less pressure to hold a balloon as it deflates than as it was inflated."""
+
+from math import erf
+from typing import Any
+
+import numpy as np
+import pytest
+from conserved import put
+from meshes import grid, quad_sphere
+from numpy.typing import NDArray
+from rubber_theory import ENERGIES, MATERIALS, principal_stretches, sphere_pressure
+from test_membranes import BALL, DENSITY, THICKNESS, each_law, stretched
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.model import plan_model
+from balloon_warp.scene import Balloon, Inflation, Material, Scene
+from balloon_warp.schedules.choose import LAUNCHED
+from balloon_warp.schedules.readout import ForceReader
+from balloon_warp.simulator import Simulator
+
+SOFT = {"softening": 0.5, "softening_energy": 2.0e5, "softening_share": 0.2}
+GAS, STILL = Inflation(kind="gas", start_pressure=0.0), Inflation(kind="pressure", pressure=0.0)
+each_schedule = pytest.mark.parametrize("schedule", LAUNCHED)
+
+
+def left(energy: Any, peak: Any) -> NDArray[np.float64]:
+    """Of the stress, by Ogden and Roxburgh's formula, written apart from the simulation."""
+    over = (np.asarray(peak) - energy) / (SOFT["softening_energy"] + SOFT["softening_share"] * np.asarray(peak))
+    return 1.0 - SOFT["softening"] * np.vectorize(erf)(over)
+
+
+def scene_of(kind: str, mesh: PolygonMesh = BALL, damping: float = 6.0, **fields: Any) -> Scene:
+    material = MATERIALS[kind].model_copy(update={"thickness": THICKNESS, "density": DENSITY, **SOFT})
+    inflation = fields.pop("inflation", GAS)
+    return Scene(balloon=[Balloon(mesh=mesh, material=material, inflation=inflation, damping=damping)], gravity=0.0)
+
+
+@each_law
+@each_schedule
+def test_inflated_and_deflated_the_pressure_is_the_analytic_one(kind: str, schedule: str, device: str):
+    """Of the forces themselves, of worlds stretched alike: by virtual work the pressure is -F . x / 3 V. On the way up
+    it is that of the law, and on the way down from a stretch of 5 less."""
+    energy, stretches, most = ENERGIES[kind], np.linspace(1.05, 4.9, 40), 5.0
+    simulator = Simulator(scene_of(kind, inflation=STILL), device, len(stretches), schedule=schedule)
+    start, reader = simulator.state.points.numpy().copy(), ForceReader(simulator.model)
+
+    def pressures(stretches: NDArray) -> NDArray[np.float64]:
+        put(simulator, start * stretches.reshape(-1, 1, 1))
+        simulator.schedule.pieces.wear(simulator.state, 0.0, simulator.state.points)  # type: ignore[attr-defined]
+        reader.refresh(simulator.state)
+        points, forces = (each.numpy().astype(np.float64) for each in (simulator.state.points,
+                                                                      reader.net_forces(simulator.state)))  # fmt: skip
+        return -(forces * points).sum(axis=(1, 2)) / (3.0 * signed_volume(BALL) * stretches**3)
+
+    up = sphere_pressure(energy, BALL, THICKNESS, stretches)
+    np.testing.assert_allclose(pressures(stretches), up, rtol=0.005)
+    pressures(np.full(len(stretches), most))
+    down = up * left(energy(stretches, stretches), energy(np.array(most), np.array(most)))
+    np.testing.assert_allclose(pressures(stretches), down, rtol=0.005)
+    assert (down[:30] < 0.9 * up[:30]).all()
+
+
+@each_schedule
+def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(schedule: str, device: str):
+    """Of the forces on a sheet that is stretched and let back: the work of the way up less that of the way down, by
+    Ogden and Roxburgh's formula, and then up and down again where it is soft already."""
+    sheet = grid(3, 3)
+    simulator = Simulator(scene_of("neo_hookean", sheet, 0.0, inflation=STILL), device,
+                          schedule=schedule)  # fmt: skip
+    energy, steps = ENERGIES["neo_hookean"], np.linspace(1.0, 2.5, 151)
+    points, reader = simulator.state.points.numpy()[0].copy(), ForceReader(simulator.model)
+
+    def pull(stretch: float) -> float:
+        """-F . dx / d stretch [J]; what was seen is kept as a substep keeps it."""
+        put(simulator, points * stretch)
+        simulator.schedule.pieces.wear(simulator.state, 0.0, simulator.state.points)  # type: ignore[attr-defined]
+        reader.refresh(simulator.state)
+        return -float((reader.net_forces(simulator.state).numpy()[0].astype(np.float64) * points).sum())
+
+    def work(way: NDArray) -> float:
+        pulls = np.array([pull(stretch) for stretch in way])
+        return float((0.5 * (pulls[1:] + pulls[:-1]) * np.diff(way)).sum())
+
+    volume = float(simulator.model.shapes[0].membrane.areas.sum()) * THICKNESS
+    up, down, again = work(steps), work(steps[::-1]), work(steps)
+    stored = energy(steps, steps)
+    lost = volume * float((0.5 * ((1.0 - left(stored, stored[-1]))[1:] + (1.0 - left(stored, stored[-1]))[:-1])
+                           * np.diff(stored)).sum())  # fmt: skip
+    assert up == pytest.approx(volume * stored[-1], rel=1e-3)
+    assert up + down == pytest.approx(lost, rel=2e-3)
+    assert again == pytest.approx(-down, rel=1e-4)
+    assert lost > 0.2 * up
+
+
+def test_energy_is_only_lost(device: str):
+    """A ball that is let go swings without damping: motion, and what can still be had of the rubber. Peaks only rise.
+    Steps are a 24th of what is stable, for symplectic Euler lets energy swing: four times as much in four times the
+    step."""
+    scene = scene_of("neo_hookean", quad_sphere(2, 0.1), 0.0, inflation=STILL)
+    scene = scene.model_copy(update={"frames_per_second": 600.0})
+    scene = scene.model_copy(update={"substeps": 24 * plan_model(scene).substeps})
+    simulator = Simulator(scene, device, schedule="scatter")
+    stretched(simulator, 1.5)
+    model, energies, peaks = simulator.model, [], []
+    masses = np.asarray(model.parameters["mass"].numpy())[0, 0] * np.asarray(model.particle_mass_share.numpy())
+    for _ in range(16):
+        simulator.step()
+        speeds = (simulator.state.velocities.numpy()[0].astype(np.float64) ** 2).sum(axis=1)
+        energies.append(float((0.5 * masses * speeds).sum()) + recoverable(simulator))
+        peaks.append(simulator.state.peaks.numpy()[0].copy())
+    assert (np.diff(peaks, axis=0) >= 0.0).all()
+    assert (np.maximum.accumulate(energies[::-1])[::-1] - energies).max() < 0.015 * energies[0]  # nothing comes back
+    assert energies[-1] < 0.99 * energies[0]
+
+
+def recoverable(simulator: Simulator) -> float:
+    """What the rubber still has to give [J]: the integral of eta dW up to what it has."""
+    shape, peaks = simulator.model.shapes[0].membrane, simulator.state.peaks.numpy()[0].astype(np.float64)
+    points = simulator.state.points.numpy()[0].astype(np.float64)
+    edges = points[shape.corners[:, 1:]] - points[shape.corners[:, :1]]
+    first, second = principal_stretches(shape.edges, edges)
+    first = np.maximum(first, 1.0)
+    stored = ENERGIES["neo_hookean"](first, np.maximum(second, first**-0.5))
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    part = sum(0.5 * w * left(0.5 * (n + 1.0) * stored, peaks) for n, w in zip(nodes, weights, strict=True))
+    return float((shape.areas * THICKNESS * stored * part).sum())
+
+
+def test_the_step_is_stable_where_it_begins_to_give_way(device: str):
+    """A balloon of sharp hysteresis swings through its greatest stretches, in the step that "auto" takes, which is
+    shorter than without."""
+    sharp = {"softening": 0.9, "softening_energy": 3.0e4, "softening_share": 0.0, "most_stretch": 2.5}
+    scenes = [scene_of("neo_hookean", quad_sphere(4, 0.1), 0.0) for _ in range(2)]
+    materials = [scenes[0].balloon[0].material.model_copy(update=each) for each in (sharp, {"softening": 0.0})]
+    scenes = [
+        scene.model_copy(update={"balloon": [scene.balloon[0].model_copy(update={"material": material})]})
+        for scene, material in zip(scenes, materials, strict=True)
+    ]
+    substeps = [plan_model(scene).substeps for scene in scenes]
+    assert substeps[0] > 1.5 * substeps[1]
+    simulator = Simulator(scenes[0], device)
+    random = np.random.default_rng(0)
+    points = simulator.state.points.numpy()[0]
+    put(simulator, 2.0 * points + random.normal(scale=0.003, size=points.shape))
+    for _ in range(10):
+        simulator.step()
+    reach = np.linalg.norm(simulator.state.points.numpy()[0], axis=1).max()
+    assert reach < 0.21
+    assert np.abs(simulator.state.velocities.numpy()).max() < 60.0
+
+
+def test_schedules_agree_and_worlds_differ(device: str):
+    results = []
+    for schedule in LAUNCHED:
+        simulator = Simulator(
+            scene_of("gent", quad_sphere(3, 0.1)), device, 2, {"balloon.material.softening": [0.0, 0.5]},
+            schedule=schedule,
+        )  # fmt: skip
+        stretched(simulator, 1.6)
+        for _ in range(2):
+            simulator.step()
+        results.append((simulator.state.points.numpy(), simulator.state.peaks.numpy()))
+    (points, peaks), (others, other_peaks) = results
+    np.testing.assert_allclose(points, others, atol=2e-5)
+    np.testing.assert_allclose(peaks, other_peaks, rtol=1e-3, atol=1e2)
+    assert np.abs(points[0] - points[1]).max() > 3e-4
+
+
+def test_it_goes_on_bit_for_bit(device: str):
+    """From what was saved, with the peaks."""
+    scene = scene_of("mooney_rivlin", quad_sphere(3, 0.1))
+    one = Simulator(scene, device)
+    stretched(one, 1.6)
+    one.step()
+    saved = {name: array.numpy().copy() for name, array in vars(one.state).items()}
+    assert saved["peaks"].max() > 1e4
+    other = Simulator(scene, device)
+    other.restore(saved)
+    for simulator in (one, other):
+        for _ in range(2):
+            simulator.step()
+    for name, array in vars(one.state).items():
+        np.testing.assert_array_equal(array.numpy(), getattr(other.state, name).numpy(), err_msg=name)
+
+
+def test_what_does_not_soften_costs_nothing():
+    plain = Scene(balloon=[Balloon(mesh=BALL, material=Material(preset="latex"), inflation=GAS)])
+    assert Simulator(plain, "cpu").state.peaks.size == 0
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"softening": 1.2}, r"material.softening: must be less than or equal to 0.95 \(got 1.2\)"),
+        ({"softening": -0.1}, r"material.softening: must be greater than or equal to 0 \(got -0.1\)"),
+        ({"softening_energy": 3e4}, "material.softening_energy: needs `softening`"),
+        ({"softening": 0.3, "softening_energy": 0.0}, "material.softening_energy: must be greater than"),
+        ({"kind": "springs", "softening": 0.3, "preset": None}, "material.softening: needs a preset, or a kind"),
+    ],
+)
+def test_bad_input_gets_a_sentence(fields: dict[str, Any], sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        Balloon(mesh=BALL, material={"preset": "latex", **fields})
+
+
+def test_schedules_that_cannot_say_so(device: str):
+    for schedule in ("block", "lanes", "octets"):
+        with pytest.raises(InputError, match=f"--schedule {schedule}: cannot let rubber soften; auto, scatter and"):
+            Simulator(scene_of("gent"), device, schedule=schedule)
+    plain = Scene(balloon=[Balloon(mesh=BALL, material=Material(preset="latex"), inflation=GAS)])
+    with pytest.raises(InputError, match=r"balloon\.material\.softening: cannot differ between worlds"):
+        plan_model(plain, 2, {"balloon.material.softening": [0.0, 0.3]})
+    assert Simulator(scene_of("gent"), device).schedule.name == "gather"
