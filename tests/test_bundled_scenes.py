@@ -264,3 +264,22 @@ def test_scenes_do_not_flutter(name: str):
 def test_none_ends_badly(name: str):
     model, frames = played(name)
     assert bad_endings(model, frames[-1]) == []
+
+
+def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
+    """At the mean wind of its height, 1.7 m/s, a balloon's drag, C_d = 4/3 C_n + 8/3 C_t, is 0.66 of its lift; gusts
+    and the swing that they begin do what is left, an eighth. Strings are taut, and no balloon is in another."""
+    model, frames = played("bunch_in_wind")
+    centers = np.array([[points.mean(axis=0) for points in frame.points] for frame in frames[50:]])
+    aside = np.linalg.norm(centers[..., [0, 2]], axis=2)
+    leans = aside / centers[..., 1]
+    balloon = shape_at(model, frames[-1])
+    volume, radius = signed_volume(balloon), np.ptp(balloon.points[:, 1]) / 2.0
+    lift = (1.204 * volume - 0.003 - frames[-1].gas_amounts[0] * 0.0040026) * 9.81
+    wind = np.hypot(1.7, 0.5) * (centers[..., 1].mean() / 1.5) ** 0.2
+    drag = 0.5 * 1.204 * (4.0 / 3.0 * 0.3 + 8.0 / 3.0 * 0.03) * np.pi * radius**2 * wind**2
+    assert leans.mean() == pytest.approx(drag / lift, rel=0.25)
+    assert leans.mean(axis=1).max() > 1.3 * leans.mean(axis=1).min()
+    surfaces = [surface(shape_at(model, frames[-1], number)) for number in range(3)]
+    assert max(depth(a.reshape(-1, 3), b) for a in surfaces for b in surfaces if a is not b) < 0.01 * 0.14
+    assert (centers[..., 1].min(axis=0) > 0.9).all()
