@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.holes import Lid, border_loops, lid_across
+from balloon_warp.mesh.holes import Lid, border_loops, lid_across, with_lids
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import border_edges, genus, inconsistent_edges, mesh_edges
 from balloon_warp.model import plan_model
@@ -174,3 +174,10 @@ def test_an_inward_mesh_with_a_hole_is_turned_outward() -> None:
 
 def test_a_sound_mesh_is_left_alone() -> None:
     assert whole(cube()).face_count == 6
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_surface_without_area_has_no_holes() -> None:
+    """Nor is anything divided by it."""
+    flat = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]])
+    assert with_lids(flat) is flat

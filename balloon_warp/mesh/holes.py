@@ -94,6 +94,8 @@ def with_lids(mesh: PolygonMesh) -> PolygonMesh:
     if not loops:
         return mesh
     surface = _Surface(mesh, edges)
+    if surface.area == 0.0:
+        return mesh
     taken = {(low, high) for low, high in edges.ends.tolist()}
     lids = []
     for loop in sorted(loops, key=min):
@@ -111,11 +113,13 @@ class _Surface:
         self._of_faces = self._component[mesh.face_vertex_indices[face_starts(mesh)]]
         self._vectors, self._centers = face_vector_areas(mesh), face_centers(mesh)
         self._areas = np.linalg.norm(self._vectors, axis=1)
+        self.area = float(self._areas.sum())
+        """without which there is no surface to have holes"""
         self._of_components = np.bincount(self._of_faces, self._areas, mesh.vertex_count)
 
     def lids_of_holes(self, lids: list[Lid], points: NDArray[np.float64]) -> list[Lid]:
         """The lids that close a hole in the surface, and not what is meant to be open."""
-        areas = np.array([lid.area(points) for lid in lids]) / self._areas.sum()
+        areas = np.array([lid.area(points) for lid in lids]) / self.area
         is_hole = np.array([self._may_be_hole(lid, points) for lid in lids])
         limit = BESIDE_OPENINGS * areas[~is_hole].max(initial=np.inf if is_hole.all() else 0.0)
         return [
@@ -123,7 +127,7 @@ class _Surface:
         ]
 
     def _may_be_hole(self, lid: Lid, points: NDArray[np.float64]) -> bool:
-        area, whole, component = lid.area(points), self._areas.sum(), int(self._component[lid.loop[0]])
+        area, whole, component = lid.area(points), self.area, int(self._component[lid.loop[0]])
         if area > min(LARGEST_HOLE * whole, LARGEST_OF_ITS_PART * self._of_components[component]):
             return False
         way = lid.vector_areas(points).sum(axis=0)

@@ -25,6 +25,9 @@ SHOWN_SECONDS = 1.0 / 30.0
 MOMENT_SECONDS = 0.5
 """of simulated time between two states that can be gone back to"""
 MOMENTS = 12
+_DEVICE_WORK = threading.Lock()
+"""held by the session of a process that uses a device: while one records a graph on a CPU, Warp puts what any thread
+launches there into it"""
 
 
 @dataclass
@@ -55,7 +58,8 @@ class Session:
     """whether net forces are to be seen"""
 
     def __post_init__(self) -> None:
-        self.playground = Playground(self.scene, self.device, self.laws)
+        with _DEVICE_WORK:
+            self.playground = Playground(self.scene, self.device, self.laws)
         self.pace = Pace()
         self.running, self.trouble = True, ""
         self.recording: Recording | None = None
@@ -66,7 +70,8 @@ class Session:
         self._recordings = 0
         self._wishes, self._stop = Wishes(self._refuse), threading.Event()
         self._shown_at = 0.0
-        self.picture = self._take_picture()
+        with _DEVICE_WORK:
+            self.picture = self._take_picture()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def start(self) -> None:
@@ -182,21 +187,25 @@ class Session:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            self._wishes.grant(lambda: self.playground)
+            with _DEVICE_WORK:
+                self._wishes.grant(lambda: self.playground)
             if not self.running or not self.watched:
                 self.pace.rest()
-                self.picture = self._take_picture()
+                with _DEVICE_WORK:
+                    self.picture = self._take_picture()
                 self._wishes.came.wait(0.25)
                 self._wishes.came.clear()
                 continue
             frame_seconds = self.playground.simulator.model.frame_seconds
             time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
-            self._advance()
+            with _DEVICE_WORK:
+                self._advance()
             now = time.perf_counter()
             self.pace.passed(now, frame_seconds)
             if now - self._shown_at >= SHOWN_SECONDS:
                 self._shown_at = now
-                self.picture = self._take_picture()
+                with _DEVICE_WORK:
+                    self.picture = self._take_picture()
 
     def _refuse(self, sentence: str) -> None:
         self.notices.append(sentence)
