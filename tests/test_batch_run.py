@@ -165,7 +165,7 @@ def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
     for world, mesh in ((1, quad_sphere(4)), (2, quad_sphere(3)), (4, quad_sphere(3))):
         prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/ball"))
         np.testing.assert_array_equal(prim.GetFaceVertexIndicesAttr().Get(), mesh.face_vertex_indices)
-        assert prim.GetSubdivisionSchemeAttr().Get() == "none"
+        assert prim.GetSubdivisionSchemeAttr().Get() == "catmullClark"
     for prim in stage.Traverse():
         if UsdGeom.Gprim(prim):
             assert UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0], prim.GetPath()

@@ -85,6 +85,7 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
     assert [entry.get("file") for entry in listed] == [f"out.{frame:04d}.vtu" for frame in range(FRAMES + 1)]
     np.testing.assert_allclose([float(entry.get("timestep", -1)) for entry in listed], np.arange(FRAMES + 1) / RATE)
     stage = Usd.Stage.Open(str(written))
+    fastest = 0.0
     for frame, entry in enumerate(listed):
         grid = arrays(tmp_path / str(entry.get("file")))
         ball = grid["points"][: len(BALL.points)]
@@ -98,7 +99,8 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
         pressure = stage.GetPrimAtPath("/World/ball").GetAttribute("userProperties:pressure").Get(frame)
         np.testing.assert_allclose(grid["pressure"][: BALL.face_count], pressure, rtol=1e-6)
         assert len(np.unique(grid["part"])) == 5 + (frame >= 2)
-    assert np.abs(grid["velocity"]).max() > 0.0
+        fastest = max(fastest, float(np.abs(grid["velocity"]).max()))
+    assert fastest > 0.0
 
 
 def test_meshio_reads_the_grids(written: Path, tmp_path: Path):

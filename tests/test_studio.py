@@ -75,7 +75,8 @@ def test_a_run_without_ground_goes_on_without_it(tmp_path: Path):
     """Its ground would move. With ground it is another run."""
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(RESUMED_SCENE, whole, device="cpu", ground=False)
-    stop(RESUMED_SCENE, output, crash, device="cpu", ground=False)
+    folder = stop(RESUMED_SCENE, output, crash, device="cpu", ground=False)
+    assert not Usd.Stage.Open(str(folder / "frames.usda")).GetPrimAtPath("/World/Ground")
     with pytest.raises(InputError, match="leftOut"):
         animate(RESUMED_SCENE, output, device="cpu", resume=True)
     animate(RESUMED_SCENE, output, device="cpu", resume=True, ground=False)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
-from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION
 from balloon_warp.outputs.render.files import (
     PICTURE_SUFFIXES,
     Picture,
@@ -15,8 +14,8 @@ from balloon_warp.outputs.render.files import (
     write_mp4,
     write_png,
 )
-from balloon_warp.outputs.render.framing import frame_action
 from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.outputs.render.view import View
 
 GIF_FRAMES_PER_SECOND = 20.0
 GIF_MOST_FRAMES = 120
@@ -41,6 +40,12 @@ def render_stage(
     azimuth: float | None = None,
     elevation: float | None = None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
+    *,
+    zoom: float = 1.0,
+    look_at: str | tuple[float, float, float] | None = None,
+    follow: bool = False,
+    frames: tuple[int | None, int | None] | None = None,
+    frames_per_second: float | None = None,
 ) -> list[int]:
     """Make a picture (.png) or an animation (.gif, .mp4) of a stage. The file appears whole or not at all.
 
@@ -56,6 +61,9 @@ def render_stage(
         elevation: from level toward above, 0 to 90 [degrees]; `ELEVATION` when missing. With both missing a camera of
             the stage comes first.
         on_frame: told how many frames are done, and of how many, after each.
+        zoom, look_at, follow: as `View` has them.
+        frames: the first and the last of an animation; when missing, the stage's.
+        frames_per_second: of an animation, which keeps its true speed; the stage's when missing.
 
     Returns:
         The frames that were drawn.
@@ -68,10 +76,13 @@ def render_stage(
     suffix = output.suffix.lower()
     check_writable(output, PICTURE_SUFFIXES)
     _check_request(suffix, frame, size, samples)
-    _check_angles(azimuth, elevation)
+    view = View(azimuth, elevation, zoom, look_at, follow)
+    view.check()
+    if suffix == ".png" and (frames or frames_per_second) is not None:
+        raise InputError(f"{output}: one picture has no frames and no rate; expected a .gif or an .mp4, or --frame")
     stage = RenderStage(path)
-    frames, frame_seconds = _choose_frames(stage, suffix, frame)
-    pictures = _pictures(stage, frames, size, samples, device, (azimuth, elevation), on_frame)
+    chosen, frame_seconds = _choose_frames(stage, suffix, frame, frames, frames_per_second)
+    pictures = _pictures(stage, chosen, size, samples, device, view, on_frame)
     with whole_file(output) as temporary:
         if suffix == ".png":
             write_png(temporary, next(pictures))
@@ -79,7 +90,7 @@ def render_stage(
             write_gif(temporary, pictures, frame_seconds)
         else:
             write_mp4(temporary, pictures, 1.0 / frame_seconds)
-    return frames
+    return chosen
 
 
 def _check_request(suffix: str, frame: int | None, size: tuple[int, int], samples: int) -> None:
@@ -99,16 +110,20 @@ def _check_request(suffix: str, frame: int | None, size: tuple[int, int], sample
         raise InputError(f"frame: {frame} for a {suffix}, which shows all frames; expected a .png")
 
 
-def _check_angles(azimuth: float | None, elevation: float | None) -> None:
-    if azimuth is not None and not math.isfinite(azimuth):
-        raise InputError(f"azimuth: {azimuth:g} degrees; expected a finite angle")
-    if elevation is not None and not 0.0 <= elevation <= 90.0:
-        raise InputError(f"elevation: {elevation:g} degrees; expected 0 to 90")
-
-
-def _choose_frames(stage: RenderStage, suffix: str, frame: int | None) -> tuple[list[int], float]:
+def _choose_frames(
+    stage: RenderStage,
+    suffix: str,
+    frame: int | None,
+    part: tuple[int | None, int | None] | None = None,
+    rate: float | None = None,
+) -> tuple[list[int], float]:
     """The frames to draw, and how long each is shown [s]."""
     first, last = stage.first_frame, stage.last_frame
+    if part is not None:
+        begin, end = (own if given is None else given for own, given in zip((first, last), part, strict=True))
+        if not first <= begin <= end <= last:
+            raise InputError(f"frames: {begin}:{end} is not in {stage.path}; expected some of {first}:{last}")
+        first, last = begin, end
     if suffix == ".png":
         chosen = stage.picture_frame if frame is None else frame
         if not first <= chosen <= last:
@@ -124,6 +139,13 @@ def _choose_frames(stage: RenderStage, suffix: str, frame: int | None) -> tuple[
         raise InputError(
             f"{stage.path}: has frames {first:g} to {last:g}; expected at most {MOST_FRAMES} for a {suffix}"
         )
+    if rate is not None:
+        if not least <= rate <= most:
+            raise InputError(f"fps: {rate:g}; expected {least:g} to {most:g}")
+        count = math.floor((last - first) * rate / stage.frames_per_second + 1e-9) + 1
+        if count > MOST_FRAMES:
+            raise InputError(f"fps: {rate:g} makes {count:,} pictures; expected at most {MOST_FRAMES:,}")
+        return [first + round(number * stage.frames_per_second / rate) for number in range(count)], 1.0 / rate
     step = 1
     if suffix == ".gif":
         too_fast = stage.frames_per_second / GIF_FRAMES_PER_SECOND
@@ -138,20 +160,16 @@ def _pictures(
     size: tuple[int, int],
     samples: int,
     device: str | None,
-    angles: tuple[float | None, float | None],
+    view: View,
     on_frame: Callable[[int, int], None],
 ) -> Iterator[Picture]:
     from balloon_warp.outputs.render.raycaster import RayCaster  # loads Warp: only once the stage is known to be good
 
-    aspect = size[0] / size[1]
     stage.read_prims(frames[0])
-    azimuth, elevation = (
-        usual if given is None else given for given, usual in zip(angles, (AZIMUTH, ELEVATION), strict=True)
-    )
-    framing = frame_action([(stage, frame) for frame in frames], aspect, azimuth, elevation)
+    framing, camera_of = view.cameras(stage, frames, size[0] / size[1])
     caster = RayCaster(stage, framing.center, framing.size, size, samples, device)
     for done, frame in enumerate(frames, start=1):
-        camera = (angles == (None, None) and stage.camera(frame, aspect)) or framing.camera
+        camera = camera_of(frame)
         caster.place(frame, 0.5 * LEAST_LINE_PIXELS * camera.pixel_size(framing.center, size[1]))
         yield caster.picture(camera)
         on_frame(done, len(frames))
