@@ -223,6 +223,7 @@ class WorldState:
     free_volumes: wp.array2d[wp.float64]
     tube_flows: wp.array2d[float]
     vent_flows: wp.array2d[float]
+    thrusts: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]
     sphere_positions: wp.array2d[wp.vec3]

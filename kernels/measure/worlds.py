@@ -133,12 +133,13 @@ def measure_worlds(
     sums: wp.array3d[BalloonSums],
     first_bad: wp.array[wp.int32],
     no_body: wp.int32,
+    box_column: wp.int32,
     # out
     measures: wp.array2d[float],
     healthy: wp.array[wp.int32],
 ):
     """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
-    spheres; and where it is asked for, how many balloons are in a box.
+    spheres; and where its column is not negative, how many balloons are in a box.
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
@@ -189,5 +190,30 @@ def measure_worlds(
         measures[world, 5] = kinetic_energy
         for sphere in range(sphere_positions.shape[1]):
             measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
-        if measures.shape[1] > 6 + sphere_positions.shape[1]:
-            measures[world, 6 + sphere_positions.shape[1]] = inside
+        if box_column >= 0:
+            measures[world, box_column] = inside
+
+
+@wp.kernel(enable_backward=False)
+def measure_gas(
+    # model
+    first_area: float,
+    first_column: wp.int32,
+    # state in
+    gas_amounts: wp.array2d[wp.float64],
+    thrusts: wp.array2d[float],
+    healthy: wp.array[wp.int32],
+    # in and out
+    measures: wp.array2d[float],
+):
+    """A thread a world, once it is measured: moles of gas, mean stretch over the area at the start, and thrust."""
+    world = wp.tid()
+    if healthy[world] == 1:
+        moles = float(0.0)
+        pushed = float(0.0)
+        for balloon in range(gas_amounts.shape[1]):
+            moles += float(gas_amounts[world, balloon])
+            pushed += thrusts[world, balloon]
+        measures[world, first_column] = moles
+        measures[world, first_column + 1] = wp.sqrt(measures[world, 1] / wp.max(first_area, 1.0e-20))
+        measures[world, first_column + 2] = pushed

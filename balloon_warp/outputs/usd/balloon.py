@@ -9,8 +9,10 @@ from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, paint
 from balloon_warp.outputs.usd.velocities import author_velocities
 
-MEASURES = ("volume", "area", "pressure")
-"""per-frame attributes under `userProperties:`, in m^3, m^2 and Pa"""
+MEASURES = ("volume", "area", "pressure", "stretch")
+"""per-frame attributes under `userProperties:`, in m^3, m^2 and Pa; the last is the mean over the start"""
+OF_GAS = ("moles", "thrust")
+"""the same of balloons with gas, in mol, and in N that of the jet"""
 
 
 def define_balloon(
@@ -35,14 +37,16 @@ class BalloonPrim:
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
-        self._has_pressure = model.scene.balloon[number].inflation.kind != "normal_force"
+        kind = model.scene.balloon[number].inflation.kind
+        self._has_pressure, self._has_gas = kind != "normal_force", kind == "gas"
         self.mesh = model.shapes[number].mesh
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
         self.prim.CreateVelocitiesAttr()
+        self._first_area = model.shapes[number].area
         self._layer = stage.GetRootLayer()
         self._measures = {
             name: self.prim.GetPrim().CreateAttribute(f"userProperties:{name}", Sdf.ValueTypeNames.Double, custom=True)
-            for name in MEASURES
+            for name in (*MEASURES, *(OF_GAS if self._has_gas else ()))
         }
 
     def write(self, frame: Frame) -> None:
@@ -59,7 +63,12 @@ class BalloonPrim:
 
     def _measure(self, frame: Frame) -> dict[str, float]:
         volume, area = float(frame.volumes[self.number]), float(frame.areas[self.number])
-        return {"volume": volume, "area": area, "pressure": self._pressure(frame, area)}
+        stretch = float(np.sqrt(area / self._first_area)) if self._first_area else 1.0
+        measures = {"volume": volume, "area": area, "pressure": self._pressure(frame, area), "stretch": stretch}
+        if self._has_gas:
+            gas = float(frame.gas_amounts[self.number]), float(frame.thrusts[self.number])
+            measures |= dict(zip(OF_GAS, gas, strict=True))
+        return measures
 
     def _pressure(self, frame: Frame, area: float) -> float:
         """Above the air's [Pa]; of normal forces, their sum over the area."""
