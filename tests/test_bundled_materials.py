@@ -115,7 +115,7 @@ def test_two_latex_balloons_end_at_the_two_roots_of_one_pressure():
     lowest = minimize_scalar(pressure_at, bounds=(2.0, 4.0), method="bounded").x
 
     def smaller(larger: float) -> float:
-        return brentq(lambda stretch: pressure_at(stretch) - pressure_at(larger), 1.01, peak)
+        return float(brentq(lambda stretch: pressure_at(stretch) - pressure_at(larger), 1.01, peak))  # type: ignore[arg-type]
 
     total = before.gas_amounts.sum()
     larger = brentq(lambda stretch: moles_at(stretch) + moles_at(smaller(stretch)) - total, peak + 0.1, lowest)
