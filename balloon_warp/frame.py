@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import volume_and_area
+from balloon_warp.mesh.geometry import total_area, volume_and_area
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,6 +30,8 @@ class Frame:
     """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (balloon_count,)"""
     gas_amounts: NDArray[np.float64]
     """in each balloon [mol], shape (balloon_count,)"""
+    thrusts: NDArray[np.float32]
+    """with which the jet of each balloon's neck pushes it [N], shape (balloon_count,)"""
     sphere_positions: NDArray[np.float32]
     """[m], shape (sphere_count, 3)"""
     sphere_velocities: NDArray[np.float32]
@@ -60,6 +62,12 @@ class Frame:
     def areas(self) -> NDArray[np.float64]:
         """of the balloons [m^2], shape (balloon_count,)"""
         return self._volumes_and_areas[:, 1]
+
+    @property
+    def stretches(self) -> NDArray[np.float64]:
+        """of the balloons, shape (balloon_count,): the mean one, the root of the area over that at the start"""
+        areas = np.array([total_area(mesh) for mesh in self.meshes])
+        return np.sqrt(self.areas / np.maximum(areas, np.finfo(float).tiny))
 
     @cached_property
     def _volumes_and_areas(self) -> NDArray[np.float64]:
@@ -95,5 +103,6 @@ class Frame:
     def is_finite(self) -> bool:
         """Whether all that is written of it is."""
         lists = (self.points, self.velocities, self.net_forces, self.inflation_forces)
-        arrays = (self.pressures, self.gas_amounts, self.sphere_positions, self.sphere_velocities, self.body_poses)
+        arrays = (self.pressures, self.gas_amounts, self.thrusts)
+        arrays += (self.sphere_positions, self.sphere_velocities, self.body_poses)
         return all(np.isfinite(array).all() for array in (*(array for each in lists for array in each), *arrays))

@@ -103,6 +103,7 @@ class Reading:
             inflation_forces=self._of_balloons("inflation_forces"),
             pressures=self._row("pressures", np.float32),
             gas_amounts=self._row("gas_amounts", np.float64),
+            thrusts=self._row("thrusts", np.float32),
             sphere_positions=self._rows("sphere_positions"),
             sphere_velocities=self._rows("sphere_velocities"),
             string_anchors=self._rows("string_anchor"),

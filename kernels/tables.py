@@ -226,6 +226,7 @@ class WorldState:
     air_along: wp.array2d[float]
     tube_flows: wp.array2d[float]
     vent_flows: wp.array2d[float]
+    thrusts: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]
     bursts: wp.array2d[wp.vec4]

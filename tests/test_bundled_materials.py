@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from played import played, shape_at
+from scipy.optimize import brentq, minimize_scalar
 
 from balloon_warp import Frame
 from balloon_warp.mesh.geometry import signed_volume, total_area
@@ -92,3 +93,35 @@ def test_rocket_balloon_is_driven_by_its_jet_and_loops():
     upright = [np.sign((frame.points[0][top] - frame.points[0][neck])[1]) for frame in frames[48:]]
     assert min(upright) < 0.0 < max(upright)
     assert frames[-1].volumes[0] < 0.1 * frames[48].volumes[0]
+
+
+def test_two_latex_balloons_end_at_the_two_roots_of_one_pressure():
+    """Beyond its largest pressure rubber bears less the larger it is: the smaller one empties, and both stop where
+    the analytic curve has one pressure at two stretches, with as much gas as there was: each within 1 %."""
+    model, frames = played("two_latex_balloons")
+    mesh = model.shapes[0].mesh
+    area, volume, (mu, ratio) = total_area(mesh), signed_volume(mesh), (3.3e5, 0.1)
+
+    def pressure_at(stretch: float) -> float:
+        """A h W' / (3 V l^2)"""
+        rising = (1.0 / stretch - stretch**-7.0) * (1.0 + ratio * stretch**2) / (1.0 + ratio)
+        return 2.0 * mu * 2e-4 * area / (3.0 * volume) * rising
+
+    def moles_at(stretch: float) -> float:
+        return (101325.0 + pressure_at(stretch)) * volume * stretch**3 / (8.314462618 * 293.15)
+
+    before, end = frames[60], frames[-1]
+    peak = minimize_scalar(lambda stretch: -pressure_at(stretch), bounds=(1.1, 2.0), method="bounded").x
+    lowest = minimize_scalar(pressure_at, bounds=(2.0, 4.0), method="bounded").x
+
+    def smaller(larger: float) -> float:
+        return float(brentq(lambda stretch: pressure_at(stretch) - pressure_at(larger), 1.01, peak))  # type: ignore[arg-type]
+
+    total = before.gas_amounts.sum()
+    larger = brentq(lambda stretch: moles_at(stretch) + moles_at(smaller(stretch)) - total, peak + 0.1, lowest)
+    found = np.cbrt([signed_volume(shape_at(model, end, number)) / volume for number in (0, 1)])
+    np.testing.assert_allclose(found, [smaller(larger), larger], rtol=0.01)
+    np.testing.assert_allclose(end.pressures, pressure_at(larger), rtol=0.01)
+    np.testing.assert_allclose(end.gas_amounts, [moles_at(smaller(larger)), moles_at(larger)], rtol=0.03)
+    assert before.pressures[0] > 1.1 * before.pressures[1]  # so that it flows from the smaller
+    assert end.volumes[0] < 0.4 * before.volumes[0]

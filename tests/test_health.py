@@ -87,7 +87,7 @@ def test_fixed_particles_and_unused_vertices_are_good_wherever_they_are(device: 
     "name",
     [
         *("points", "velocities", "net_forces", "inflation_forces"),
-        *("pressures", "gas_amounts", "sphere_positions", "sphere_velocities"),
+        *("pressures", "gas_amounts", "thrusts", "sphere_positions", "sphere_velocities"),
     ],
 )
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

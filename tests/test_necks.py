@@ -1,6 +1,7 @@
 """Balloons that are let go with their necks open, and that leak: what leaves, how soon, and what it pushes."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,15 +18,18 @@ from gas_balloons import (
 )
 from meshes import quad_sphere
 from numpy.typing import NDArray
+from pxr import Usd
 from rubber_theory import ENERGIES, MATERIALS, sphere_pressure
 from scipy.integrate import solve_ivp
 
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Balloon, Change, Inflation, Neck, Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.recorder import Recorder, columns_of
 
 OF_AIR = 0.0289652
 """[kg/mol]"""
@@ -234,3 +238,27 @@ def test_mistakes_are_told(path: str, value: object, complaint: str):
     scene = rigid(2000.0, Neck(opens=1.0))
     with pytest.raises(InputError, match=complaint):
         Simulator(override_scene(scene, [(path, value)]), "cpu")
+
+
+def test_what_leaves_and_pushes_is_told_in_table_and_stage(device: str, tmp_path: Path):
+    """Moles, the mean stretch over the start, and 2 C_d A p, as the frame has them, whose gas and area are its own."""
+    simulator = flying(Neck(diameter=0.02, discharge=0.5), device)
+    with StageWriter(tmp_path / "flight.usda", simulator.model) as writer:
+        writer.write(simulator.read_frame())
+        frame = advanced(simulator, 1)
+        writer.write(frame)
+    expected = {
+        "moles": simulator.state.gas_amounts.numpy()[0, 0],
+        "stretch": np.sqrt(total_area(replace(SOFT, points=frame.points[0].astype(float))) / total_area(SOFT)),
+        "thrust": area_of(0.02) * simulator.state.pressures.numpy()[0, 0],
+    }
+    assert expected["stretch"] == pytest.approx(2.0, rel=0.01)
+    record = Recorder(simulator, np.zeros(0, dtype=np.int64)).read()
+    row = dict(zip(columns_of(simulator.model.scene), record.measures[0].tolist(), strict=True))
+    stage = Usd.Stage.Open(str(tmp_path / "flight.usda"))
+    prim = stage.GetPrimAtPath(f"/World/{simulator.model.shapes[0].name}")
+    for name, value in expected.items():
+        assert row["mean_stretch" if name == "stretch" else name] == pytest.approx(value, rel=1e-5)
+        assert prim.GetAttribute(f"userProperties:{name}").Get(1) == pytest.approx(value, rel=1e-5)
+    np.testing.assert_allclose(frame.thrusts, expected["thrust"], rtol=1e-6)
+    np.testing.assert_allclose(frame.stretches, expected["stretch"], rtol=1e-6)

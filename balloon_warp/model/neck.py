@@ -38,8 +38,8 @@ def neck_of(at: int | str, mesh: PolygonMesh, mass_share: NDArray[np.float64], u
     corners = np.flatnonzero(closing[faces])
     if not len(corners):
         raise InputError(f"neck.at: {mesh.name} has no face at {at}; expected a vertex of one, or a group of faces")
-    begins, ends = mesh.face_vertex_indices.astype(np.int64), mesh.face_vertex_indices[next_corners(mesh)]
-    edges = np.stack([begins, ends], axis=1)[corners]
+    begins = mesh.face_vertex_indices.astype(np.int64)
+    edges = np.stack([begins, begins[next_corners(mesh)]], axis=1)[corners]
     keys, opposite = (edges @ [mesh.vertex_count, 1], edges @ [1, mesh.vertex_count])
     around = edges[~np.isin(keys, opposite)]
     if not len(around):

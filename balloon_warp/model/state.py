@@ -57,6 +57,9 @@ class State:
     vent_flows: wp.array
     """out of a balloon through its neck and its leak in the last substep, negative inwards [mol/s], shape (world_count,
     balloon_count), float32"""
+    thrusts: wp.array
+    """with which the jet of a balloon's neck pushes it by the pressure of the last substep [N], shape (world_count,
+    balloon_count), float32"""
     holds: wp.array
     """of particles where balloons touch: how far they have slipped from where they took hold of another surface [m],
     and how much of their overlap with it pushes [m], negative if they are behind it, 0 if they touch none;
@@ -124,6 +127,7 @@ def new_state(model: Model, room: Room) -> State:
         air_along=room.array(balloons, wp.float32),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
         vent_flows=room.array(balloons, wp.float32),
+        thrusts=room.array(balloons, wp.float32),
         holds=room.array(touching, wp.vec4),
         deep=room.array(touching, wp.int8),
         peaks=room.array(softening, wp.float32),

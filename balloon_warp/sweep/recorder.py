@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.measure.picking import pick_healthy_worlds
-from balloon_warp.kernels.measure.worlds import BalloonSums, measure_worlds, sum_balloons
+from balloon_warp.kernels.measure.worlds import BalloonSums, measure_gas, measure_worlds, sum_balloons
 from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
@@ -20,14 +20,18 @@ LANES = 32
 """threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
 MEASURES = ("volume", "area", "pressure", "center_height", "largest_stretch", "kinetic_energy")
 """[m^3], [m^2], [Pa], [m], length over rest length, [J]"""
+OF_GAS = ("moles", "mean_stretch", "thrust")
+"""[mol], root of the area over that at the start, [N]; of scenes with gas"""
 
 
 def columns_of(scene: Scene) -> list[str]:
-    """What is measured of each world: `MEASURES`, then the height of each sphere [m], how many are in the box, and how
-    many balloons have burst."""
+    """What is measured of each world: `MEASURES`, the height of each sphere [m], how many balloons are in the box, how
+    many have burst, and `OF_GAS`."""
     heights = [f"sphere_{number}_height" for number in range(len(scene.sphere))]
     may_burst = any(balloon.material.strength is not None for balloon in scene.balloon)
-    return [*MEASURES, *heights, *(["in_box"] if scene.box else []), *(["burst"] if may_burst else [])]
+    gas = any(balloon.inflation.kind == "gas" for balloon in scene.balloon)
+    now_and_then = [*(["in_box"] if scene.box else []), *(["burst"] if may_burst else []), *(OF_GAS if gas else ())]
+    return [*MEASURES, *heights, *now_and_then]
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,12 @@ class Recorder:
         self._balloon_springs = offsets([shape.springs.count for shape in model.shapes])
         self._balloon_triangles = offsets([shape.membrane.count for shape in model.shapes])
         self._sums = zeros((worlds, model.balloon_count, LANES), BalloonSums)
-        self._measures = zeros((worlds, len(columns_of(model.scene))), float)
+        columns = columns_of(model.scene)
+        self._measures = zeros((worlds, len(columns)), float)
+        self._box_column, self._burst_column, self._gas_column = (
+            columns.index(name) if name in columns else -1 for name in ("in_box", "burst", OF_GAS[0])
+        )
+        self._first_area = sum(shape.area for shape in model.shapes)
         self._box = model.scene.box or Box(lower=(-1.0, -1.0, -1.0), upper=(1.0, 1.0, 1.0))
         self._healthy = wp.full(worlds, 1, dtype=wp.int32, device=model.device)
         self._chosen = wp.array(chosen, dtype=wp.int32, device=model.device)
@@ -126,10 +135,13 @@ class Recorder:
                 *(model.inflation_kind, model.keyframe_times, model.parameters["keyframe_values"]),
                 *(model.frame_seconds, model.up, wp.vec3(*self._box.lower), wp.vec3(*self._box.upper)),
                 *(state.frame, state.pressures, state.points, state.sphere_positions, self._sums),
-                *(state.first_bad, HEALTHY, model.scene.box is not None, state.bursts),
+                *(state.first_bad, HEALTHY, self._box_column, self._burst_column, state.bursts),
             ],
             outputs=[self._measures, self._healthy],
         )
+        if self._gas_column >= 0:
+            given = [self._first_area, self._gas_column, state.gas_amounts, state.thrusts, self._healthy]
+            wp.launch(measure_gas, model.world_count, inputs=given, outputs=[self._measures])
 
     def _pick(self) -> None:
         state = self.simulator.state

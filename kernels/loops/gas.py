@@ -17,7 +17,7 @@ from balloon_warp.kernels.laws.gas import (
     tube_flow,
 )
 from balloon_warp.kernels.laws.inflation import GAS
-from balloon_warp.kernels.laws.orifice import vent_flow
+from balloon_warp.kernels.laws.orifice import thrust, vent_flow
 from balloon_warp.kernels.loops.jets import opening_function
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
@@ -162,9 +162,10 @@ def vent_function(columns: Columns) -> tuple[Any, Any]:
         raise_pressure(state, world, balloon, -t.step_seconds * flow_and_more[1])
 
     @wp.func
-    def take_vented(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
-        """Of the balloon's gas."""
+    def take_vented(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
+        """Of the balloon's gas; and what its jet pushes with."""
         n = read_numbers(t, world, balloon)
+        state.thrusts[world, balloon] = thrust(opening_of_neck(time, n), state.pressures[world, balloon])
         gas = pumped_gas(
             gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon],
             n[pressure_column] + state.pressures[world, balloon], n[gamma_column], n[temperature_column],
@@ -238,7 +239,7 @@ def flows_function(traits: Traits) -> Any:
         if wp.static(traits.vents):
             for balloon in range(t.inflation_kind.shape[0]):
                 if t.inflation_kind[balloon] == GAS:
-                    take_vented(t, state, world, balloon)
+                    take_vented(t, state, world, balloon, time)
 
     return let_gases_flow
 

@@ -117,23 +117,21 @@ def note_further(
     world: wp.int32,
     sphere_positions: wp.array2d[wp.vec3],
     up: wp.vec3,
-    has_box: bool,
+    box_column: wp.int32,
     inside: float,
+    burst_column: wp.int32,
     bursts: wp.array2d[wp.vec4],
 ):
     """The columns that not every table has."""
-    column = wp.int32(6)
     for sphere in range(sphere_positions.shape[1]):
-        measures[world, column] = wp.dot(sphere_positions[world, sphere], up)
-        column += 1
-    if has_box:
-        measures[world, column] = inside
-        column += 1
-    if bursts.shape[1] > 0:
+        measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
+    if box_column >= 0:
+        measures[world, box_column] = inside
+    if burst_column >= 0:
         count = float(0.0)
         for balloon in range(bursts.shape[1]):
             count += wp.where(bursts[world, balloon][0] >= 0.0, 1.0, 0.0)
-        measures[world, column] = count
+        measures[world, burst_column] = count
 
 
 @wp.kernel(enable_backward=False)
@@ -158,14 +156,15 @@ def measure_worlds(
     sums: wp.array3d[BalloonSums],
     first_bad: wp.array[wp.int32],
     no_body: wp.int32,
-    has_box: bool,
+    box_column: wp.int32,
+    burst_column: wp.int32,
     bursts: wp.array2d[wp.vec4],
     # out
     measures: wp.array2d[float],
     healthy: wp.array[wp.int32],
 ):
     """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
-    spheres; and where it is asked for, how many balloons are in a box, and how many have burst.
+    spheres; and where their columns are not negative, how many balloons are in a box, and how many have burst.
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
@@ -214,4 +213,29 @@ def measure_worlds(
         measures[world, 3] = height
         measures[world, 4] = stretch
         measures[world, 5] = kinetic_energy
-        note_further(measures, world, sphere_positions, up, has_box, inside, bursts)
+        note_further(measures, world, sphere_positions, up, box_column, inside, burst_column, bursts)
+
+
+@wp.kernel(enable_backward=False)
+def measure_gas(
+    # model
+    first_area: float,
+    first_column: wp.int32,
+    # state in
+    gas_amounts: wp.array2d[wp.float64],
+    thrusts: wp.array2d[float],
+    healthy: wp.array[wp.int32],
+    # in and out
+    measures: wp.array2d[float],
+):
+    """A thread a world, once it is measured: moles of gas, mean stretch over the area at the start, and thrust."""
+    world = wp.tid()
+    if healthy[world] == 1:
+        moles = float(0.0)
+        pushed = float(0.0)
+        for balloon in range(gas_amounts.shape[1]):
+            moles += float(gas_amounts[world, balloon])
+            pushed += thrusts[world, balloon]
+        measures[world, first_column] = moles
+        measures[world, first_column + 1] = wp.sqrt(measures[world, 1] / wp.max(first_area, 1.0e-20))
+        measures[world, first_column + 2] = pushed

@@ -11,8 +11,10 @@ from balloon_warp.outputs.usd.deformable import define_deformable
 from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, offer_latex, paint
 from balloon_warp.outputs.usd.velocities import author_velocities
 
-MEASURES = ("volume", "area", "pressure")
-"""per-frame attributes under `userProperties:`, in m^3, m^2 and Pa"""
+MEASURES = ("volume", "area", "pressure", "stretch")
+"""per-frame attributes under `userProperties:`, in m^3, m^2 and Pa; the last is the mean over the start"""
+OF_GAS = ("moles", "thrust")
+"""the same of balloons with gas, in mol, and in N that of the jet"""
 
 
 def define_balloon(
@@ -41,16 +43,18 @@ class BalloonPrim:
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
-        self._has_pressure = model.scene.balloon[number].inflation.kind != "normal_force"
+        kind = model.scene.balloon[number].inflation.kind
+        self._has_pressure, self._has_gas = kind != "normal_force", kind == "gas"
         self.mesh = model.shapes[number].mesh
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
         define_deformable(self.prim, self.mesh, float(model.parameters["mass"].numpy()[0, number]))
         self.prim.CreateVelocitiesAttr()
         self._may_burst = model.scene.balloon[number].material.strength is not None
+        self._first_area = model.shapes[number].area
         self._layer = stage.GetRootLayer()
         self._measures = {
             name: self.prim.GetPrim().CreateAttribute(f"userProperties:{name}", Sdf.ValueTypeNames.Double, custom=True)
-            for name in MEASURES
+            for name in (*MEASURES, *(OF_GAS if self._has_gas else ()))
         }
 
     def write(self, frame: Frame) -> None:
@@ -70,7 +74,12 @@ class BalloonPrim:
 
     def _measure(self, frame: Frame) -> dict[str, float]:
         volume, area = float(frame.volumes[self.number]), float(frame.areas[self.number])
-        return {"volume": volume, "area": area, "pressure": self._pressure(frame, area)}
+        stretch = float(np.sqrt(area / self._first_area)) if self._first_area else 1.0
+        measures = {"volume": volume, "area": area, "pressure": self._pressure(frame, area), "stretch": stretch}
+        if self._has_gas:
+            gas = float(frame.gas_amounts[self.number]), float(frame.thrusts[self.number])
+            measures |= dict(zip(OF_GAS, gas, strict=True))
+        return measures
 
     def _pressure(self, frame: Frame, area: float) -> float:
         """Above the air's [Pa]; of normal forces, their sum over the area."""
