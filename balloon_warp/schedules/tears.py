@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.air import STATE_OF_AIR
 from balloon_warp.kernels.laws.tearing import PARAMETERS
 from balloon_warp.kernels.schedules.launched_tears import (
     let_gas_out,
@@ -118,7 +119,7 @@ class TearPieces:
     def __init__(self, model: Model, tables: Any):
         self.model, self.tables = model, tables
         places, split = model.columns.places, model.columns.balloon_width
-        self._air = wp.vec3i(*(places[name] - split for name in ("air_pressure", "air_temperature", "air_density")))
+        self._air = wp.vec3i(*(places[row.name] - split for row in STATE_OF_AIR))
 
     def weigh(self, state: State, time_in_frame: float) -> None:
         """What faces bear, and which are gone."""

@@ -159,6 +159,8 @@ AIR = (
         "0.0065 in the standard atmosphere, 0 where it is as warm; alike at all heights when missing",
     ),
 )
+STATE_OF_AIR = AIR[:3]
+"""pressure, temperature and density"""
 WIND = (
     Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="velocity of the air"),
     Parameter(

@@ -11,8 +11,9 @@ touch          balloons that touch
 fields         what all of these are made of
 """
 
-from balloon_warp.scene.schema.balloon import Balloon, Inflation, Neck, Stiffness
+from balloon_warp.scene.schema.balloon import Balloon, Stiffness
 from balloon_warp.scene.schema.bodies import Sphere, String
+from balloon_warp.scene.schema.inflation import Inflation, Neck
 from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.rigid import Body
