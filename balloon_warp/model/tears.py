@@ -35,6 +35,8 @@ def _require_bursting_alone(scene: Scene) -> None:
         named = f"balloon.{number}.material.strength: a balloon that may burst"
         if balloon.stiffness.torsion:
             raise InputError(f"{named} has no torsion springs, which hold tears together (got stiffness.torsion)")
+        if balloon.neck:
+            raise InputError(f"{named} has no open neck (got neck); expected one or the other")
         if balloon.inflation.kind == "normal_force":
             raise InputError(f'{named} needs a pressure or gas (got inflation.kind = "normal_force")')
     for number, tube in enumerate(scene.tube):
