@@ -3,13 +3,15 @@
 import importlib.util
 import re
 import shlex
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 import typer
 
 from balloon_warp.cli.app import app
+from balloon_warp.scene import bundled_scenes
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -66,3 +68,19 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     assert module.moved.points[0].shape[-1] == 3
+
+
+def test_nothing_is_left_out():
+    """Every page is in the site's contents, every command in the table of commands, every scene in the gallery, and
+    every extra among those to install."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").splitlines()
+    assert [page.stem for page in PAGES if page.parent.name == "docs" and page.stem not in (*index, "index")] == []
+
+    def unsaid(page: str, names: Iterable[str], said: str) -> list[str]:
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        return [name for name in names if said.format(name) not in text]
+
+    assert unsaid("COMMANDS.md", COMMANDS, "| `balloon-warp {}") == []
+    assert unsaid("GALLERY.md", bundled_scenes(), "`{}`") == []
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert unsaid("INSTALL.md", extras, "| `{}` |") == []
