@@ -53,12 +53,12 @@ def rigid(pressure: float, neck: Neck | None, substeps: int = 40, **gas: float) 
 
 
 def flying(neck: Neck | None, device: str, schedule: str = "auto", molar_mass: float = OF_AIR, **fields) -> Simulator:
-    """One of rubber, stretched to twice its size, by the gas that holds it there."""
+    """One of rubber, stretched to twice its size, by the gas that holds it there; the air around takes no part."""
     material = MATERIALS["neo_hookean"].model_copy(update={"thickness": 2.5e-4, "density": 950.0})
     ball = fields.pop("mesh", SOFT)
     pressure = float(sphere_pressure(ENERGIES["neo_hookean"], ball, 2.5e-4, np.array(2.0)))
     amount = (AIR_PRESSURE + pressure) * 8.0 * signed_volume(ball) / (GAS_CONSTANT * TEMPERATURE)
-    gas = Inflation(kind="gas", amount=amount, molar_mass=molar_mass, leak=fields.pop("leak", 0.0))
+    gas = Inflation(kind="gas", amount=amount, molar_mass=molar_mass, added_mass=0.0, leak=fields.pop("leak", 0.0))
     balloon = Balloon(mesh=ball, material=material, inflation=gas, neck=neck, damping=0.0, **fields)
     simulator = Simulator(Scene(balloon=[balloon], **SHORT), device, schedule=schedule)
     points = 2.0 * simulator.state.points.numpy()[0]
