@@ -135,6 +135,16 @@ def test_worlds_differ_in_all_that_a_material_has():
         assert np.abs(points[0] - points[1]).max() > 1e-5, field
 
 
+@pytest.mark.parametrize("material", [Material(preset="natural_rubber_treloar"), OGDEN])
+def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
+    """Whether the scene says its numbers, or the preset has them."""
+    vary = {"balloon.material.ogden_moduli.0": [5e5, 7e5], "balloon.material.ogden_exponents.1": [4.0, 5.0]}
+    parameters = plan_model(latex(material=material), 2, vary).parameters
+    moduli, exponents = parameters["ogden_moduli"][:, 0], parameters["ogden_exponents"][:, 0]
+    np.testing.assert_allclose(moduli, [(5e5, 1.2e3, -1e4), (7e5, 1.2e3, -1e4)])
+    np.testing.assert_allclose(exponents, [(1.3, 4.0, -2.0), (1.3, 5.0, -2.0)])
+
+
 @pytest.mark.parametrize(
     ("material", "sentence"),
     [

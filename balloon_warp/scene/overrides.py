@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from balloon_warp.errors import InputError
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.inflation_kinds import drop_masses, drop_other_kinds
+from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Scene
 
 Override = tuple[str, Any]
@@ -88,11 +89,17 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
     elif isinstance(place, dict):
         if rest:
             listed = len(names) == path.count(".") + 1 and name in LISTED
-            _put(place.setdefault(name, [] if listed else {}), rest, value, path)
+            _put(place.setdefault(name, [] if listed else _of_preset(place, name)), rest, value, path)
         else:
             place[name] = value
     else:
         raise InputError(f"{path}: cannot be set, {name!r} is asked of a plain value")
+
+
+def _of_preset(table: dict[str, Any], name: str) -> Any:
+    """The numbers that a material's preset has under a name, of which one is to be another; or a table of its own."""
+    numbers = PRESETS.get(str(table.get("preset")), {}).get(name)
+    return list(numbers) if isinstance(numbers, tuple) else {}
 
 
 def override_scene(scene: Scene, overrides: Iterable[Override]) -> Scene:
