@@ -74,7 +74,8 @@ def test_nothing_is_left_out():
     """Every page is in the site's contents, every command in the table of commands, every scene in the gallery, and
     every extra among those to install."""
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").splitlines()
-    assert [page.stem for page in PAGES if page.parent.name == "docs" and page.stem not in (*index, "index")] == []
+    pages = [page.stem for page in PAGES if page.parent.name == "docs" and page.stem != "index"]
+    assert [page for page in pages if index.count(page) != 1] == []
 
     def unsaid(page: str, names: Iterable[str], said: str) -> list[str]:
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")
