@@ -49,7 +49,7 @@ class CrowdCase:
                     damping=mass,
                     stiffness=Stiffness(structural=10.0, shear=5.0, flexion=1.0),
                     inflation=Inflation(kind="pressure", pressure=PRESSURE),
-                    fixed=np.flatnonzero(held).tolist(),
+                    fixed=list[int | str](np.flatnonzero(held).tolist()),
                 )
             )
         return Scene(balloon=balloons, touch=Touch(), gravity=0.0, frames_per_second=24.0)
