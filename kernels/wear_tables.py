@@ -17,7 +17,7 @@ class TearTable:
     """from a face's center to each of those, at rest [m]"""
     branching: wp.array[wp.int8]
     """1 of faces where tears branch, if they do"""
-    strength: wp.array2d[float]
+    film_strength: wp.array2d[float]
     """of balloons, see `laws.tearing`, shape (W, balloon_count), as are the next four"""
     tear_strength: wp.array2d[float]
     branching_stress: wp.array2d[float]

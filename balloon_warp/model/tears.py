@@ -19,7 +19,7 @@ def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Va
         InputError: a balloon that may burst has something that would not burst with it.
     """
     _require_bursting_alone(scene)
-    strength, density = parameters["strength"], parameters["initial_density"]
+    strength, density = parameters["film_strength"], parameters["initial_density"]
     shear = parameters["shear_modulus"]
     of_terms = 0.5 * (parameters["ogden_moduli"] * parameters["ogden_exponents"]).sum(axis=-1)
     is_ogden = np.array([balloon.material.law == "ogden" for balloon in scene.balloon])

@@ -28,7 +28,7 @@ WHOLE = wp.constant(-1.0)
 SPENT = wp.constant(1.0e8)
 """that far, once it has gone on from there"""
 PARAMETERS = (
-    Parameter("strength", "Pa", FAR, least=TINY, path="material.strength"),
+    Parameter("film_strength", "Pa", FAR, least=TINY, path="material.strength"),
     Parameter("tear_strength", "Pa", float("nan"), least=TINY, path="material.tear_strength"),
     Parameter("branching_stress", "Pa", float("nan"), least=TINY, path="material.branching_stress"),
     Parameter("tear_speed", "m/s", float("nan"), least=TINY, path="material.tear_speed"),

@@ -69,7 +69,7 @@ def weigh_faces(
     balloon = t.faces.balloon[face]
     if end > begin and not gone and bursts[world, balloon][0] < 0.0:
         pierced = time_of(t, frame, time_in_frame) >= of_balloon(tears.needle_time, world, balloon)
-        if pierced or stress >= of_balloon(tears.strength, world, balloon):
+        if pierced or stress >= of_balloon(tears.film_strength, world, balloon):
             wp.atomic_max(tears.weakest, world, balloon, packed(stress, face))
 
 
