@@ -29,6 +29,7 @@ class Summary:
     """what was written: a stage, or what was made of it"""
     picture: str | None
     points: str | None
+    """the arrays beside the output, where they were asked for"""
     scene: str
     device: str
     schedule: str

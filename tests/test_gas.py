@@ -22,6 +22,7 @@ from gas_balloons import (
 from meshes import cube, prism, quad_sphere, torus
 from scipy.integrate import solve_ivp
 
+from balloon_warp.kernels.laws.air import ALIKE
 from balloon_warp.kernels.laws.gas import Swelling, gas_load
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
@@ -189,6 +190,7 @@ def _find_load(
         AIR_PRESSURE,
         TEMPERATURE,
         1.2,
+        ALIKE,
         9.81,
     )
 

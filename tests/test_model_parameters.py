@@ -18,6 +18,7 @@ from balloon_warp.scene import (
     Ground,
     Inflation,
     Material,
+    Neck,
     Obstacle,
     Scene,
     Sphere,
@@ -33,7 +34,10 @@ GAS = Inflation(kind="gas")
 
 def everything() -> Scene:
     return Scene(
-        balloon=[Balloon(mesh=cube(), inflation=GAS), Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=GAS)],
+        balloon=[
+            Balloon(mesh=cube(), inflation=GAS, neck=Neck()),
+            Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=GAS, neck=Neck()),
+        ],
         sphere=[Sphere(position=(0.0, 5.0, 0.0))],
         string=[String(anchor=(0.0, -3.0, 0.0))],
         tube=[Tube(balloons=(0, 1), conductance=0.1)],
@@ -50,15 +54,17 @@ MATERIALS = (
     Material(kind="mooney_rivlin"),
     Material(kind="ogden", ogden_moduli=(6.3e5, 1.2e3, -1e4), ogden_exponents=(1.3, 5.0, -2.0)),
     Material(kind="gent"),
+    Material(kind="neo_hookean", softening=0.1),
+    Material(kind="neo_hookean", strength=2e7),
 )
 
 
 def of(material: Material) -> Scene:
-    """A scene of such balloons."""
-    scene = everything()
-    return scene.model_copy(
-        update={"balloon": [each.model_copy(update={"material": material}) for each in scene.balloon]}
-    )
+    """A scene of such balloons, without what those that may burst cannot be joined with."""
+    scene, own, around = everything(), {"material": material}, {}
+    if material.strength is not None:
+        own, around = own | {"neck": None}, {"tube": [], "touch": None, "water": None}
+    return scene.model_copy(update=around | {"balloon": [each.model_copy(update=own) for each in scene.balloon]})
 
 
 def scene_that_has(row: Parameter) -> Scene:
