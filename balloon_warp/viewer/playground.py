@@ -21,6 +21,7 @@ from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.bodies import as_vector
+from balloon_warp.viewer.inflating import inflating
 from balloon_warp.viewer.journal import Journal
 from balloon_warp.viewer.moment import Moment
 
@@ -109,11 +110,13 @@ class Playground:
         self.journal.change(self.frame, path, value)
 
     def inflate(self, value: float) -> None:
-        """Change what is keyframed of all balloons that are inflated as the first one is."""
-        kind = self.live.balloon[0].inflation.kind
-        for number, balloon in enumerate(self.live.balloon):
-            if balloon.inflation.kind == kind:
-                self.set(f"balloon.{number}.inflation.{balloon.inflation.keyframed}", value)
+        """Change what is keyframed of all balloons that are inflated as the first one is.
+
+        Raises:
+            InputError: one of them has a pump's curve.
+        """
+        for path, changed in inflating(self.live, value):
+            self.set(path, changed)
 
     def blow(self, wind: list[float]) -> None:
         """A wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""

@@ -127,7 +127,9 @@ AUTO_SECONDS = 1.0
 """in which a pressure that is left to us rises"""
 MUCH = ("amount", "breaths", "litres", "moles", "fill_to_pressure", "fill_to_diameter")
 """ways of saying how much gas there will be"""
-FAST = ("pump", "pump_curve", "breaths", "litres", "moles")
+BLOWN = ("breaths", "litres", "moles")
+"""ways of saying how much is blown in evenly"""
+FAST = ("pump", "pump_curve", *BLOWN)
 """ways of saying how fast it comes"""
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),

@@ -1,0 +1,30 @@
+"""What the page's slider does to balloons that something else fills."""
+
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp.errors import InputError
+from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp.viewer.inflating import inflating
+
+
+def filled(*inflations: dict) -> Scene:
+    return Scene(balloon=[Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(**fields)) for fields in inflations])
+
+
+def test_what_is_blown_in_gives_way_to_the_slider():
+    scene = filled({"pump": 0.5}, {"litres": 2.0}, {"breaths": 3.0}, {"moles": 1.0}, {"k_normal": 0.2})
+    assert inflating(scene, 0.25) == [
+        ("balloon.0.inflation.pump", 0.25),
+        ("balloon.1.inflation.litres", 0.0),
+        ("balloon.1.inflation.pump", 0.25),
+        ("balloon.2.inflation.breaths", 0.0),
+        ("balloon.2.inflation.pump", 0.25),
+        ("balloon.3.inflation.moles", 0.0),
+        ("balloon.3.inflation.pump", 0.25),
+    ]
+
+
+def test_a_pump_s_curve_stays():
+    with pytest.raises(InputError, match=r"balloon\.1\.inflation\.pump_curve: says another way what pump says"):
+        inflating(filled({"pump": 0.5}, {"pump_curve": [(0.0, 1.0), (100.0, 0.0)]}), 0.25)
