@@ -96,10 +96,12 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
     rise = (air - gas_density) * parameters["gravity"][:, None] * holds_gas
     loads = np.broadcast_arrays(pressures - rise * heights, rise)
     free_volumes = volume * (inside / STANDARD_PRESSURE) ** (1.0 / gamma)
-    warmth = temperature / parameters["air_temperature"][:, None]
+    # rounded as by kernels that pump, so that gas that is pumped later is until then as without a pump
+    molar = np.float32(GAS_CONSTANT) * parameters["air_temperature"].astype(np.float32) / np.float32(STANDARD_PRESSURE)
+    as_warm = amounts * molar.astype(np.float64)[:, None]
     return {
         "initial_gas_amounts": amounts,
-        "initial_free_volumes": free_volumes / np.where(gamma == 1.0, warmth, 1.0),
+        "initial_free_volumes": np.where(gamma == 1.0, as_warm, free_volumes),
         "initial_pressures": pressures,
         "initial_loads": np.stack(loads, axis=-1),
     }

@@ -110,11 +110,7 @@ class Playground:
         self.journal.change(self.frame, path, value)
 
     def inflate(self, value: float) -> None:
-        """Change what is keyframed of all balloons that are inflated as the first one is.
-
-        Raises:
-            InputError: one of them has a pump's curve.
-        """
+        """Change what is keyframed of all balloons that are inflated as the first one is."""
         for path, changed in inflating(self.live, value):
             self.set(path, changed)
 

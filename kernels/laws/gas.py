@@ -189,13 +189,12 @@ def pumped_gas(gas: wp.vec2d, moles: float, pressure: float, gamma: float, air_t
     """Amount [mol] and free volume [m^3] of a gas when so much is pumped in, or if negative let out.
 
     What comes in is as warm as the air, and goes through a valve to the `pressure` in there, in full [Pa]; what leaves
-    takes its part of the free volume along. Nothing changes nothing, not by rounding either: so gas that is pumped
-    later is until then what it would be without a pump.
+    takes its part of the free volume along.
     """
     amount = wp.max(gas[0] + wp.float64(moles), wp.float64(0.0))
     free_volume = gas[1]
     of_air = molar_volume(STANDARD_PRESSURE, air_temperature)
-    if gamma == 1.0 and moles != 0.0:
+    if gamma == 1.0:
         free_volume = amount * wp.float64(of_air)
     elif moles > 0.0:
         free_volume += wp.float64(moles * throttled(of_air, STANDARD_PRESSURE, pressure, gamma))
