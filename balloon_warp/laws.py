@@ -17,7 +17,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws import LAWS, PARAMETERS, Law, Parameter
+from balloon_warp.kernels.laws import LAWS, PARAMETERS, TAKEN, Law, Parameter
 from balloon_warp.kernels.laws.law import GIVEN, GIVEN_TO_BOUNDS, RESULT, Kind
 from balloon_warp.quiet import quiet_warp
 
@@ -76,7 +76,7 @@ def require_laws(laws: Sequence[Law]) -> None:
     for law in laws:
         require_law(law)
     names: set[str] = {law.name for law in LAWS}
-    owners = {name: (row, "a built-in law") for name, row in PARAMETERS.items()}
+    owners = {name: (row, "a built-in law") for name, row in TAKEN.items()}
     for law in laws:
         if law.name in names:
             raise InputError(f"law {law.name}: there is another law of that name; expected a name of its own")

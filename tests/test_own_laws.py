@@ -165,6 +165,10 @@ def test_what_only_kernels_have_is_no_mistake():
             [bw.particle_law(magnet, [*MAGNET.parameters, bw.Parameter("helium", "1")])],
             r"^law magnet: its parameter helium is also one of a built-in law, with another meaning",
         ),
+        (
+            [bw.particle_law(magnet, [*MAGNET.parameters, bw.Parameter("softening", "1")])],
+            r"^law magnet: its parameter softening is also one of a built-in law, with another meaning",
+        ),
         ([magnet], r"^laws: expected a Law \(got"),
     ],
 )

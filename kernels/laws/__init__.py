@@ -11,7 +11,9 @@ from balloon_warp.kernels.laws.face_air import FACE_AIR
 from balloon_warp.kernels.laws.hooke import HOOKE
 from balloon_warp.kernels.laws.law import Given, Law, Parameter
 from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
+from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.string import STRING
+from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
 from balloon_warp.kernels.laws.torsion import TORSION
 from balloon_warp.kernels.laws.water import WATER
 
@@ -19,5 +21,7 @@ LAWS: tuple[Law, ...] = (WEIGHT, DAMPING, HOOKE, RUBBER, RUBBER_AT_LIMIT, STRING
 """in the order in which their forces are added"""
 PARAMETERS: dict[str, Parameter] = {row.name: row for row in columns_of(LAWS).rows}
 """all that every scene has, by name: of these laws, and of springs, inertia, gas and the ground"""
+TAKEN: dict[str, Parameter] = PARAMETERS | {row.name: row for row in (*SOFTENING, *TEARING)}
+"""whose names laws of one's own cannot give to something else: those, and what only few scenes have"""
 
-__all__ = ["LAWS", "PARAMETERS", "Given", "Law", "Parameter"]
+__all__ = ["LAWS", "PARAMETERS", "TAKEN", "Given", "Law", "Parameter"]

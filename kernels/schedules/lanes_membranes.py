@@ -44,10 +44,51 @@ def add_at(vectors: wp.array[wp.vec4], numbers: LaneNumbers, more: Lanes3):  # n
 
 
 @cache
+def pull_function(traits: Traits, layout: Layout, surely_taut: bool) -> Any:
+    """The function that gives the tensions of the triangles of a quad, or of eight.
+
+    Args:
+        surely_taut: whether all are known to be taut, see `how_surely_taut`, so that it takes less.
+    """
+    LaneTables, _, _ = lane_structs(layout)  # noqa: N806 - a type
+    tension, taut_tension = tension_function(traits), taut_tension_function(traits)
+
+    @wp.func
+    def pull(
+        t: LaneTables, entry: wp.int32, material: wp.int32, n: Any, d11: Any, d12: Any, r11: Any, r12: Any,
+        along: Any, mixed: Any, back: Any,
+    ):  # fmt: skip
+        """From the products of the quad's edges, and how they change."""
+        for corner in range(t.quad_triangles[entry]):
+            e11 = d11[corner]
+            e12 = d12[corner]
+            e22 = d11[(corner + 3) % 4]
+            f11 = r11[corner]
+            f12 = r12[corner]
+            f22 = r11[(corner + 3) % 4]
+            rests = t.quad_rests[4 * entry + corner]
+            t11, t12, t22 = Lanes(), Lanes(), Lanes()
+            for lane in range(LANE_COUNT):
+                metric = wp.vec3(e11[lane], e12[lane], e22[lane])
+                if wp.static(surely_taut):
+                    pulls = taut_tension(metric, of_lane(rests, lane), material, n, lane)
+                else:
+                    rate = wp.vec3(f11[lane], f12[lane], f22[lane])
+                    pulls = tension(metric, rate, of_lane(rests, lane), material, n, lane)
+                t11[lane] = pulls[0]
+                t12[lane] = pulls[1]
+                t22[lane] = pulls[2]
+            along[corner] = t11
+            mixed[corner] = t12
+            back[(corner + 3) % 4] = t22
+
+    return pull
+
+
+@cache
 def stretch_function(traits: Traits, layout: Layout) -> Any:
     """The function that adds up the forces of all membranes of a group of worlds, or of a world."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
-    tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of = material_reader(traits)
     viscous, Vector = traits.viscous, layout.vector  # noqa: N806 - a type
 
@@ -66,60 +107,7 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
             surely = surely and not any_negative(excess)
         return surely
 
-    @wp.func
-    def pull_taut(
-        t: LaneTables,
-        entry: wp.int32,
-        material: wp.int32,
-        n: Any,
-        d11: Any,
-        d12: Any,
-        along: Any,
-        mixed: Any,
-        back: Any,
-    ):
-        """The tensions of a quad's triangles, from the products of its edges."""
-        for corner in range(t.quad_triangles[entry]):
-            e11 = d11[corner]
-            e12 = d12[corner]
-            e22 = d11[(corner + 3) % 4]
-            rests = t.quad_rests[4 * entry + corner]
-            t11, t12, t22 = Lanes(), Lanes(), Lanes()
-            for lane in range(LANE_COUNT):
-                pulls = taut_tension(wp.vec3(e11[lane], e12[lane], e22[lane]), of_lane(rests, lane), material, n, lane)
-                t11[lane] = pulls[0]
-                t12[lane] = pulls[1]
-                t22[lane] = pulls[2]
-            along[corner] = t11
-            mixed[corner] = t12
-            back[(corner + 3) % 4] = t22
-
-    @wp.func
-    def pull(
-        t: LaneTables, entry: wp.int32, material: wp.int32, n: Any, d11: Any, d12: Any, r11: Any, r12: Any,
-        along: Any, mixed: Any, back: Any,
-    ):  # fmt: skip
-        """The same however they are, with how the products change."""
-        for corner in range(t.quad_triangles[entry]):
-            e11 = d11[corner]
-            e12 = d12[corner]
-            e22 = d11[(corner + 3) % 4]
-            f11 = r11[corner]
-            f12 = r12[corner]
-            f22 = r11[(corner + 3) % 4]
-            rests = t.quad_rests[4 * entry + corner]
-            t11, t12, t22 = Lanes(), Lanes(), Lanes()
-            for lane in range(LANE_COUNT):
-                pulls = tension(
-                    wp.vec3(e11[lane], e12[lane], e22[lane]), wp.vec3(f11[lane], f12[lane], f22[lane]),
-                    of_lane(rests, lane), material, n, lane,
-                )  # fmt: skip
-                t11[lane] = pulls[0]
-                t12[lane] = pulls[1]
-                t22[lane] = pulls[2]
-            along[corner] = t11
-            mixed[corner] = t12
-            back[(corner + 3) % 4] = t22
+    pull, pull_taut = (pull_function(traits, layout, surely_taut) for surely_taut in (False, True))
 
     @wp.func
     def stretch_quad(
@@ -176,7 +164,7 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
             pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
         else:
             if are_surely_taut(t, entry, d11, d12):
-                pull_taut(t, entry, material, n, d11, d12, along, mixed, back)
+                pull_taut(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
             else:
                 pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
         # what the ends of each edge do to each other
