@@ -1,10 +1,10 @@
-"""A picture of how fast it is, from what `balloon-warp bench` measured and RESULTS.md keeps:
+"""A picture of how fast it is, from what `balloon-warp bench` measured and RESULTS.md keeps. In the project's folder:
 python -m balloon_warp.benchmarks.performance docs/pictures/performance.svg"""
 
 import sys
 from pathlib import Path
 
-RESULTS = Path(__file__).parent / "RESULTS.md"
+RESULTS = Path("benchmarks/RESULTS.md")
 GPU_FRAME = 488 * 32
 """particle-substeps in a frame of the cases' balloon"""
 SHOWN = {

@@ -2,6 +2,7 @@
 makes docs/VALIDATION.md's numbers and pictures again."""
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -160,14 +161,16 @@ def table(cases: dict[str, Any]) -> str:
 
 
 def main(folder: Path) -> None:
-    """Write the JSON and the pictures, and print the table."""
+    """Write the JSON, the page's table and the pictures."""
     from balloon_warp.benchmarks.validation_pictures import draw  # needs Matplotlib
 
     cases = {name: asdict(case()) for name, case in CASES.items()}
     (folder / "validation.json").write_text(json.dumps(cases, indent=1) + "\n", encoding="utf-8")
     for name, case in cases.items():
         draw(case, folder / "pictures" / f"validation_{name}.svg")
-    print(table(cases))
+    page = folder / "VALIDATION.md"
+    before, after = re.split(r"(?<=<!-- table -->).*(?=<!-- end -->)", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    page.write_text(f"{before}\n\n{table(cases)}\n\n{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
