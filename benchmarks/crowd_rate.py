@@ -11,7 +11,7 @@ from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.benchmarks.newton_crowd import NewtonCrowd
 from balloon_warp.benchmarks.overlap import deepest_overlap
-from balloon_warp.benchmarks.result import Result
+from balloon_warp.benchmarks.result import Result, beside
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.model import Model, build_model, initial_state
 from balloon_warp.schedules import make_schedule
@@ -27,7 +27,7 @@ def measure_crowd(case: CrowdCase, device: wp.Device) -> Result:
     schedule, peers = make_schedule(model), peers_of(case, model)
     states = [initial_state(model) for _ in (schedule, *peers)]
     times = seconds_a_frame([schedule, *peers], case.frames, states)
-    rate, *peer_rates = [model.frame_seconds / seconds for seconds in times]
+    rates = [model.frame_seconds / seconds for seconds in times]
     ended = [states[0].points.numpy()[0], *(peer.points for peer in peers)]
     overlap, *peer_overlaps = [_overlap(points, model) / case.radius for points in ended]
     return Result(
@@ -36,12 +36,9 @@ def measure_crowd(case: CrowdCase, device: wp.Device) -> Result:
         schedule=schedule.name,
         worlds=1,
         particles=model.particle_count,
-        rate=rate,
-        peer=case.peer if peers else None,
-        peer_rate=peer_rates[0] if peers else None,
-        ratio=rate / peer_rates[0] if peers else None,
         overlap=overlap,
         peer_overlap=peer_overlaps[0] if peers else None,
+        **beside(case.peer, rates),
     )
 
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from balloon_warp.benchmarks.newton_peer import add_balloons
-from balloon_warp.errors import MissingExtraError
+from balloon_warp.benchmarks.newton_peer import add_balloons, import_newton
 from balloon_warp.model import Model, State
 from balloon_warp.model.touch import THICKNESS, edge_length
 from balloon_warp.schedules.touch_table import triangles_of
@@ -35,10 +34,7 @@ class NewtonCrowd:
     capturable = True
 
     def __init__(self, model: Model):
-        try:
-            import newton
-        except ImportError:
-            raise MissingExtraError("the peer needs newton: pip install 'balloon-warp[bench]'") from None
+        newton = import_newton()
         self.model = model
         self._newton = _newton_model(newton, model)
         skin = THICKNESS * edge_length(model.shapes[0].mesh)

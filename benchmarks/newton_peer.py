@@ -33,10 +33,7 @@ class NewtonPeer:
     capturable = True
 
     def __init__(self, model: Model):
-        try:
-            import newton
-        except ImportError:
-            raise MissingExtraError("the peer needs newton: pip install 'balloon-warp[bench]'") from None
+        newton = import_newton()
         self.model = model
         self._newton = _newton_model(newton, model)
         self._solver = newton.solvers.SolverSemiImplicit(self._newton)
@@ -78,6 +75,15 @@ class NewtonPeer:
 
     def _rows(self, array: wp.array) -> wp.array:
         return array.reshape((self.model.world_count, self.model.particle_count))
+
+
+def import_newton() -> Any:
+    """Raises: MissingExtraError: newton is not installed."""
+    try:
+        import newton
+    except ImportError:
+        raise MissingExtraError("the peer needs newton: pip install 'balloon-warp[bench]'") from None
+    return newton
 
 
 @cache

@@ -9,7 +9,7 @@ from balloon_warp.benchmarks.bound import bound
 from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, ContactCase
 from balloon_warp.benchmarks.measure import seconds_a_frame
 from balloon_warp.benchmarks.newton_peer import NewtonPeer
-from balloon_warp.benchmarks.result import Result
+from balloon_warp.benchmarks.result import Result, beside
 from balloon_warp.benchmarks.rubber import RubberCase
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.model import Model, build_model
@@ -20,7 +20,7 @@ def measure_rate(case: Case | ContactCase | RubberCase, device: wp.Device) -> Re
     """A case's rate, in turns with its peer's where it has one; Newton only where that is installed."""
     schedule = _schedule(case, device)
     peer_name, peers = _peers(case, schedule.model)
-    rate, *peer_rates = [
+    rates = [
         _work(contender.model) / seconds
         for contender, seconds in zip([schedule, *peers], seconds_a_frame([schedule, *peers]), strict=True)
     ]
@@ -31,11 +31,8 @@ def measure_rate(case: Case | ContactCase | RubberCase, device: wp.Device) -> Re
         schedule=schedule.name,
         worlds=case.worlds,
         particles=case.particles,
-        rate=rate,
-        peer=peer_name if peers else None,
-        peer_rate=peer_rates[0] if peers else None,
-        ratio=rate / peer_rates[0] if peers else None,
-        bound_fraction=rate / limit if limit else None,
+        bound_fraction=rates[0] / limit if limit else None,
+        **beside(peer_name, rates),
     )
 
 

@@ -5,7 +5,7 @@ import warp as wp
 from balloon_warp.benchmarks.blender_peer import BlenderPeer
 from balloon_warp.benchmarks.cases import RealTimeCase
 from balloon_warp.benchmarks.measure import seconds_a_frame
-from balloon_warp.benchmarks.result import Result
+from balloon_warp.benchmarks.result import Result, beside
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.model import Model, build_model
 from balloon_warp.schedules import make_schedule
@@ -16,17 +16,14 @@ def measure_real_time(case: RealTimeCase, device: wp.Device) -> Result:
     model = build_model(case.scene(), device)
     schedule = make_schedule(model)
     peers = _peers(model)
-    rate, *peer_rates = [model.frame_seconds / seconds for seconds in seconds_a_frame([schedule, *peers])]
+    rates = [model.frame_seconds / seconds for seconds in seconds_a_frame([schedule, *peers])]
     return Result(
         case=case.name,
         device=str(device),
         schedule=schedule.name,
         worlds=1,
         particles=model.particle_count,
-        rate=rate,
-        peer=peers[0].name if peers else None,
-        peer_rate=peer_rates[0] if peers else None,
-        ratio=rate / peer_rates[0] if peers else None,
+        **beside(BlenderPeer.name, rates),
     )
 
 

@@ -1,6 +1,8 @@
 """What a case gives."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -26,3 +28,11 @@ class Result:
 
     def as_json(self) -> dict:
         return asdict(self)
+
+
+def beside(peer: str, rates: Sequence[float]) -> dict[str, Any]:
+    """A result's fields of rates: ours, and the peer's where it took part."""
+    ours, *others = rates
+    if not others:
+        return {"rate": ours}
+    return {"rate": ours, "peer": peer, "peer_rate": others[0], "ratio": ours / others[0]}

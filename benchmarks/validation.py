@@ -169,7 +169,9 @@ def main(folder: Path) -> None:
     for name, case in cases.items():
         draw(case, folder / "pictures" / f"validation_{name}.svg")
     page = folder / "VALIDATION.md"
-    before, after = re.split(r"(?<=<!-- table -->).*(?=<!-- end -->)", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    before, after = re.split(
+        r"(?<=<!-- table -->).*(?=<!-- end -->)", page.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
     page.write_text(f"{before}\n\n{table(cases)}\n\n{after}", encoding="utf-8")
 
 
