@@ -5,7 +5,7 @@ from meshes import quad_sphere
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene import Balloon, Inflation, Scene
-from balloon_warp.viewer.inflating import inflating
+from balloon_warp.viewer.by_hand import inflating
 
 
 def filled(*inflations: dict) -> Scene:

@@ -21,7 +21,8 @@ from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.bodies import as_vector
-from balloon_warp.viewer.inflating import inflating
+from balloon_warp.viewer.by_hand import blowing, inflating
+from balloon_warp.viewer.differing import what_differs
 from balloon_warp.viewer.journal import Journal
 from balloon_warp.viewer.moment import Moment
 
@@ -29,7 +30,6 @@ MOST_SUBSTEPS = 1000
 """in a frame, of what is played with"""
 MOST_THROWN = 8
 """spheres that are about at one time; the next one takes the place of the oldest"""
-SPHERE_DRAG = 0.47
 
 
 class Playground:
@@ -97,29 +97,15 @@ class Playground:
         Raises:
             InputError: there is no such value, or it is out of its bounds; nothing changes then.
         """
-        scene = override_scene(self.live, [(path, value)])
-        self._take_over()
-        scene = override_scene(self.live, [(path, value)])
-        plan, model = self._plan(scene), self.simulator.model
-        if path in METHODS or acting_laws(plan) != acting_laws(model):  # then other kernels run
-            self._rebuild(scene, list(range(len(scene.sphere))))
-        else:
-            self.live = scene
-            self.simulator.set_parameters(self._what_differs(plan))
-            self._go_at(plan.substeps)
-        self.journal.change(self.frame, path, value)
+        self._set([(path, value)])
 
     def inflate(self, value: float) -> None:
         """Change what is keyframed of all balloons that are inflated as the first one is."""
-        for path, changed in inflating(self.live, value):
-            self.set(path, changed)
+        self._set(inflating(self.live, value))
 
     def blow(self, wind: list[float]) -> None:
         """A wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""
-        for number, balloon in enumerate(self.live.balloon):
-            if balloon.drag_coefficient == 0.0:
-                self.set(f"balloon.{number}.drag_coefficient", SPHERE_DRAG)
-        self.set("atmosphere.wind", wind)
+        self._set(blowing(self.live, wind))
 
     def throw(self, position: NDArray, velocity: NDArray, radius: float, mass: float) -> None:
         """A sphere appears, and flies.
@@ -225,6 +211,21 @@ class Playground:
         for who in list(self.hands):
             self.release(who)
 
+    def _set(self, changes: list[tuple[str, Any]]) -> None:
+        """All of them or none, and the model is planned once."""
+        override_scene(self.live, changes)
+        self._take_over()
+        scene = override_scene(self.live, changes)
+        plan, model = self._plan(scene), self.simulator.model
+        if any(path in METHODS for path, _ in changes) or acting_laws(plan) != acting_laws(model):  # other kernels run
+            self._rebuild(scene, list(range(len(scene.sphere))), plan=plan)
+        else:
+            self.live = scene
+            self.simulator.set_parameters(what_differs(plan, model))
+            self._go_at(plan.substeps)
+        for path, value in changes:
+            self.journal.change(self.frame, path, value)
+
     def _take_over(self) -> None:
         """From the first touch on, what the scene itself had planned does not happen."""
         if not self._untouched:
@@ -267,19 +268,15 @@ class Playground:
         parameters = {**plan.parameters, "keyframe_values": values}
         return replace(plan, parameters=parameters, substeps=max(plan.substeps, self._least_substeps))
 
-    def _what_differs(self, plan: ModelPlan) -> dict[str, NDArray]:
-        """The parameters that are others than those of the running model."""
-        model, differing = self.simulator.model, {}
-        for name, rows in plan.parameters.items():
-            if not name.startswith("initial_"):
-                running = model.parameters[name].numpy()
-                if not np.array_equal(rows.astype(running.dtype).reshape(running.shape), running):
-                    differing[name] = rows
-        return differing
-
-    def _rebuild(self, scene: Scene, spheres: Sequence[int | None] | None = None, substeps: int | None = None) -> None:
+    def _rebuild(
+        self,
+        scene: Scene,
+        spheres: Sequence[int | None] | None = None,
+        substeps: int | None = None,
+        plan: ModelPlan | None = None,
+    ) -> None:
         """Go on in a scene with other spheres or strings, or another method."""
-        plan = self._plan(scene)
+        plan = plan or self._plan(scene)
         running = self.simulator.model.substeps
         wanted = substeps or (plan.substeps if self.keep_stable else running)
         if wanted != running and substeps is None:

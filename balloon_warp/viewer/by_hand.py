@@ -1,10 +1,12 @@
-"""What changes in a scene when somebody inflates it by hand."""
+"""What changes in a scene when somebody inflates it by hand, or lets a wind blow."""
 
 from typing import Any
 
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.schema.inflation import BLOWN
+
+SPHERE_DRAG = 0.47
 
 
 def inflating(scene: Scene, value: float) -> list[tuple[str, Any]]:
@@ -23,3 +25,10 @@ def inflating(scene: Scene, value: float) -> list[tuple[str, Any]]:
             changes.append((f"{given}.{balloon.inflation.keyframed}", value))
     override_scene(scene, changes)  # all of it or nothing
     return changes
+
+
+def blowing(scene: Scene, wind: list[float]) -> list[tuple[str, Any]]:
+    """Paths and values for a wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""
+    slippery = [number for number, balloon in enumerate(scene.balloon) if balloon.drag_coefficient == 0.0]
+    drag = [(f"balloon.{number}.drag_coefficient", SPHERE_DRAG) for number in slippery]
+    return [*drag, ("atmosphere.wind", wind)]
