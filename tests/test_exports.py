@@ -15,7 +15,7 @@ from test_resume import press_ctrl_c, stop
 from balloon_warp import InputError, MissingExtraError, PolygonMesh, animate, export_stage
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.exports import export, glb
-from balloon_warp.outputs.exports.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
+from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
 
 
 @pytest.fixture(scope="module", params=["Y", "Z"])

@@ -11,7 +11,6 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdShade, UsdValidation
 from balloon_warp import InputError, Scene, Simulator, animate
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Sphere, String, Water
 
 FRAMES = 6
@@ -103,7 +102,7 @@ def test_extents_hold_at_every_sample(stage: Usd.Stage):
             computed = UsdGeom.Boundable.ComputeExtentFromPlugins(boundable, Usd.TimeCode(time))
             np.testing.assert_allclose(boundable.GetExtentAttr().Get(time), computed, atol=1e-6)
             checked += 1
-    assert checked == 5 * (FRAMES + 1) + 3  # two balloons, two sets of net forces, a string; two spheres, the ground
+    assert checked == 6 * (FRAMES + 1) + 3  # two balloons, their net forces, a string and its mesh; spheres, ground
 
 
 def test_measures_are_those_of_the_shape(stage: Usd.Stage):
@@ -125,42 +124,6 @@ def test_spheres_move_by_an_animated_translate(stage: Usd.Stage):
             assert sphere.GetRadiusAttr().Get() == radius
             moved = UsdGeom.XformCache(frame.number).GetLocalToWorldTransform(sphere.GetPrim()).ExtractTranslation()
             np.testing.assert_array_equal(moved, frame.sphere_positions[number])
-
-
-def test_strings_go_from_anchor_to_particle(stage: Usd.Stage):
-    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
-    ball = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
-    held = int(quad_sphere(3).points[:, 1].argmin())
-    assert curve.GetTypeAttr().Get() == "linear"
-    for time in range(FRAMES + 1):
-        points = np.array(curve.GetPointsAttr().Get(time))
-        np.testing.assert_array_equal(points[0], 0.0)
-        np.testing.assert_allclose(points[-1], ball.GetPointsAttr().Get(time)[held], atol=1e-6)
-
-
-def test_a_string_on_the_second_balloon_ends_at_its_particle(tmp_path: Path):
-    balloons = [Balloon(mesh=cube(), name="first"), Balloon(mesh=quad_sphere(3), name="second", position=(5, 3, 0))]
-    scene = Scene(balloon=balloons, string=[String(anchor=(5, 0, 0), balloon=1)], frames=3)
-    animate(scene, tmp_path / "two.usda", device="cpu")
-    stage = Usd.Stage.Open(str(tmp_path / "two.usda"))
-    curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
-    second = UsdGeom.Mesh(stage.GetPrimAtPath("/World/second"))
-    held = int(quad_sphere(3).points[:, 1].argmin())
-    for time in range(4):
-        np.testing.assert_allclose(
-            curve.GetPointsAttr().Get(time)[-1], second.GetPointsAttr().Get(time)[held], atol=1e-6
-        )
-
-
-def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
-    """The parabola's length is off by the next term of its series: 2 % at a slack of 10 %."""
-    taut = string_curve((0, 1, 0), (2, 1, 0), 2.0, (0, 1, 0), -np.inf)
-    np.testing.assert_allclose(taut[:, 1], 1.0, atol=1e-6)
-    slack = string_curve((0, 1, 0), (2, 1, 0), 2.2, (0, 1, 0), -np.inf)
-    assert np.linalg.norm(np.diff(slack, axis=0), axis=1).sum() == pytest.approx(2.2, rel=0.02)
-    assert slack[:, 1].min() < 0.8
-    assert string_curve((0, 1, 0), (2, 1, 0), 9.0, (0, 1, 0), 0.5)[:, 1].min() == pytest.approx(0.5)
-    assert np.isfinite(string_curve((0, 0, 0), (0, 0, 0), 1.0, (0, 1, 0), 0.0)).all()
 
 
 def test_net_forces_start_at_the_particles_and_have_their_length(stage: Usd.Stage):
@@ -232,7 +195,7 @@ def test_a_plane_moves_where_its_height_changes(tmp_path: Path):
 
 def test_materials_are_bound_and_colored(stage: Usd.Stage):
     gprims = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Gprim)]
-    assert len(gprims) == 8
+    assert len(gprims) == 9
     for prim in gprims:
         material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
         shader = material.ComputeSurfaceSource()[0]
@@ -284,11 +247,14 @@ def test_a_stage_that_cannot_be_written_is_refused_before_the_run(tmp_path: Path
 
 
 def test_blender_reads_the_stage(written: Path):
-    """In Blender: the balloon's mesh, its polygons, and its shape at the last frame."""
+    """In Blender: the balloon's mesh, its polygons, its shape at the last frame, materials, and a lens of 50 mm."""
     bpy = pytest.importorskip("bpy")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.usd_import(filepath=str(written))
-    ball = bpy.data.objects["ball"]
+    ball, string = bpy.data.objects["ball"], bpy.data.objects["String_0_Mesh"]
+    assert [each.active_material.name for each in (ball, string)] == ["ball", "Strings_String_0"]
+    assert bpy.data.objects["Camera"].data.lens == pytest.approx(50.0)
+    assert "String_0" not in bpy.data.objects  # the curve, which would be gray
     mesh = quad_sphere(3)
     assert [len(polygon.vertices) for polygon in ball.data.polygons] == mesh.face_vertex_counts.tolist()
     bpy.context.scene.frame_set(FRAMES)

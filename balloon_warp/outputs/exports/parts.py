@@ -11,16 +11,15 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.outputs.exports.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
 from balloon_warp.outputs.render.appearance import Finish, read_colors, read_finish
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.prims import CORNERS, SIDES
 from balloon_warp.outputs.render.stage_reader import DRAWN, RenderStage
+from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
+from balloon_warp.outputs.usd.presence import is_shown
 
 LEVEL = ("ground", "floor", "water", "pool")
 """names of level planes: no export has them, as they are far larger than what moves above them"""
-SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-"""purposes of prims that are there to be seen"""
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ class Animation:
     def _find_parts(self) -> list[Part]:
         parts, names = [], set[str]()
         for prim in Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()):
-            if not any(kind(prim) for kind in DRAWN) or UsdGeom.Imageable(prim).ComputePurpose() not in SHOWN:
+            if not any(kind(prim) for kind in DRAWN) or not is_shown(prim):
                 continue
             part = _part_of(prim, self.frames[0], prim.GetName())
             if part is None or _is_level(part):

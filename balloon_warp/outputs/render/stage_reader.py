@@ -13,6 +13,7 @@ from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
+from balloon_warp.outputs.usd.presence import is_shown
 from balloon_warp.outputs.usd.studio import OURS
 
 DRAWN = (UsdGeom.Mesh, UsdGeom.Cube, UsdGeom.Sphere, UsdGeom.Capsule, UsdGeom.BasisCurves)
@@ -178,6 +179,4 @@ def _is_drawn(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     if not any(kind(prim) for kind in DRAWN):
         return False
     imageable = UsdGeom.Imageable(prim)
-    return imageable.ComputePurpose() in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render) and (
-        imageable.ComputeVisibility(time) != UsdGeom.Tokens.invisible
-    )
+    return is_shown(prim) and imageable.ComputeVisibility(time) != UsdGeom.Tokens.invisible

@@ -1,9 +1,19 @@
-"""What appears and ends in the stage."""
+"""What is to be seen in the stage, and when."""
 
-from pxr import UsdGeom
+from pxr import Usd, UsdGeom
 
 from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.timeline import is_there
+
+PAIRED = "balloonWarpPair"
+"""key of the custom data of a curve and of the mesh around it: pictures and exports of ours take the curve"""
+SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+"""purposes of prims that are there to be seen"""
+
+
+def is_shown(prim: Usd.Prim) -> bool:
+    """Whether a prim is there to be seen; of a curve and its mesh, the curve."""
+    return (UsdGeom.Imageable(prim).ComputePurpose() in SHOWN) != prim.HasCustomDataKey(PAIRED)
 
 
 def show_while_there(prim: UsdGeom.Imageable, scene: Scene, lasting: Sphere | String, frame: int) -> None:

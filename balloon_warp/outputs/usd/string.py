@@ -6,9 +6,10 @@ from pxr import Sdf, Usd, UsdGeom
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
-from balloon_warp.outputs.usd.lines import define_lines, write_lines
+from balloon_warp.outputs.usd.lines import define_lines
 from balloon_warp.outputs.usd.material import STRING_COLOR, paint
 from balloon_warp.outputs.usd.presence import show_while_there
+from balloon_warp.outputs.usd.strand import Strand
 from balloon_warp.outputs.usd.string_curve import POINT_COUNT, string_curve
 
 
@@ -20,17 +21,19 @@ def define_string(stage: Usd.Stage, path: Sdf.Path, held: PolygonMesh) -> UsdGeo
 
 
 class StringPrim:
-    """One string of the scene, as one curve."""
+    """One string of the scene, as a curve and the mesh around it."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.model, self.number = model, number
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
         self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
+        self._strand = Strand(stage, self.prim)
 
     def write(self, frame: Frame) -> None:
         anchor, end = frame.string_anchors[self.number], frame.points[self.string.balloon][self.particle]
         length = float(frame.string_lengths[self.number])
         curve = string_curve(anchor, end, length, self.model.scene.up, frame.ground_height)
-        write_lines(self.prim, curve, frame.number)
-        show_while_there(self.prim, self.model.scene, self.string, frame.number)
+        self._strand.write(curve, frame.number)
+        for prim in (self.prim, self._strand.mesh):
+            show_while_there(prim, self.model.scene, self.string, frame.number)

@@ -8,8 +8,8 @@ HOME = Sdf.Path("/World/Studio")
 OURS = "balloonWarp"
 """key of the custom data that tells our camera from a user's: pictures find a better place for each themselves"""
 ASPECT = 16.0 / 9.0
-FOCAL_LENGTH = 50.0
-"""of the camera [mm]"""
+FOCAL_LENGTH = 0.5
+"""of the camera, in tenths of the stage's unit, as USD has it: 50 mm where that is a meter"""
 MOST_FRAMES = 40
 """that the camera's place is found from"""
 
@@ -40,7 +40,7 @@ def define_camera(stage: Usd.Stage, paths: list[Sdf.Path], frames: list[int]) ->
     from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int))
-    purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]
+    purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render, UsdGeom.Tokens.proxy]
     turn = Z_TO_Y_UP if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else np.eye(3)
     fit, seen = CameraFit(ASPECT), [np.empty((0, 3))]
     for place in chosen.tolist():

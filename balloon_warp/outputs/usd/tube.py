@@ -5,12 +5,16 @@ from pxr import Sdf, Usd
 
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
-from balloon_warp.outputs.usd.lines import define_lines, write_lines
+from balloon_warp.outputs.usd.lines import define_lines
 from balloon_warp.outputs.usd.material import STRING_COLOR, paint
+from balloon_warp.outputs.usd.strand import Strand
 
 
 class TubePrim:
-    """One tube of the scene, as a straight curve between the particles that face each other at the start."""
+    """One tube of the scene, as a straight curve and the mesh around it.
+
+    It goes between the particles that face each other at the start.
+    """
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.balloons = model.scene.tube[number].balloons
@@ -20,7 +24,9 @@ class TubePrim:
         size = min(float(np.ptp(points, axis=0).max()) for points in (first, second))
         self.prim = define_lines(stage, path, [2], width=0.1 * size)
         paint(self.prim, STRING_COLOR, roughness=0.5)
+        self._strand = Strand(stage, self.prim)
 
     def write(self, frame: Frame) -> None:
         ends = zip(self.balloons, self.particles, strict=True)
-        write_lines(self.prim, np.stack([frame.points[balloon][particle] for balloon, particle in ends]), frame.number)
+        places = np.stack([frame.points[balloon][particle] for balloon, particle in ends])
+        self._strand.write(places, frame.number)
