@@ -57,8 +57,11 @@ def test_commands_are_ones_that_there_are(page: Path):
     [page for page in PAGES if code(page, "python") and page.name not in RUN_ELSEWHERE],
     ids=lambda page: page.stem,
 )
-def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """All its blocks, one after the other, in a file: Warp reads the source of laws."""
+def test_the_python_of_a_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """All its blocks, one after the other, in a file: Warp reads the source of laws. It prints what the page says."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
     file = tmp_path / f"page_{page.stem.lower()}.py"
     file.write_text("\n\n".join(code(page, "python")), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -68,6 +71,9 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     assert module.moved.points[0].shape[-1] == 3
+    printed = capsys.readouterr().out
+    for said in re.findall(r"It prints `([^`]+)`", page.read_text(encoding="utf-8")):
+        assert said in printed
 
 
 def test_nothing_is_left_out():
