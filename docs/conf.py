@@ -19,6 +19,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "building.formulas",
+    "building.examples",
     "building.pages",
     "building.sources",
     "building.docstrings",
@@ -26,6 +27,8 @@ extensions = [
 source_suffix = {".md": "markdown"}
 root_doc = "index"
 exclude_patterns = ["building", "examples"]
+html_static_path = ["building/static"]
+html_css_files = ["site.css"]
 html_theme = "furo"
 html_title = f"Balloon Warp {version}"
 html_math_renderer = "mathml"

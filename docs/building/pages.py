@@ -8,6 +8,7 @@ from sphinx.application import Sphinx
 
 import balloon_warp as bw
 from building.commands import command_reference
+from building.examples import cards
 from building.sources import ROOT, within
 
 
@@ -46,21 +47,10 @@ def _directive(name: str, found: object) -> str:
     return f".. autoclass:: balloon_warp.{name}\n   :members:\n   :inherited-members: Exception, object{excluded}"
 
 
-def _examples() -> str:
-    parts = []
-    for file in sorted((ROOT / "docs" / "examples").glob("[0-9]*.py")):
-        picture = ROOT / "docs" / "pictures" / f"example_{file.stem}.png"
-        shown = f"\n\n![What it draws](pictures/{picture.name})" if picture.exists() else ""
-        code = file.read_text(encoding="utf-8")
-        title = code.partition('"""')[2].partition("\n")[0].rstrip('".')
-        parts.append(f"## {title}{shown}\n\n`docs/examples/{file.name}`\n\n```python\n{code}```")
-    return "\n\n".join(parts)
-
-
 ADDED: dict[str, Callable[[], str]] = {
     "COMMANDS": command_reference,
     "API": _python_names,
-    "EXAMPLES": _examples,
+    "EXAMPLES": cards,
     "PERFORMANCE": lambda: _file("benchmarks/RESULTS.md"),
     "CHANGES": lambda: _file("CHANGELOG.md"),
     "SAFETY": lambda: _file("SECURITY.md"),

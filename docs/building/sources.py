@@ -36,7 +36,9 @@ def _from_docs(folder: str, link: str) -> str:
 
 
 def _lead_to_pages(app: Sphinx, name: str, text: list[str]) -> None:
-    text[0] = text[0].replace("](examples/", "](../docs/examples/")
+    text[0] = re.sub(r"\]\(examples/(\w+)\.py\)", r"](example_pages/\1.md)", text[0])
+    if name.startswith("example_pages/"):  # its links to files go up one folder more
+        text[0] = text[0].replace("](../../", "](../")
     text[0] = re.sub(r"\]\(\.\./([^)#]+)(#[^)]*)?\)", lambda link: f"]({_target(link[1])}{link[2] or ''})", text[0])
 
 
