@@ -35,7 +35,7 @@ class Material(Table):
     """
 
     preset: Literal["latex", "latex_thick", "natural_rubber_treloar", "foil", "nylon"] | None = None
-    """a material that is known: the fields that are left out are its own, see PHYSICS.md"""
+    """a material that is known: the fields that are left out are its own, see RUBBER.md"""
     kind: Kind | None = None
     """the law of its stretching; when missing, the preset's, or "springs\""""
     shear_modulus: float | None = optional_field_of("shear_modulus")
