@@ -11,6 +11,8 @@ from building.commands import command_reference
 from building.examples import cards
 from building.sources import ROOT, within
 
+INSTEAD = "<!-- instead, on the site -->"
+
 
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", _add)
@@ -18,8 +20,9 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _add(app: Sphinx, name: str, text: list[str]) -> None:
+    """At the end, or in place of what stands below the mark."""
     if name in ADDED:
-        text[0] += f"\n\n{ADDED[name]()}\n"
+        text[0] = f"{text[0].partition(INSTEAD)[0]}\n\n{ADDED[name]()}\n"
 
 
 def _file(path: str) -> str:
@@ -43,8 +46,10 @@ def _directive(name: str, found: object) -> str:
         return f".. autofunction:: balloon_warp.{name}"
     if hasattr(found, "model_fields"):  # its fields stand in SCENE.md
         return f".. autoclass:: balloon_warp.{name}\n   :exclude-members: __init__, __new__"
+    if issubclass(found, BaseException):  # what all exceptions have is Python's
+        return f".. autoexception:: balloon_warp.{name}"
     excluded = "\n   :exclude-members: __init__" if is_dataclass(found) else ""
-    return f".. autoclass:: balloon_warp.{name}\n   :members:\n   :inherited-members: Exception, object{excluded}"
+    return f".. autoclass:: balloon_warp.{name}\n   :members:\n   :inherited-members: object{excluded}"
 
 
 ADDED: dict[str, Callable[[], str]] = {
