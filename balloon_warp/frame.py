@@ -25,7 +25,7 @@ class Frame:
     net_forces: list[NDArray[np.float32]]
     """on each balloon's particles [N], shape (particle_count, 3); empty unless the scene asks for them"""
     inflation_forces: list[NDArray[np.float32]]
-    """those of the inflation alone; also where a balloon is inflated by normal forces, whose pressure they tell"""
+    """of the inflation alone, as `net_forces`; unasked, too, where a balloon has the paper's inflation"""
     pressures: NDArray[np.float32]
     """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (balloon_count,)"""
     gas_amounts: NDArray[np.float64]
@@ -51,7 +51,7 @@ class Frame:
     meshes: list[PolygonMesh]
     """of the balloons, as they are at the start"""
     torn: list[NDArray[np.bool_]]
-    """of each balloon, which of its faces are, shape (face_count,); empty where no balloon may burst"""
+    """which faces of each balloon are torn, shape (face_count,); empty where no balloon may burst"""
 
     @property
     def volumes(self) -> NDArray[np.float64]:
@@ -81,8 +81,13 @@ class Frame:
         return measures
 
     def corners(self, number: int) -> NDArray[np.int32]:
-        """Of a balloon's faces, one after the other; those of a torn face are all at one vertex: it is there no more.
-        Shape (corner_count,)."""
+        """The vertices at the corners of a balloon's faces, one face after the other.
+
+        A torn face has all of its corners at one vertex, and so no area.
+
+        Returns:
+            shape (corner_count,)
+        """
         mesh = self.meshes[number]
         if not self.torn or not self.torn[number].any():
             return mesh.face_vertex_indices
@@ -101,7 +106,7 @@ class Frame:
 
     @property
     def is_finite(self) -> bool:
-        """Whether all that is written of it is."""
+        """Whether all numbers that are written of it are finite."""
         lists = (self.points, self.velocities, self.net_forces, self.inflation_forces)
         arrays = (self.pressures, self.gas_amounts, self.thrusts)
         arrays += (self.sphere_positions, self.sphere_velocities, self.body_poses)

@@ -47,8 +47,9 @@ class Running(Displayed):
         self._raise_if_bad(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
 
     def run(self, world: int = 0, ahead: bool = False) -> Iterator[Frame]:
-        """The frames of one world, as many as the scene asks for: the start, then one after the other; after the start,
-        those that are missing.
+        """The frames of one world: the start, then as many as the scene asks for, one after the other.
+
+        A simulator that is past its start gives the frames that are still missing.
 
         Args:
             ahead: whether the next frame is simulated while the loop works on this one, so that a GPU does not wait.

@@ -120,7 +120,7 @@ class Simulator(Running):
         return self._turn_is_due or self._origins.is_due(self.model, self.frame_number)
 
     def advance(self) -> None:
-        """Advance every world by one frame, those that blew up, too."""
+        """Advance every world by one frame, without a look at which ones blew up."""
         self.take_due_turns()
         if self.schedule.capturable:
             wp.capture_launch(self._frame_graph)
@@ -200,7 +200,7 @@ class Simulator(Running):
             vars(self).pop(cached, None)
 
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
-        """Why a world is bad that was found so after a frame: by itself, its last frames are simulated again to see.
+        """Why a world blew up. Its last frames are simulated again, by themselves, to find out.
 
         Args:
             bad: its first bad particle or sphere then; as the state has it, when missing.
@@ -231,7 +231,7 @@ class Simulator(Running):
                 array.assign(saved[name])
 
     def drop_turns(self) -> None:
-        """What the scene would change from here on does not happen."""
+        """Forget the changes that the scene has planned from here on."""
         self._turns.clear()
         self._origins.forget()
 
@@ -240,7 +240,7 @@ class Simulator(Running):
         return bool(self._turns) and self._turns[0].frame <= self.frame_number
 
     def take_due_turns(self) -> None:
-        """Change what changes at the start of the next frame."""
+        """Make the changes that the scene has planned for the start of the next frame."""
         while self._turn_is_due:
             self._take_turn(self._turns.popleft())
 

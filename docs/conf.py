@@ -42,6 +42,7 @@ myst_url_schemes = {"http": None, "https": None, "source": "source/{{path}}.html
 
 default_role = "code"
 nitpicky = False
+autodoc_preserve_defaults = True
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 autodoc_member_order = "bysource"

@@ -1,5 +1,7 @@
 """Stages as files of other kinds, read back by programs that are not ours, or by their specification alone."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,18 @@ from balloon_warp import InputError, MissingExtraError, PolygonMesh, animate, ex
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.exports import export, glb
 from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
+
+READ_ALEMBIC = """
+import sys
+import bpy
+import numpy
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.wm.alembic_import(filepath=sys.argv[1], as_background_job=False)
+bpy.context.scene.frame_set(int(sys.argv[3]))
+ball = bpy.data.objects["ball"].evaluated_get(bpy.context.evaluated_depsgraph_get())
+numpy.save(sys.argv[2], [ball.matrix_world @ vertex.co for vertex in ball.data.vertices])
+"""
+"""in a process of its own, as Blender writes it"""
 
 
 @pytest.fixture(scope="module", params=["Y", "Z"])
@@ -161,8 +175,14 @@ def test_alembic_needs_blenders_module(written: Path, tmp_path: Path, monkeypatc
 
 def test_blender_writes_alembic(written: Path, tmp_path: Path):
     pytest.importorskip("bpy")
+    """And reads it back: the ball in the last frame, with Blender's Z up."""
     export_stage(written, tmp_path / "out.abc")
     assert (tmp_path / "out.abc").read_bytes()[:5] == b"Ogawa"
+    command = [sys.executable, "-c", READ_ALEMBIC, str(tmp_path / "out.abc"), str(tmp_path / "ball.npy"), str(FRAMES)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    expected = points(written, "/World/ball", FRAMES)[:, [0, 2, 1]] * [1, -1, 1]
+    np.testing.assert_allclose(np.load(tmp_path / "ball.npy"), expected, atol=1e-5)
 
 
 def test_every_writer_is_there():

@@ -26,9 +26,9 @@ CRUMB = 3.0
 def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
-    What the surface winds around becomes the inside; holes are closed by a smooth membrane. Where it is thinner than
-    1.5 cells it becomes a slab of that. Crumbs are dropped; else each part of the surface is there in one piece, which
-    may take more cells. `warnings` says what was done. Runs on Warp's default device.
+    What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Parts thinner than 1.5
+    cells become that thick. Crumbs are dropped. Every other part of the surface is there in one piece, which may take
+    more cells. `warnings` says what was done. It runs on Warp's default device.
 
     Args:
         mesh: the surface; the result keeps its name, unit and up axis.

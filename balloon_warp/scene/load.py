@@ -54,8 +54,8 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
     """Load a scene.
 
     Args:
-        source: a bundled scene's name, a scene file (.toml), or a mesh file, which gets a scene around it; so does a
-            mesh that is no file, such as a trimesh.Trimesh or points and faces. Of a scene, another is made.
+        source: a bundled scene's name, a scene file (.toml), or a mesh: a file, a trimesh.Trimesh, or points and faces.
+            A mesh gets a scene around it. A Scene is copied.
         overrides: dotted paths and values, as a mapping or as pairs, applied in order before the scene is checked.
 
     Raises:

@@ -25,8 +25,9 @@ CHUNK_PAIRS = 1 << 22
 def build_springs(mesh: PolygonMesh) -> Springs:
     """Structural, shear and flexion springs of a mesh with any valence, face size, borders and non-manifold edges.
 
-    Each pair of particles has at most one spring: of the first kind, in that order, whose rule it fits. Past a particle
-    of more than `LARGEST_FAN` neighbors, flexion springs join each with the one half-way around it only.
+    Each pair of particles has at most one spring. Its kind is the first of the three, in that order, whose rule it
+    fits. Where a particle has more than `LARGEST_FAN` neighbors, a flexion spring joins each neighbor with the one
+    half-way around only.
 
     Raises:
         InputError: a face has more than `LARGEST_FACE` corners, or all together have more than `LARGEST_PAIR_COUNT`

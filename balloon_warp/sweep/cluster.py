@@ -47,7 +47,7 @@ class Cluster:
     workers: int | None = None
     """how many processes on this machine's CPU"""
     prepare: Callable[[], None] | None = None
-    """called in a worker before it does anything, to set up Warp's messages, say"""
+    """called in each worker before it does anything, such as to set up Warp's messages"""
 
     def __post_init__(self) -> None:
         if sum(choice is not None for choice in (self.address, self.gpus, self.workers)) != 1:
@@ -60,13 +60,13 @@ class Cluster:
 
     @property
     def option(self) -> str:
-        """As a user gives it."""
+        """The option of the command line that asks for these workers."""
         if self.address is not None:
             return f"--cluster {self.address}"
         return f"--gpus {self.gpus}" if self.gpus else f"--workers {self.workers}"
 
     def device(self, asked: str | None) -> str | None:
-        """The device that each worker takes.
+        """Which device each worker takes.
 
         Raises:
             InputError: a device is asked for besides this machine's GPUs or CPU.

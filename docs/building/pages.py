@@ -47,7 +47,7 @@ def _directive(name: str, found: object) -> str:
     if hasattr(found, "model_fields"):  # its fields stand in SCENE.md
         return f".. autoclass:: balloon_warp.{name}\n   :exclude-members: __init__, __new__"
     if issubclass(found, BaseException):  # what all exceptions have is Python's
-        return f".. autoexception:: balloon_warp.{name}"
+        return f".. autoexception:: balloon_warp.{name}\n   :exclude-members: __init__, __new__"
     excluded = "\n   :exclude-members: __init__" if is_dataclass(found) else ""
     return f".. autoclass:: balloon_warp.{name}\n   :members:\n   :inherited-members: object{excluded}"
 
