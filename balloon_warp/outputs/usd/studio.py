@@ -24,7 +24,7 @@ def define_studio(stage: Usd.Stage, up_axis: str) -> None:
     sky.CreateColorAttr(Gf.Vec3f(0.90, 0.95, 1.0))
     sun = UsdLux.DistantLight.Define(stage, HOME.AppendChild("Sun"))
     sun.CreateNormalizeAttr(True)  # what it gives does not depend on how wide it is
-    sun.CreateIntensityAttr(2.0)
+    sun.CreateIntensityAttr(0.7)  # Blender takes it four times as strong, others as it is: fit for both
     sun.CreateAngleAttr(4.0)
     sun.AddRotateXYZOp().Set(Gf.Vec3f(-50.0, 40.0, 0.0))
 
