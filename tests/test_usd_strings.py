@@ -74,6 +74,7 @@ def test_a_mesh_goes_around_each_string(stage: Usd.Stage):
     paths = [UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()[0].GetPath() for each in (curve, mesh)]
     assert paths[0] == paths[1] != Sdf.Path()
     (width,) = curve.GetWidthsAttr().Get()
+    middle = around = np.empty((0, 3))
     for time in range(FRAMES + 1):
         middle = np.array(curve.GetPointsAttr().Get(time))
         around = np.array(mesh.GetPointsAttr().Get(time)).reshape(len(middle), -1, 3)
@@ -94,6 +95,7 @@ def test_points_around_a_curve_lie_across_it(bend: float):
     along = np.linspace(0.0, 1.0, 17)
     curve = np.stack([along, bend * along * (1.0 - along), 0.0 * along], axis=1).astype(np.float32)
     around = points_around(curve, 0.01).reshape(17, -1, 3) - curve[:, None]
+    np.testing.assert_allclose(np.linalg.norm(around, axis=2), 0.01, atol=1e-6)
     direction = np.gradient(curve, axis=0)
     # the curve's places have 1e-7, the radius is 1e-2: a direction so has 1e-5
     assert np.abs(np.einsum("pij,pj->pi", around, direction / np.linalg.norm(direction, axis=1)[:, None])).max() < 1e-6
