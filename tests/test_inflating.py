@@ -4,8 +4,11 @@ import pytest
 from meshes import quad_sphere
 
 from balloon_warp.errors import InputError
-from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp.model.plan import plan_model
+from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
+from balloon_warp.viewer import playground as module
 from balloon_warp.viewer.by_hand import inflating
+from balloon_warp.viewer.playground import Playground
 
 
 def filled(*inflations: dict) -> Scene:
@@ -28,3 +31,14 @@ def test_what_is_blown_in_gives_way_to_the_slider():
 def test_a_pump_s_curve_stays():
     with pytest.raises(InputError, match=r"balloon\.1\.inflation\.pump_curve: says another way what pump says"):
         inflating(filled({"pump": 0.5}, {"pump_curve": [(0.0, 1.0), (100.0, 0.0)]}), 0.25)
+
+
+def test_many_balloons_are_inflated_at_once(monkeypatch: pytest.MonkeyPatch):
+    """One by one each had the whole model planned again: a page of a hundred balloons stood still."""
+    playground = Playground(load_scene("helium_rise"), "cpu")
+    playground.set("gravity", 9.0)  # what the scene had planned is over now
+    plans = []
+    monkeypatch.setattr(module, "plan_model", lambda *args, **kw: plans.append(1) or plan_model(*args, **kw))
+    playground.inflate(0.5 * playground.inflation)
+    assert len(plans) == 1
+    assert len({balloon.inflation.keyframes[0][1] for balloon in playground.live.balloon}) == 1

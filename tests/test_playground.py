@@ -7,13 +7,11 @@ import pytest
 from meshes import quad_sphere
 
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.model.plan import plan_model
 from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, String, load_scene
 from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.scene.write import scene_toml
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer import journal
-from balloon_warp.viewer import playground as playground_module
 from balloon_warp.viewer.playground import MOST_THROWN, Playground
 
 
@@ -285,17 +283,6 @@ def test_every_bundled_scene_can_be_played_with(name):
     steps(playground, 1)
     assert np.isfinite(playground.points).all()
     np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
-
-
-def test_many_balloons_are_inflated_at_once(monkeypatch: pytest.MonkeyPatch):
-    """One by one each had the whole model planned again: a page of a hundred balloons stood still."""
-    playground = Playground(load_scene("helium_rise"), "cpu")
-    playground.set("gravity", 9.0)  # what the scene had planned is over now
-    plans = []
-    monkeypatch.setattr(playground_module, "plan_model", lambda *args, **kw: plans.append(1) or plan_model(*args, **kw))
-    playground.inflate(0.5 * playground.inflation)
-    assert len(plans) == 1
-    assert len({balloon.inflation.keyframes[0][1] for balloon in playground.live.balloon}) == 1
 
 
 def test_wind_carries_a_balloon_along(device):
