@@ -61,6 +61,8 @@ class Traits(NamedTuple):
     """points move by the old velocities"""
     impulses: bool = False
     """particles and spheres exchange momentum, once all have moved"""
+    spheres_rub: bool = False
+    """a sphere has friction, and so turns"""
     small_spheres: bool = False
     """a sphere is so small beside faces that it meets these, too, and not only particles"""
     ground: bool = False

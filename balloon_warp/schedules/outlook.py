@@ -87,6 +87,7 @@ def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, 
         "tube_flows": room.array((worlds, model.tube_count), wp.float32),
         "sphere_positions": room.array((worlds, spheres), wp.vec3),
         "sphere_velocities": room.array((worlds, spheres), wp.vec3),
+        "sphere_spins": room.array((worlds, spheres), wp.vec3),
         "sphere_forces": room.array((worlds, spheres), wp.vec3),
     }
     return free, before

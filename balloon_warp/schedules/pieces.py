@@ -88,7 +88,7 @@ class Pieces:
         """Spheres move, by the paper's rule under the contacts of the substep before, and meet each other."""
         if self.model.sphere_count:
             now, starts = (self.tables, time_in_frame, state.frame), self.working.sphere_starts
-            moving = state.sphere_positions, state.sphere_velocities
+            moving = state.sphere_positions, state.sphere_velocities, state.sphere_spins
             pushed = state.sphere_forces, self.working.sphere_quanta
             self._over_spheres(roll_kernel(self.traits), *now, *moving, *pushed, starts)
             if self.traits.spheres_meet:

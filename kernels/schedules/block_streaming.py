@@ -208,7 +208,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.fresh_normals) or seat.substep == 0:
                 area = refresh_aims(t, memory, seat, source)
         if wp.static(traits.spheres > 0):
-            board.roll(t, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
+            board.roll(t, seat.spins, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
             block_barrier()
         if wp.static(traits.gas):
             pull_and_swell(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)

@@ -12,12 +12,14 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.collision import NEVER
+from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
+from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import boxes_meet
 from balloon_warp.kernels.schedules.warps import block_barrier
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_friction, sphere_mass, sphere_radius
 from balloon_warp.kernels.traits import Traits
 
 MOST_MEETINGS = wp.constant(16)
@@ -97,6 +99,7 @@ def face_kernel(traits: Traits) -> Any:
     """The kernel by which spheres that are small beside faces meet these, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
+    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def ease_of_moving(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
@@ -131,13 +134,34 @@ def face_kernel(traits: Traits) -> Any:
             ease_of_moving(t, working, world, corners[1]),
             ease_of_moving(t, working, world, corners[2]),
         )
-        met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, t.step_seconds)
-        state.sphere_positions[world, sphere] = end + met.shifts[0] * met.normal
-        state.sphere_velocities[world, sphere] = velocity + met.gains[0] * met.normal
+        spin = wp.vec3()
+        friction = float(0.0)
+        if wp.static(traits.spheres_rub):
+            spin = state.sphere_spins[world, sphere]
+            friction = friction_on(
+                read_own(t, world, corners[0]).n[friction_column], sphere_friction(t.spheres, world, sphere)
+            )
+        met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
+        gain = met.gains[0] * met.normal
+        shift = met.shifts[0] * met.normal
+        if wp.static(traits.spheres_rub):
+            rub = met.pulled[0] * met.rub
+            gain += rub
+            shift += met.seconds * rub
+            torque = wp.cross(met.arm, met.rub)
+            state.sphere_spins[world, sphere] = spin + spin_by(1.0 / eases[0], radius, torque)
+        state.sphere_positions[world, sphere] = end + shift
+        state.sphere_velocities[world, sphere] = velocity + gain
         for corner in range(3):
             particle = corners[corner]
-            points[particle] = points[particle] + met.shifts[corner + 1] * met.normal
-            velocities[particle] = velocities[particle] + met.gains[corner + 1] * met.normal
+            gain = met.gains[corner + 1] * met.normal
+            shift = met.shifts[corner + 1] * met.normal
+            if wp.static(traits.spheres_rub):
+                rub = met.pulled[corner + 1] * met.rub
+                gain += rub
+                shift += met.seconds * rub
+            points[particle] = points[particle] + shift
+            velocities[particle] = velocities[particle] + gain
 
     @wp.func
     def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
