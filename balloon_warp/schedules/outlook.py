@@ -28,7 +28,7 @@ def has_free_frames(traits: Traits) -> bool:
 
 def free_traits(traits: Traits) -> Traits:
     """What kernels have to do in a free frame."""
-    return traits._replace(frames="free", touches=False, touches_itself=False)
+    return traits._replace(frames="free", touches=False, touches_itself=False, bodies=0, small_spheres=False)
 
 
 def busy_traits(traits: Traits) -> Traits:

@@ -50,6 +50,10 @@ class Board(NamedTuple):
     put_sphere: Any
     """(substep, thread, sphere, center, velocity, radius, force): by the first thread, a sphere after it has met
     particles, and the force that this took"""
+    show: Any
+    """(t, state, starts, world, substep): by one thread, all spheres into the state, and where they were"""
+    take: Any
+    """(t, state, world, substep): by one thread, all spheres from there"""
     end: Any
     """(t, state, world, thread, last_substep): into the state, and a look at them"""
 
@@ -203,6 +207,20 @@ def board_of(traits: Traits, layout: Layout) -> Board:
             write_entry(board(), post_of(substep, 0, sphere), force, float(substep))
 
     @wp.func
+    def show(t: Tables, state: WorldState, starts: wp.array2d[wp.vec3], world: wp.int32, substep: wp.int32):
+        for sphere in range(count):
+            start, position, velocity = path_at(t, substep, world, sphere)
+            starts[world, sphere] = start
+            state.sphere_positions[world, sphere] = position
+            state.sphere_velocities[world, sphere] = velocity
+
+    @wp.func
+    def take(t: Tables, state: WorldState, world: wp.int32, substep: wp.int32):
+        for sphere in range(count):
+            position = state.sphere_positions[world, sphere]
+            put_path(t, substep, world, sphere, position, state.sphere_velocities[world, sphere])
+
+    @wp.func
     def end(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32, last_substep: wp.int32):
         """By the first warp, after the last substep's barrier."""
         if thread < WARP_THREADS:
@@ -215,4 +233,4 @@ def board_of(traits: Traits, layout: Layout) -> Board:
                     state.sphere_velocities[world, sphere] = velocity
                     state.sphere_forces[world, sphere] = force
 
-    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, put_sphere, end)
+    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, put_sphere, show, take, end)

@@ -95,8 +95,8 @@ def find_soonest(
 
 
 @cache
-def face_kernel(traits: Traits) -> Any:
-    """The kernel by which spheres that are small beside faces meet these, once all have moved."""
+def faces_function(traits: Traits) -> Any:
+    """The function by which spheres that are small beside faces meet these, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     friction_column = traits.columns.places["balloon_friction"]
@@ -206,6 +206,51 @@ def face_kernel(traits: Traits) -> Any:
         state.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
         state.sphere_velocities[world, sphere] = ease * momentum
 
+    @wp.func
+    def meet_faces(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Of a world, by all threads of a block."""
+        moved = bool(True)
+        sweep = wp.int32(0)
+        while moved and sweep < MOST_SWEEPS:
+            moved = bool(False)
+            sweep += 1
+            for sphere in range(state.sphere_positions.shape[1]):
+                radius = sphere_radius(t.spheres, world, sphere)
+                meetings = wp.int32(0)
+                lumped = wp.int32(0)
+                while radius > 0.0 and t.spheres.small[sphere] == 1 and meetings < MOST_MEETINGS + MOST_LUMPED:
+                    nearest = wp.max(1.0 - SHRINKING * float(meetings), LEAST_PART)
+                    soonest, which = find_soonest(t, state, working, world, thread, sphere, radius, nearest, points)
+                    first = wp.tile_min(wp.tile(soonest))[0]
+                    if soonest > first:
+                        which = wp.int32(NONE)
+                    chosen = wp.tile_min(wp.tile(which))[0]
+                    meetings = wp.where(first <= 1.0, meetings + 1, int(MOST_MEETINGS + MOST_LUMPED))
+                    if first <= 1.0:
+                        moved = bool(True)
+                        if thread == 0 and meetings <= MOST_MEETINGS:
+                            meet_face(t, state, working, world, sphere, chosen, first, points, velocities)
+                        elif thread == 0:
+                            lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
+                            move_lump(t, state, working, world, sphere, lumped, points, velocities)
+                        block_barrier()
+
+    return meet_faces
+
+
+@cache
+def face_kernel(traits: Traits) -> Any:
+    """The kernel of that."""
+    meet = faces_function(traits)
+
     @wp.kernel(module="unique", enable_backward=False)
     def meet_faces(
         # model
@@ -218,32 +263,6 @@ def face_kernel(traits: Traits) -> Any:
     ):
         """A block a world."""
         world, thread = wp.tid()
-        moved = bool(True)
-        sweep = wp.int32(0)
-        while moved and sweep < MOST_SWEEPS:
-            moved = bool(False)
-            sweep += 1
-            for sphere in range(state.sphere_positions.shape[1]):
-                radius = sphere_radius(t.spheres, world, sphere)
-                meetings = wp.int32(0)
-                lumped = wp.int32(0)
-                while radius > 0.0 and t.spheres.small[sphere] == 1 and meetings < MOST_MEETINGS + MOST_LUMPED:
-                    nearest = wp.max(1.0 - SHRINKING * float(meetings), LEAST_PART)
-                    soonest, which = find_soonest(
-                        t, state, working, world, thread, sphere, radius, nearest, points[world]
-                    )
-                    first = wp.tile_min(wp.tile(soonest))[0]
-                    if soonest > first:
-                        which = wp.int32(NONE)
-                    chosen = wp.tile_min(wp.tile(which))[0]
-                    meetings = wp.where(first <= 1.0, meetings + 1, int(MOST_MEETINGS + MOST_LUMPED))
-                    if first <= 1.0:
-                        moved = bool(True)
-                        if thread == 0 and meetings <= MOST_MEETINGS:
-                            meet_face(t, state, working, world, sphere, chosen, first, points[world], velocities[world])
-                        elif thread == 0:
-                            lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
-                            move_lump(t, state, working, world, sphere, lumped, points[world], velocities[world])
-                        block_barrier()
+        meet(t, state, working, world, thread, points[world], velocities[world])
 
     return meet_faces
