@@ -140,10 +140,10 @@ def test_a_ball_that_is_a_body_does_what_a_sphere_does(device):
 
 @pytest.mark.parametrize("way", ["gather", "block", "lanes"])
 def test_a_schedule_gives_scatters_trajectory(way, device):
-    """Within rounding, before a collision makes more of it."""
+    """Within rounding, three frames after they meet; later the collision makes more of it."""
     if way == "lanes" and device != "cpu":
         pytest.skip("lanes is for the CPU")
-    found, expected = (after(hit(device, schedule), 8) for schedule in (way, "scatter"))
+    found, expected = (after(hit(device, schedule), 12) for schedule in (way, "scatter"))
     for name in ("positions", "turns", "velocities"):
         np.testing.assert_allclose(body_state(found, name), body_state(expected, name), atol=2e-4)
 

@@ -112,6 +112,15 @@ def whole_balloon(sums: wp.array3d[BalloonSums], world: wp.int32, balloon: wp.in
 
 
 @wp.func
+def are_finite(places: wp.array[wp.vec3]):
+    """Whether all of them are."""
+    finite = bool(True)
+    for place in range(places.shape[0]):
+        finite = finite and wp.isfinite(places[place])
+    return finite
+
+
+@wp.func
 def note_further(
     measures: wp.array2d[float],
     world: wp.int32,
@@ -184,7 +193,6 @@ def measure_worlds(
     stretch = float(0.0)
     kinetic_energy = float(0.0)
     inside = float(0.0)
-    finite = bool(True)
     for balloon in range(sums.shape[1]):
         total = whole_balloon(sums, world, balloon)
         stretch = wp.max(stretch, total.stretch)
@@ -205,10 +213,7 @@ def measure_worlds(
         total_mass += balloon_mass
     height /= total_mass
     pressure = pushed / wp.max(area, 1.0e-20)
-    for sphere in range(sphere_positions.shape[1]):
-        finite = finite and wp.isfinite(sphere_positions[world, sphere])
-    for body in range(body_positions.shape[1]):
-        finite = finite and wp.isfinite(body_positions[world, body])
+    finite = are_finite(sphere_positions[world]) and are_finite(body_positions[world])
     finite = finite and wp.isfinite(volume) and wp.isfinite(area) and wp.isfinite(height)
     finite = finite and wp.isfinite(pressure) and wp.isfinite(stretch) and wp.isfinite(kinetic_energy)
     if first_bad[world] != no_body or not finite:
