@@ -111,6 +111,7 @@ METHODS = (
     Method("spheres, penalty", ("sphere=[{position=[0, 2, 0]}]",)),
     Method("spheres, impulse", ("sphere=[{position=[0, 2, 0]}]", "contact=impulse")),
     Method("spheres that meet spheres", ("sphere=[{position=[0, 2, 0]}, {position=[1, 2, 0]}]",)),
+    Method("spheres with friction", ("sphere=[{position=[0, 2, 0], friction=0.5}]", "contact=impulse")),
     Method("spheres that touch faces", ("touch={}", "sphere=[{position=[0, 2, 0], radius=0.01}]")),
     Method("ground", ("ground={}",)),
     Method("obstacles", ("obstacle=[{position=[0, -2, 0]}]",)),

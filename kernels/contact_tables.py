@@ -12,6 +12,7 @@ class SphereTable:
     penalty: wp.array2d[float]
     restitution: wp.array2d[float]
     """of spheres that meet spheres"""
+    friction: wp.array2d[float]
     small: wp.array[wp.int32]
     """whether each is so small beside faces that it meets these, too; empty where none is"""
     triangles: wp.array[wp.vec3i]

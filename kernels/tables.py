@@ -232,6 +232,7 @@ class WorldState:
     bursts: wp.array2d[wp.vec4]
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
+    sphere_spins: wp.array2d[wp.vec3]
     sphere_forces: wp.array2d[wp.vec3]
     body_positions: wp.array2d[wp.vec3]
     body_turns: wp.array2d[wp.quat]
@@ -274,3 +275,9 @@ def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
 def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Rebound speed over impact speed, for two alike that meet."""
     return spheres.restitution[row_of_world(world, spheres.restitution.shape[0]), sphere]
+
+
+@wp.func
+def sphere_friction(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
+    """Coulomb's coefficient, of two alike."""
+    return spheres.friction[row_of_world(world, spheres.friction.shape[0]), sphere]

@@ -61,6 +61,8 @@ class Traits(NamedTuple):
     """points move by the old velocities"""
     impulses: bool = False
     """particles and spheres exchange momentum, once all have moved"""
+    spheres_rub: bool = False
+    """a sphere has friction, and so turns"""
     small_spheres: bool = False
     """a sphere is so small beside faces that it meets these, too, and not only particles"""
     ground: bool = False
@@ -167,7 +169,7 @@ class Traits(NamedTuple):
     def always_busy(self) -> bool:
         """Whether no frame is free: particles are near their own balloon, or are shifted once all have moved, so that
         nobody knows how far they go."""
-        return self.touches_itself or self.corrected or self.impulses
+        return self.touches_itself or self.corrected or self.impulses or self.meets_solids
 
     @property
     def obstacles(self) -> bool:
@@ -188,6 +190,16 @@ class Traits(NamedTuple):
     def spheres_meet(self) -> bool:
         """Whether there are spheres that may meet each other."""
         return self.spheres > 1
+
+    @property
+    def meets_solids(self) -> bool:
+        """Whether free bodies move, or small spheres meet faces, once particles have left all else."""
+        return self.bodies > 0 or self.small_spheres
+
+    @property
+    def in_blocks(self) -> bool:
+        """Whether there is what `lanes` and `octets` leave to the kernels of `block`."""
+        return self.touches or self.meets_solids
 
     @property
     def keeps_starts(self) -> bool:

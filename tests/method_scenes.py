@@ -189,6 +189,11 @@ def among(obstacles: list[Obstacle], scene: Scene) -> Scene:
     return scene.model_copy(update={"obstacle": obstacles})
 
 
+def rubbing(scene: Scene) -> Scene:
+    """A scene whose spheres have friction."""
+    return scene.model_copy(update={"sphere": [ball.model_copy(update={"friction": 0.3}) for ball in scene.sphere]})
+
+
 def in_touch(itself: bool = False) -> Scene:
     """All of that, with balloons that touch: one comes down on what floats."""
     scene = in_air_with_rubber()
@@ -229,12 +234,12 @@ SCENES = {
     "corrected in air": in_air().model_copy(update=CORRECTED),
     "forward Euler in air": in_air_by_forward_euler(),
     "impulse": everything().model_copy(update=IMPULSE),
-    "impulse in air": in_air().model_copy(update=IMPULSE),
+    "impulse in air": rubbing(in_air().model_copy(update=IMPULSE)),
     "corrected impulse in air": in_air().model_copy(update=CORRECTED | IMPULSE),
     "obstacles": among(STILL, everything()),
     "obstacles in air": among(MOVING, in_air()),
-    "corrected impulse among obstacles": among(MOVING, everything().model_copy(update=CORRECTED | IMPULSE)),
-    "bodies": with_bodies(),
+    "corrected impulse among obstacles": rubbing(among(MOVING, everything().model_copy(update=CORRECTED | IMPULSE))),
+    "bodies": rubbing(with_bodies()),
     "touch": in_touch(),
     "touch itself": in_touch(itself=True),
 }

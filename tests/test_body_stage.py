@@ -1,4 +1,4 @@
-"""Free bodies in frames, in the stage, in pictures of it, in checkpoints and in batches."""
+"""Free bodies in frames, in the stage, in pictures of it and in checkpoints."""
 
 from pathlib import Path
 
@@ -8,8 +8,7 @@ from meshes import grid, quad_sphere
 from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
 from scipy.spatial.transform import Rotation
 
-from balloon_warp import Body, Scene, Simulator, animate, run_batch
-from balloon_warp.errors import InputError
+from balloon_warp import Body, Scene, Simulator, animate
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.scene import Balloon, Ground
 from balloon_warp.scene.load import load_scene
@@ -109,11 +108,3 @@ def test_they_go_on_from_a_checkpoint_bit_for_bit():
         first.step()
         again.step()
     np.testing.assert_array_equal(first.read_frame().body_poses, again.read_frame().body_poses)
-
-
-def test_a_batch_has_a_table_of_them_and_no_stage_yet(tmp_path: Path):
-    scene = everything()
-    run_batch(scene, tmp_path / "batch", world_count=2, vary={"body.0.mass": [1.0, 2.0]}, device="cpu")
-    assert list((tmp_path / "batch").iterdir())
-    with pytest.raises(InputError, match=r"export: a batch's stage has no place for \[\[body\]\] yet"):
-        run_batch(scene, tmp_path / "other", world_count=2, export=[0], device="cpu")

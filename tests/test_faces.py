@@ -58,7 +58,7 @@ def test_one_that_is_inside_stays_inside(radius, speed, device):
 
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
-@pytest.mark.parametrize("schedule", ["scatter", "gather"])
+@pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
 @pytest.mark.parametrize("mass", [0.001, 0.05, 2.0])
 def test_one_that_is_outside_stays_outside(mass, schedule, contact, device):
     """It flies at the balloon between particles, and is smaller than a tenth of a face."""
@@ -71,7 +71,7 @@ def test_without_touch_it_flies_through(device):
     assert max(sides_of(flight(ball, touch=None), device, "scatter", frames=4)) > 0.9
 
 
-@pytest.mark.parametrize("schedule", ["scatter", "gather"])
+@pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
 @pytest.mark.parametrize("speed", [1.0, 20.0])
 def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, schedule, device):
     """Float32 rounds places and velocities of all particles by up to half an epsilon each in each substep; each of some
@@ -124,14 +124,27 @@ def test_it_lies_on_a_net_that_bears_its_weight(device):
     assert np.abs(simulator.state.sphere_velocities.numpy()).max() < 0.02
 
 
-def test_a_schedule_that_cannot_is_refused_and_auto_takes_one_that_can(device):
-    ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.01)
-    model = Simulator(flight(ball), device).model
-    assert schedule_named("auto", model).name == "gather"
-    with pytest.raises(
-        InputError, match="--schedule block: cannot let spheres touch faces; auto, scatter and gather can"
-    ):
-        schedule_named("block", model)
+def test_a_world_in_a_batch_is_as_it_is_alone(device):
+    """Of `lanes`, whose blocks have it: one that hits, one that flies by and one that is inside."""
+    if device != "cpu":
+        pytest.skip("lanes is for the CPU")
+    places = [1.0, 3.0, 0.05]
+    scene = flight(Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=0.05, velocity=(-40.0, 0.0, 0.0)))
+    batch = Simulator(scene, device, 3, {"sphere.0.position.0": places}, schedule="lanes")
+    corners = triangles_of(batch.model.shapes[0].mesh)
+    for _ in range(3):
+        batch.step()
+    for world, place in enumerate(places):
+        ball = scene.sphere[0].model_copy(update={"position": (place, 0.022, 0.031)})
+        alone = Simulator(scene.model_copy(update={"sphere": [ball]}), device, schedule="block")
+        for _ in range(3):
+            alone.step()
+        for name in ("points", "sphere_positions", "sphere_velocities"):
+            found, expected = (getattr(each.state, name).numpy() for each in (batch, alone))
+            np.testing.assert_array_equal(found[world], expected[0])
+        center = batch.state.sphere_positions.numpy()[world, 0].astype(float)
+        points = batch.state.points.numpy()[world].astype(float)
+        assert turns_around(center, points[corners]) == pytest.approx(float(place == 0.05), abs=1e-3)
 
 
 def test_what_is_large_beside_faces_needs_no_more(device):

@@ -23,9 +23,9 @@ KINDS = ("normal_force", "pressure", "gas")
 """of inflation, as the kernels number them"""
 DTYPES: dict[str, Any] = {
     **dict.fromkeys(
-        ("initial_sphere_positions", "initial_sphere_velocities", "string_anchor", "obstacle_position"), wp.vec3
+        ("initial_sphere_positions", "initial_sphere_velocities", "initial_sphere_spins", "initial_spins"), wp.vec3
     ),
-    **dict.fromkeys(("initial_velocities", "initial_spins"), wp.vec3),
+    **dict.fromkeys(("initial_velocities", "string_anchor", "obstacle_position"), wp.vec3),
     **dict.fromkeys(("initial_body_positions", "initial_body_velocities", "initial_body_spins"), wp.vec3),
     **dict.fromkeys(("initial_shifts", "initial_centers"), wp.vec3d),
     "initial_turns": wp.mat33d,

@@ -29,6 +29,8 @@ class State:
     """[m], shape (world_count, sphere_count), vec3"""
     sphere_velocities: wp.array
     """[m/s], shape (world_count, sphere_count), vec3"""
+    sphere_spins: wp.array
+    """[rad/s], by friction, shape (world_count, sphere_count), vec3"""
     sphere_forces: wp.array
     """penalties since the spheres last moved, which are still to act, or with what particles pressed them in the last
     substep, where they exchange momentum [N], shape (world_count, sphere_count), vec3"""
@@ -117,6 +119,7 @@ def new_state(model: Model, room: Room) -> State:
         velocities=room.array(particles, wp.vec3),
         sphere_positions=room.array(spheres, wp.vec3),
         sphere_velocities=room.array(spheres, wp.vec3),
+        sphere_spins=room.array(spheres, wp.vec3),
         sphere_forces=room.array(spheres, wp.vec3),
         inflation_ramp=room.array(balloons, wp.vec2),
         inflation_loads=room.array(balloons, wp.vec2),
@@ -158,6 +161,7 @@ def initial_state(model: Model) -> State:
     for array, name in (
         (state.sphere_positions, "initial_sphere_positions"),
         (state.sphere_velocities, "initial_sphere_velocities"),
+        (state.sphere_spins, "initial_sphere_spins"),
         (state.inflation_loads, "initial_loads"),
         (state.pressures, "initial_pressures"),
         (state.gas_amounts, "initial_gas_amounts"),

@@ -18,6 +18,7 @@ from balloon_warp.schedules.fixtures import forget_looks, look_array
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
+from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.touching import touch_arrays
@@ -51,8 +52,9 @@ class BlockLaunch:
         self.memory = BlockMemory()
         for name, array in _working_arrays(model, traits, self._recipe.layout, Allocating(model.device)).items():
             setattr(self.memory, name, array)
-        for name, array in touch_arrays(model, traits, Allocating(model.device)).items():
-            setattr(self.memory.contacts, name, array)
+        for arrays in (touch_arrays, solid_arrays):
+            for name, array in arrays(model, traits, Allocating(model.device)).items():
+                setattr(self.memory.contacts, name, array)
         self.memory.contacts.near_balloons.fill_(int(ARE_NEAR))  # they may have been, in another schedule
         self.memory.numbers = wp.array(self._recipe.numbers, dtype=wp.int32, device=model.device)
 
@@ -61,6 +63,7 @@ class BlockLaunch:
         """Ask for all memory that it keeps."""
         _working_arrays(model, traits, _layout(model, traits, spring_ends(model))[0], room)
         touch_arrays(model, traits, room)
+        solid_arrays(model, traits, room)
         look_array(model, room)
 
     @property
@@ -107,15 +110,15 @@ def _recipe(model: Model, traits: Traits) -> Recipe:
         own_order = np.arange(model.particle_count)
         tables = make_tables(model, traits, in_block=traits.in_water)
         return Recipe(resident_kernel(traits, layout), layout, tables, slots, own_order)
-    # where balloons touch, everyone finds everyone's points in the state, and in its order
-    order = np.arange(model.particle_count) if traits.touches else order_by_springs(model, ends)
+    # where balloons or solids touch, everyone finds everyone's points in the state, and in its order
+    order = np.arange(model.particle_count) if traits.in_blocks else order_by_springs(model, ends)
     tables = make_tables(renumbered(model, order), traits, in_block=True)
     return Recipe(streaming_kernel(traits, layout), layout, tables, [], order)
 
 
 def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Residence | None]:
     """How a world lies on a block, and, where its particles stay in registers, how."""
-    residing = residence(model, traits, ends)
+    residing = None if traits.meets_solids else residence(model, traits, ends)
     odd = model.substeps % 2 == 1
     if residing:
         layout = Layout(
@@ -137,7 +140,7 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
         capacity,
         resident=False,
         odd_substeps=odd,
-        fast_velocities=not traits.keeps_velocities and not traits.touches and _room_for_velocities(model, traits),
+        fast_velocities=not traits.keeps_velocities and not traits.in_blocks and _room_for_velocities(model, traits),
         registers=registers,
     )
     return layout, None
@@ -155,7 +158,7 @@ def _streaming_threads(model: Model, traits: Traits) -> tuple[int, int]:
     threads, registers = THREADS_ALONE
     if 2 * model.particle_count <= most_particles(model):
         threads, registers = min(THREADS_BESIDE, key=lambda each: _round_up(model.particle_count, each[0]))
-        if traits.stands_on_fixtures or traits.touches:
+        if traits.stands_on_fixtures or traits.in_blocks:
             threads, registers = THREADS_IN_CONTACT
     if model.device.is_cpu:
         return 1, registers

@@ -49,8 +49,7 @@ SCHEDULES = {
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
 LAUNCHED = ("scatter", "gather")
-"""those that launch a kernel for each piece of a substep: in these alone spheres touch faces, bodies
-move, and rubber softens and tears"""
+"""those that launch a kernel for each piece of a substep: in these alone rubber softens and tears"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -82,13 +81,9 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
 
 def only_launched(model: Model) -> str | None:
     """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
-    if model.bodies:
-        return "bodies move"
     if model.bursts:
         return "balloons burst"
-    if model.softens:
-        return "rubber soften"
-    return "spheres touch faces" if any(small_spheres(model)) else None
+    return "rubber soften" if model.softens else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
@@ -107,7 +102,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
-    if only_launched(model):
+    if only_launched(model) or model.bodies or any(small_spheres(model)):
         return "gather"
     if model.device.is_cpu and not model.scene.touches:
         return "lanes" if world_count > 1 else "octets"

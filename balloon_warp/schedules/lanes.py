@@ -48,7 +48,7 @@ class LanesSchedule:
                 f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU"
             )
         self.model, self._traits = model, model_traits(model)
-        self.busy = busy_worlds(model, self._traits, self.name) if self._traits.touches else None
+        self.busy = busy_worlds(model, self._traits, self.name) if self._traits.in_blocks else None
         if self.busy:
             self._traits = free_traits(self._traits)
         self._tables = make_tables(model, self._traits)
@@ -82,7 +82,7 @@ class LanesSchedule:
     def world_bytes(cls, model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
-        if traits.touches:
+        if traits.in_blocks:
             from balloon_warp.schedules.busy_worlds import BusyWorlds
 
             BusyWorlds.allot(model, traits, room)
@@ -124,7 +124,7 @@ class LanesSchedule:
 
 
 def busy_worlds(model: Model, traits: Traits, schedule: str) -> Any:
-    """Those in which balloons may touch; their kernels load only where they do.
+    """Those in which balloons may touch, bodies move or small spheres meet faces; kernels load only where they do.
 
     Raises:
         InputError: a world is too large for them.

@@ -20,10 +20,11 @@ class LateSpheres:
         """At the end of a frame, put those back that have not appeared."""
         if self._first_frames is None:
             return
-        starts = [self._model.parameters[f"initial_sphere_{name}"] for name in ("positions", "velocities")]
+        starts = [self._model.parameters[f"initial_sphere_{name}"] for name in ("positions", "velocities", "spins")]
         wp.launch(
             hold_spheres,
             state.sphere_positions.shape,
-            inputs=[self._first_frames, *starts, state.frame, state.sphere_positions, state.sphere_velocities],
+            inputs=[self._first_frames, *starts, state.frame],
+            outputs=[state.sphere_positions, state.sphere_velocities, state.sphere_spins],
             device=self._model.device,
         )

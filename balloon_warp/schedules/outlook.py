@@ -28,7 +28,7 @@ def has_free_frames(traits: Traits) -> bool:
 
 def free_traits(traits: Traits) -> Traits:
     """What kernels have to do in a free frame."""
-    return traits._replace(frames="free", touches=False, touches_itself=False)
+    return traits._replace(frames="free", touches=False, touches_itself=False, bodies=0, small_spheres=False)
 
 
 def busy_traits(traits: Traits) -> Traits:
@@ -87,6 +87,7 @@ def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, 
         "tube_flows": room.array((worlds, model.tube_count), wp.float32),
         "sphere_positions": room.array((worlds, spheres), wp.vec3),
         "sphere_velocities": room.array((worlds, spheres), wp.vec3),
+        "sphere_spins": room.array((worlds, spheres), wp.vec3),
         "sphere_forces": room.array((worlds, spheres), wp.vec3),
     }
     return free, before

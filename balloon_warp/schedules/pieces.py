@@ -6,7 +6,6 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.grip import Grip
 from balloon_warp.kernels.schedules.between import (
     correct_color,
     read_sphere_forces,
@@ -14,7 +13,7 @@ from balloon_warp.kernels.schedules.between import (
 )
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
 from balloon_warp.kernels.schedules.launched_bodies import body_kernel, tumble_kernel
-from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP, face_kernel
+from balloon_warp.kernels.schedules.launched_faces import face_kernel
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
     PARTICLES_OF_PART,
@@ -34,6 +33,7 @@ from balloon_warp.schedules.aims import AimRefresher
 from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
+from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.tears import TearPieces, tear_arrays
 from balloon_warp.schedules.touching import TouchPieces, touch_arrays
@@ -88,7 +88,7 @@ class Pieces:
         """Spheres move, by the paper's rule under the contacts of the substep before, and meet each other."""
         if self.model.sphere_count:
             now, starts = (self.tables, time_in_frame, state.frame), self.working.sphere_starts
-            moving = state.sphere_positions, state.sphere_velocities
+            moving = state.sphere_positions, state.sphere_velocities, state.sphere_spins
             pushed = state.sphere_forces, self.working.sphere_quanta
             self._over_spheres(roll_kernel(self.traits), *now, *moving, *pushed, starts)
             if self.traits.spheres_meet:
@@ -216,15 +216,8 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "aims": vectors(traits.aims),
         "area_vectors": vectors(traits.measures_areas),
         "inflations": vectors(traits.keeps_inflations),
-        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
-        "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
-        "body_starts": room.array((worlds, model.body_count), wp.vec3),
-        "body_start_turns": room.array((worlds, model.body_count), wp.quat),
-        "body_pushes": vectors(model.body_count > 0),
-        "grips": room.array((worlds, sum(len(shape.samples) for shape in model.bodies)), Grip),
-        "point_starts": vectors(traits.small_spheres),
-        "lumps": room.array((worlds, int(MOST_IN_LUMP) if traits.small_spheres else 0), wp.int32),
+        **solid_arrays(model, traits, room),
         **touch_arrays(model, traits, room),
         "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
     }

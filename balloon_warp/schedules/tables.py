@@ -237,6 +237,7 @@ def _spheres(model: Model) -> Any:
     table.mass, table.radius = model.parameters["sphere_mass"], model.parameters["sphere_radius"]
     table.penalty = model.parameters["sphere_penalty"]
     table.restitution = model.parameters["sphere_restitution"]
+    table.friction = model.parameters["sphere_friction"]
     return table
 
 

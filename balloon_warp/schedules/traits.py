@@ -14,7 +14,9 @@ from balloon_warp.schedules.rings import quad_rings
 
 FILLS = ("fill_breaths", "fill_litres", "fill_moles", "fill_to_pressure", "fill_to_diameter")
 """parameters that ask for more than a pump"""
-CHOOSE_TRAITS = frozenset({"breathing_damping", "added_mass", "leak", "neck_diameter", *VARYING, *FILLS})
+CHOOSE_TRAITS = frozenset(
+    {"breathing_damping", "added_mass", "leak", "neck_diameter", "sphere_friction", *VARYING, *FILLS}
+)
 """parameters that kernels are chosen by, and others when they change"""
 
 
@@ -59,6 +61,7 @@ def model_traits(model: Model) -> Traits:
         corrected=scene.correction != "none",
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
+        spheres_rub=model.sphere_count > 0 and _ever(model, "sphere_friction"),
         small_spheres=any(small_spheres(model)),
         ground=scene.ground is not None,
         fixtures=bool(scene.obstacle),
@@ -101,7 +104,7 @@ def _fills(model: Model) -> bool:
 
 
 def _ever(model: Model, name: str) -> bool:
-    """Whether a balloon's parameter is more than 0 in any world at any time."""
+    """Whether a parameter is more than 0 in any world at any time."""
     return any(values.any() for values in values_over_time(model, name))
 
 

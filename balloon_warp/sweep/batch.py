@@ -164,8 +164,6 @@ def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np
         InputError: one is not there.
     """
     chosen = np.unique(np.asarray(export, dtype=np.int64))
-    if scene.body and len(chosen):
-        raise InputError("export: a batch's stage has no place for [[body]] yet; expected no worlds to export")
     if len(chosen) and any(balloon.material.strength is not None for balloon in scene.balloon):
         raise InputError("export: a batch's stage does not show balloons that burst yet; expected no worlds to export")
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:

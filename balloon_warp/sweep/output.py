@@ -82,7 +82,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            self.stage.write(record.number, group, record.points, record.sphere_positions)
+            self.stage.write(record.number, group, record.points, record.sphere_positions, record.body_poses)
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
         """Put a record in the place of what was recorded of some worlds of a group in its frame; in the table's text
@@ -96,7 +96,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            shapes = (record.points, record.sphere_positions)
+            shapes = (record.points, record.sphere_positions, record.body_poses)
             self.stage.write(record.number, group, *shapes, places=places.tolist())
 
     def rewrite_table(self) -> None:

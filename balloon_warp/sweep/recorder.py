@@ -25,9 +25,10 @@ OF_GAS = ("moles", "mean_stretch", "thrust")
 
 
 def columns_of(scene: Scene) -> list[str]:
-    """What is measured of each world: `MEASURES`, the height of each sphere [m], how many balloons are in the box, how
-    many have burst, and `OF_GAS`."""
+    """What is measured of each world: `MEASURES`, the heights of spheres and of free bodies [m], how many balloons are
+    in the box, how many have burst, and `OF_GAS`."""
     heights = [f"sphere_{number}_height" for number in range(len(scene.sphere))]
+    heights += [f"body_{number}_height" for number in range(len(scene.body))]
     may_burst = any(balloon.material.strength is not None for balloon in scene.balloon)
     gas = any(balloon.inflation.kind == "gas" for balloon in scene.balloon)
     now_and_then = [*(["in_box"] if scene.box else []), *(["burst"] if may_burst else []), *(OF_GAS if gas else ())]
@@ -47,6 +48,8 @@ class Record:
     """of the chosen worlds [m], shape (chosen, particle_count, 3)"""
     sphere_positions: NDArray[np.float32]
     """of the chosen worlds [m], shape (chosen, sphere_count, 3)"""
+    body_poses: NDArray[np.float32]
+    """of the chosen worlds, as `Frame.body_poses`, shape (chosen, body_count, 7)"""
 
 
 class Recorder:
@@ -83,6 +86,8 @@ class Recorder:
         self._chosen = wp.array(chosen, dtype=wp.int32, device=model.device)
         self._points = zeros((len(chosen), model.particle_count), wp.vec3)
         self._sphere_positions = zeros((len(chosen), model.sphere_count), wp.vec3)
+        self._body_positions = zeros((len(chosen), model.body_count), wp.vec3)
+        self._body_turns = zeros((len(chosen), model.body_count), wp.quat)
 
     def read(self) -> Record:
         """The frame that the simulator is at."""
@@ -93,12 +98,13 @@ class Recorder:
             healthy=_copy(self._healthy),
             points=_copy(self._points),
             sphere_positions=_copy(self._sphere_positions),
+            body_poses=np.concatenate([_copy(self._body_positions), _copy(self._body_turns, 4)], axis=2),
         )
 
     @property
     def changing(self) -> dict[str, wp.array]:
         """What it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
-        kept = ("measures", "healthy", "points", "sphere_positions")
+        kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
@@ -134,7 +140,8 @@ class Recorder:
                 *(self._balloon_faces, model.face_offsets, model.face_particles, model.parameters["mass"]),
                 *(model.inflation_kind, model.keyframe_times, model.parameters["keyframe_values"]),
                 *(model.frame_seconds, model.up, wp.vec3(*self._box.lower), wp.vec3(*self._box.upper)),
-                *(state.frame, state.pressures, state.points, state.sphere_positions, self._sums),
+                *(state.frame, state.pressures, state.points, state.sphere_positions),
+                *(state.body_positions, self._sums),
                 *(state.first_bad, HEALTHY, self._box_column, self._burst_column, state.bursts),
             ],
             outputs=[self._measures, self._healthy],
@@ -148,6 +155,8 @@ class Recorder:
         for every, picked in (
             (state.points, self._points),
             (state.sphere_positions, self._sphere_positions),
+            (state.body_positions, self._body_positions),
+            (state.body_turns, self._body_turns),
         ):
             if picked.size:
                 wp.launch(
@@ -162,12 +171,13 @@ def record_bytes(plan: ModelPlan) -> int:
 
 def picked_bytes(plan: ModelPlan) -> int:
     """Device memory that a chosen world takes."""
-    return 12 * sum(shape.mesh.vertex_count for shape in plan.shapes) + 12 * len(plan.scene.sphere)
+    particles = sum(shape.mesh.vertex_count for shape in plan.shapes)
+    return 12 * (particles + len(plan.scene.sphere)) + 28 * len(plan.bodies)
 
 
-def _copy(array: wp.array) -> Any:
+def _copy(array: wp.array, width: int = 3) -> Any:
     """On the host; on the CPU `numpy()` alone is a view of what goes on changing."""
     if not array.size:
-        return np.zeros((*array.shape, 3), dtype=np.float32)
+        return np.zeros((*array.shape, width), dtype=np.float32)
     on_cpu = wp.get_device(array.device).is_cpu
     return array.numpy().copy() if on_cpu else array.numpy()

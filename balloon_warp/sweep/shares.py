@@ -126,5 +126,5 @@ def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> N
     record = records[part.number]
     for array, values in ((record.measures, part.measures), (record.healthy, part.healthy)):
         array[rows] = values
-    for name in ("points", "sphere_positions"):
+    for name in ("points", "sphere_positions", "body_poses"):
         getattr(record, name)[places] = getattr(part, name)

@@ -58,7 +58,8 @@ def collision(
     up: wp.vec3,
     step_seconds: float,
 ):
-    """What a sphere's end gains beside another's [m], and its velocity [m/s]; both along n.
+    """What a sphere's end gains beside another's [m], and its velocity [m/s], both along n; and after which part of the
+    step they meet.
 
     What overlaps already may not come nearer, and is moved apart slowly, without speed.
 
@@ -80,7 +81,7 @@ def collision(
         least = reach + gap + way_apart(gap, step_seconds)
         further = wp.max(least - wp.dot(start + way, normal), 0.0)
         shift = (wp.where(gap < 0.0, 1.0, bounce) * further) * normal
-    return shift, gain
+    return shift, gain, part
 
 
 @wp.func

@@ -111,9 +111,15 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 
 @wp.func
+def stop_of(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
+    """By how much meeting a surface changes a sphere's velocity along the normal [m/s]."""
+    return -(1.0 + restitution) * wp.min(wp.dot(velocity - surface_velocity, normal), 0.0)
+
+
+@wp.func
 def bounced(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
     """The velocity of a sphere that has met a surface: it leaves with its speed toward that times the restitution."""
-    return velocity - (1.0 + restitution) * wp.min(wp.dot(velocity - surface_velocity, normal), 0.0) * normal
+    return velocity + stop_of(velocity, surface_velocity, normal, restitution) * normal
 
 
 @wp.func
@@ -128,14 +134,17 @@ def move_sphere(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by contacts."""
+    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by contacts; and what
+    the ground has changed that velocity by [m/s]."""
     velocity += step_seconds * (pushed - gravity * up)
     position += step_seconds * velocity
     depth = ground_height + radius - wp.dot(position, up)
+    stopped = float(0.0)
     if depth > 0.0:
         position += depth * up
+        stopped = stop_of(velocity, wp.vec3(), up, ground_restitution)
         velocity = bounced(velocity, wp.vec3(), up, ground_restitution)
-    return position, velocity
+    return position, velocity, stopped
 
 
 AS_OTHERS = -1.0
@@ -160,7 +169,7 @@ GROUND = (
         least=0.0,
         of="world",
         path="ground.friction",
-        meaning="Coulomb's coefficient, for balloons",
+        meaning="Coulomb's coefficient",
     ),
     Parameter(
         "ground_restitution",

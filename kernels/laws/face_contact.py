@@ -9,6 +9,8 @@ the sphere's and, by their weights, the corners'. It acts where |c - y| comes do
 all go on from there at their new velocities: so momentum stays, and angular momentum, since n passes through both; and
 kinetic energy does not grow. What rebounds, springs and gas push back.
 
+Friction acts in the same moment, at the same point, see `laws.sliding`.
+
 When they come so near is found in steps over which they cannot (conservative advancement: the distance falls by no more
 than the center's way beside the corners'). The nearest point is on the side where the center is, and the center never
 comes to the surface: so none changes sides, from outside or from within, at any speed, however small it is.
@@ -18,6 +20,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.collision import NEVER
 from balloon_warp.kernels.laws.impulse import way_apart
+from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse
 from balloon_warp.kernels.laws.touch import nearest_weights, weighted
 
 MOST_LOOKS = wp.constant(256)
@@ -46,16 +49,22 @@ class Facing:
     way: wp.vec3
     starts: wp.mat33  # of the corners, row by row
     ways: wp.mat33
-    radius: float
+    radius: float  # with which it meets triangles [m]
+    own_radius: float
 
 
 @wp.struct
 class Impact:
-    """What a contact does beside its normal: shifts [m] and gains [m/s] of the sphere and the three corners."""
+    """What a contact does: along its normal, shifts [m] and gains [m/s] of the sphere and the three corners; and by
+    friction across it."""
 
     normal: wp.vec3
     shifts: wp.vec4
     gains: wp.vec4
+    pulled: wp.vec4  # what sphere and corners gain by 1 N s on the sphere [1/kg]
+    rub: wp.vec3  # the impulse of friction on the sphere [N s]
+    arm: wp.vec3  # from its center to where that acts [m]
+    seconds: float  # of the step, after it
 
 
 @wp.func
@@ -68,6 +77,7 @@ def facing_of(start: wp.vec3, end: wp.vec3, radius: float, starts: wp.mat33, end
     facing.ways = ends - starts
     size = wp.length(starts[1] - starts[0]) + wp.length(starts[2] - starts[0])
     facing.radius = wp.max(radius, LEAST_RADIUS * size)
+    facing.own_radius = radius
     return facing
 
 
@@ -119,6 +129,8 @@ def impact(
     velocity: wp.vec3,
     velocities: wp.mat33,
     eases: wp.vec4,
+    spin: wp.vec3,
+    friction: float,
     step_seconds: float,
 ):
     """What comes of it after a part of the step.
@@ -127,6 +139,8 @@ def impact(
         velocity: of the sphere.
         velocities: of the corners, row by row.
         eases: 1 over the masses of sphere and corners, 0 of what is fixed [1/kg].
+        spin: of the sphere [rad/s].
+        friction: of both.
     """
     weights, arm = seen_at(facing, part)
     normal = wp.normalize(arm)
@@ -156,4 +170,10 @@ def impact(
     met.normal = normal
     met.shifts = (shift / whole) * pulled
     met.gains = (gain / whole) * pulled
+    met.pulled = pulled
+    met.arm = -bent
+    met.seconds = rest_of_step
+    ease = whole - eases[0] + ease_of_ball(1.0 / eases[0], facing.own_radius, bent)
+    sliding = beside + gain * normal + wp.cross(spin, met.arm)
+    met.rub = friction_impulse(sliding, normal, ease, friction * gain / whole)
     return met

@@ -168,6 +168,18 @@ def change_of_body(press: Press, mass: float, up: wp.vec3, sinking: float, chang
 
 
 @wp.func
+def push_of_ground(press: Press, mass: float, up: wp.vec3, change: wp.vec3):
+    """The impulse by which the ground keeps up a body that particles press to it [N s]: what both gain by it."""
+    lost = wp.vec3(press[PRESSED + 6], press[PRESSED + 7], press[PRESSED + 8])
+    of_particles = wp.vec3(
+        press[PRESSED] * change[0] + press[PRESSED + 1] * change[1] + press[PRESSED + 2] * change[2],
+        press[PRESSED + 1] * change[0] + press[PRESSED + 3] * change[1] + press[PRESSED + 4] * change[2],
+        press[PRESSED + 2] * change[0] + press[PRESSED + 4] * change[1] + press[PRESSED + 5] * change[2],
+    )
+    return wp.max(wp.dot(up, mass * change + of_particles + lost), 0.0)
+
+
+@wp.func
 def shift_of_body(press: Press, mass: float, up: wp.vec3):
     """How far a body is moved out of what overlaps it [m]."""
     return common_gain(press, OVERLAPPING, mass, wp.float64(0.0), up, 0.0)
@@ -197,7 +209,8 @@ def fall(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step of gravity beside the ground, before it meets particles.
+    """Position and velocity of a sphere after a step of gravity beside the ground, before it meets particles, and what
+    the ground has changed its velocity by [m/s].
 
     It goes as far as the ground, or, had it been falling, turns where it is, with the speed that it had before the
     step times the restitution: then no energy is gained, whatever the step.
@@ -206,10 +219,12 @@ def fall(
     rise = wp.dot(velocity, up)
     excess = excess_speed(gap, step_seconds * gravity - rise, step_seconds)
     velocity -= (step_seconds * gravity) * up
+    stopped = float(0.0)
     if excess > 0.0:
-        velocity += wp.max(excess, -ground_restitution * rise - wp.dot(velocity, up)) * up
+        stopped = wp.max(excess, -ground_restitution * rise - wp.dot(velocity, up))
+        velocity += stopped * up
     position += step_seconds * velocity + way_apart(gap, step_seconds) * up
-    return position, velocity
+    return position, velocity, stopped
 
 
 @wp.func

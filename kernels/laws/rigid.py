@@ -25,6 +25,7 @@ from where all go on at their new velocities: so momentum and angular momentum s
 import warp as wp
 
 from balloon_warp.kernels.laws.impulse import OVERLAPPING, Press, put_part
+from balloon_warp.kernels.laws.sliding import friction_impulse
 
 Push = wp.types.vector(length=36, dtype=wp.float32)
 """Summed over particles, with t = r x n. Of those that a body presses: m n n^T, m t t^T (six numbers each), m n t^T
@@ -186,11 +187,7 @@ def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction
         beside: its velocity beside the body's point there.
         pushed: the impulse along n.
     """
-    normal = wp.normalize(pushed)
-    sliding = beside - wp.dot(beside, normal) * normal
-    most = friction * wp.length(pushed)
-    wanted = share * mass * wp.length(sliding)
-    return -wp.min(wanted, most) * wp.normalize(sliding)
+    return friction_impulse(beside, wp.normalize(pushed), 1.0 / (share * mass), friction * wp.length(pushed))
 
 
 @wp.func

@@ -6,9 +6,17 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.collision import collision, mean_restitution, share_of
-from balloon_warp.kernels.laws.contact import bounced
-from balloon_warp.kernels.loops.rolling import leaving_function
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius, sphere_restitution
+from balloon_warp.kernels.laws.contact import bounced, friction_between, stop_of
+from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
+from balloon_warp.kernels.loops.rolling import Course, course_of, ground_rubbing_function, leaving_function
+from balloon_warp.kernels.tables import (
+    Tables,
+    row_of_world,
+    sphere_friction,
+    sphere_mass,
+    sphere_radius,
+    sphere_restitution,
+)
 from balloon_warp.kernels.traits import Traits
 
 MOST_SWEEPS = wp.constant(24)
@@ -57,38 +65,103 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         put_sphere: the function that gives it another place and velocity after the step.
     """
     leave_fixtures = leaving_function(traits) if traits.fixtures else None
+    rub_on_ground = ground_rubbing_function(traits)
     split = traits.columns.balloon_width
     gravity, height, ground_restitution = (
         traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
     )
 
     @wp.func
+    def spin_at(spins: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32):
+        """[rad/s]"""
+        if wp.static(traits.spheres_rub):
+            return spins[world, sphere]
+        else:
+            return wp.vec3()
+
+    @wp.func
     def put_beside(
-        t: Tables, spheres: Any, world: wp.int32, time: float, sphere: wp.int32, position: wp.vec3, velocity: wp.vec3
+        t: Tables,
+        spheres: Any,
+        spins: wp.array2d[wp.vec3],
+        world: wp.int32,
+        time: float,
+        sphere: wp.int32,
+        course: Course,
     ):
         """A sphere that another has moved, out of the ground and obstacles."""
         radius = sphere_radius(t.spheres, world, sphere)
         if wp.static(traits.ground):
             row = row_of_world(world, t.world_numbers.shape[0])
-            depth = t.world_numbers[row, height] + radius - wp.dot(position, t.up)
+            depth = t.world_numbers[row, height] + radius - wp.dot(course.position, t.up)
             if depth > 0.0:
-                position += depth * t.up
-                velocity = bounced(velocity, wp.vec3(), t.up, t.world_numbers[row, ground_restitution])
+                restitution = t.world_numbers[row, ground_restitution]
+                stopped = stop_of(course.velocity, wp.vec3(), t.up, restitution)
+                course.position += depth * t.up
+                course.velocity = bounced(course.velocity, wp.vec3(), t.up, restitution)
+                course = rub_on_ground(t, world, sphere, course, stopped)
         if wp.static(traits.fixtures):
             start, _end, _motion = path_at(t, spheres, world, sphere)
-            out, after = leave_fixtures(t, world, time, start, position, velocity, radius)
-            position = out
-            velocity = after
-        put_sphere(t, spheres, world, sphere, position, velocity)
+            course = leave_fixtures(t, world, sphere, time, start, course)
+        put_sphere(t, spheres, world, sphere, course.position, course.velocity)
+        if wp.static(traits.spheres_rub):
+            spins[world, sphere] = course.spin
 
     @wp.func
-    def meet_pair(t: Tables, spheres: Any, world: wp.int32, time: float, first: wp.int32, second: wp.int32):
+    def rub_pair(
+        t: Tables,
+        world: wp.int32,
+        first: wp.int32,
+        second: wp.int32,
+        mine: Course,
+        other: Course,
+        normal: wp.vec3,
+        pushed: float,
+        seconds: float,
+    ):
+        """The courses of two that rub on each other, for the rest of the step.
+
+        Args:
+            normal: from the first to the second.
+            pushed: the impulse along it [N s].
+        """
+        if wp.static(traits.spheres_rub):
+            mass = sphere_mass(t.spheres, world, first)
+            other_mass = sphere_mass(t.spheres, world, second)
+            radius = sphere_radius(t.spheres, world, first)
+            other_radius = sphere_radius(t.spheres, world, second)
+            arm = radius * normal
+            other_arm = -other_radius * normal
+            beside = other.velocity + wp.cross(other.spin, other_arm) - mine.velocity - wp.cross(mine.spin, arm)
+            ease = ease_of_ball(mass, radius, arm) + ease_of_ball(other_mass, other_radius, other_arm)
+            friction = friction_between(
+                sphere_friction(t.spheres, world, first), sphere_friction(t.spheres, world, second)
+            )
+            rub = friction_impulse(beside, normal, ease, friction * pushed)
+            mine.position -= (seconds / mass) * rub
+            mine.velocity -= rub / mass
+            mine.spin += spin_by(mass, radius, -wp.cross(arm, rub))
+            other.position += (seconds / other_mass) * rub
+            other.velocity += rub / other_mass
+            other.spin += spin_by(other_mass, other_radius, wp.cross(other_arm, rub))
+        return mine, other
+
+    @wp.func
+    def meet_pair(
+        t: Tables,
+        spheres: Any,
+        spins: wp.array2d[wp.vec3],
+        world: wp.int32,
+        time: float,
+        first: wp.int32,
+        second: wp.int32,
+    ):
         """Two spheres; whether that has moved them."""
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
         start, end, velocity = path_at(t, spheres, world, first)
         other_start, other_end, other_velocity = path_at(t, spheres, world, second)
         before = other_start - start
-        shift, gain = collision(
+        shift, gain, part = collision(
             before, other_end - end - before, other_velocity - velocity, reach,
             mean_restitution(
                 sphere_restitution(t.spheres, world, first), sphere_restitution(t.spheres, world, second)
@@ -101,12 +174,19 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
             other_mass = sphere_mass(t.spheres, world, second)
             own = share_of(mass, other_mass)
             others = share_of(other_mass, mass)
-            put_beside(t, spheres, world, time, first, end - own * shift, velocity - own * gain)
-            put_beside(t, spheres, world, time, second, other_end + others * shift, other_velocity + others * gain)
+            mine = course_of(end - own * shift, velocity - own * gain, spin_at(spins, world, first))
+            other = course_of(other_end + others * shift, other_velocity + others * gain, spin_at(spins, world, second))
+            if wp.length_sq(gain) > 0.0:
+                mine, other = rub_pair(
+                    t, world, first, second, mine, other, wp.normalize(gain), mass * own * wp.length(gain),
+                    (1.0 - part) * t.step_seconds,
+                )  # fmt: skip
+            put_beside(t, spheres, spins, world, time, first, mine)
+            put_beside(t, spheres, spins, world, time, second, other)
         return moved
 
     @wp.func
-    def collide(t: Tables, spheres: Any, world: wp.int32, time: float):
+    def collide(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, time: float):
         """At the end of a step [s]. A sphere without size is not there."""
         count = t.spheres.radius.shape[1]
         moving = bool(True)
@@ -117,7 +197,7 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
                 for first in range(second):
                     smallest = wp.min(sphere_radius(t.spheres, world, first), sphere_radius(t.spheres, world, second))
                     if smallest > 0.0:
-                        moved = meet_pair(t, spheres, world, time, first, second)
+                        moved = meet_pair(t, spheres, spins, world, time, first, second)
                         moving = moving or moved
             sweep += 1
 

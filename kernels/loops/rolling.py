@@ -5,41 +5,110 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import bounced, move_sphere
+from balloon_warp.kernels.laws.contact import bounced, friction_between, move_sphere, stop_of
 from balloon_warp.kernels.laws.impulse import fall
+from balloon_warp.kernels.laws.sliding import rubbed
 from balloon_warp.kernels.loops.fixtures import meeting_function
-from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_friction, sphere_radius
 from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Course:
+    """Where a sphere is, and how it moves."""
+
+    position: wp.vec3
+    velocity: wp.vec3
+    spin: wp.vec3  # [rad/s]
+
+
+@wp.func
+def course_of(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3):
+    course = Course()
+    course.position = position
+    course.velocity = velocity
+    course.spin = spin
+    return course
+
+
+@cache
+def rubbing_function(traits: Traits) -> Any:
+    """The function by which a sphere rubs on what gives way to nothing."""
+
+    @wp.func
+    def rub(
+        t: Tables,
+        world: wp.int32,
+        sphere: wp.int32,
+        course: Course,
+        moving: wp.vec3,
+        normal: wp.vec3,
+        stopped: float,
+        friction: float,
+    ):
+        """Its course, once that has stopped it.
+
+        Args:
+            moving: how fast the other moves there [m/s].
+            stopped: by how much it has changed the sphere's velocity along the normal [m/s].
+            friction: of the other.
+        """
+        if wp.static(traits.spheres_rub):
+            if stopped > 0.0:
+                gain, more = rubbed(
+                    course.velocity, course.spin, moving, normal, stopped, sphere_radius(t.spheres, world, sphere),
+                    friction_between(sphere_friction(t.spheres, world, sphere), friction),
+                )  # fmt: skip
+                course.position += t.step_seconds * gain
+                course.velocity += gain
+                course.spin += more
+        return course
+
+    return rub
+
+
+@cache
+def ground_rubbing_function(traits: Traits) -> Any:
+    """The function by which a sphere rubs on the ground."""
+    rub = rubbing_function(traits)
+    friction = traits.columns.places["ground_friction"] - traits.columns.balloon_width
+
+    @wp.func
+    def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, course: Course, stopped: float):
+        """As `rub`."""
+        row = row_of_world(world, t.world_numbers.shape[0])
+        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, t.world_numbers[row, friction])
+
+    return rub_on_ground
 
 
 @cache
 def leaving_function(traits: Traits) -> Any:
     """The function by which a sphere leaves obstacles."""
     meet = meeting_function(traits)
+    rub = rubbing_function(traits)
 
     @wp.func
-    def leave_fixtures(
-        t: Tables,
-        world: wp.int32,
-        time: float,
-        start: wp.vec3,
-        position: wp.vec3,
-        velocity: wp.vec3,
-        radius: float,
-    ):
+    def leave_fixtures(t: Tables, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course):
         """A sphere out of obstacles, which it leaves at the speed it came with times their restitution.
 
         Args:
             time: at the end of the step [s].
             start: where it was before the step.
         """
+        radius = sphere_radius(t.spheres, world, sphere)
         for fixture in range(t.fixtures.solids.kinds.shape[0]):
-            met = meet(t, world, fixture, time, start, position, radius)
+            met = meet(t, world, fixture, time, start, course.position, radius)
             if wp.length_sq(met.normal) > 0.0:
                 row = row_of_world(world, t.fixtures.restitutions.shape[0])
-                position = met.let
-                velocity = bounced(velocity, met.moving, met.normal, t.fixtures.restitutions[row, fixture])
-        return position, velocity
+                restitution = t.fixtures.restitutions[row, fixture]
+                stopped = stop_of(course.velocity, met.moving, met.normal, restitution)
+                course.position = met.let
+                course.velocity = bounced(course.velocity, met.moving, met.normal, restitution)
+                row = row_of_world(world, t.fixtures.frictions.shape[0])
+                its = t.fixtures.frictions[row, fixture]
+                course = rub(t, world, sphere, course, met.moving, met.normal, stopped, its)
+        return course
 
     return leave_fixtures
 
@@ -48,36 +117,34 @@ def leaving_function(traits: Traits) -> Any:
 def rolling_function(traits: Traits) -> Any:
     """The function that moves a sphere under gravity, beside the ground and obstacles."""
     leave_fixtures = leaving_function(traits) if traits.fixtures else None
+    rub_on_ground = ground_rubbing_function(traits)
 
     @wp.func
     def roll(
-        t: Tables,
-        world: wp.int32,
-        time: float,
-        position: wp.vec3,
-        velocity: wp.vec3,
-        pushed: wp.vec3,
-        radius: float,
-        around: wp.vec3,
+        t: Tables, world: wp.int32, sphere: wp.int32, time: float, course: Course, pushed: wp.vec3, around: wp.vec3
     ):
-        """Its position and velocity after a step.
+        """Its course after a step.
 
         Args:
             time: at the end of the step [s].
             pushed: its acceleration by particles, where that is the paper's [m/s^2].
             around: gravity, the ground's height and its restitution.
         """
+        radius = sphere_radius(t.spheres, world, sphere)
         if wp.static(traits.impulses):
-            position, velocity = fall(position, velocity, radius, around[0], t.up, around[1], around[2], t.step_seconds)
-        else:
-            position, velocity = move_sphere(
-                position, velocity, pushed, radius, around[0], t.up, around[1], around[2], t.step_seconds
+            position, velocity, stopped = fall(
+                course.position, course.velocity, radius, around[0], t.up, around[1], around[2], t.step_seconds
             )
+            course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
+        else:
+            position, velocity, stopped = move_sphere(
+                course.position, course.velocity, pushed, radius, around[0], t.up, around[1], around[2],
+                t.step_seconds,
+            )  # fmt: skip
+            course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
         if wp.static(traits.fixtures):
-            start = position - t.step_seconds * velocity
-            out, after = leave_fixtures(t, world, time, start, position, velocity, radius)
-            position = out
-            velocity = after
-        return position, velocity
+            start = course.position - t.step_seconds * course.velocity
+            course = leave_fixtures(t, world, sphere, time, start, course)
+        return course
 
     return roll

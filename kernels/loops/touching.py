@@ -10,18 +10,24 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.laws.contact import friction_between, friction_on
 from balloon_warp.kernels.laws.impulse import (
+    PRESSED,
     Press,
     change_of_body,
     comes_near,
     gain_of_particle,
     is_pressed,
+    mass_in,
     meet_sphere,
     press_of_particle,
+    push_of_ground,
     shift_of_body,
     sinking_of_sphere,
 )
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
+from balloon_warp.kernels.laws.rigid import rub_on
+from balloon_warp.kernels.laws.sliding import ease_of_ball, rubbed, spin_by
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_friction, sphere_mass
 from balloon_warp.kernels.traits import Traits
 
 
@@ -34,6 +40,9 @@ class Ball:
     radius: float
     mass: float
     sinking: float  # by how much it comes too fast to the ground, see `laws.impulse`
+    spin: wp.vec3  # where it has friction [rad/s]
+    friction: float
+    ground_friction: float  # between it and the ground
 
 
 @cache
@@ -43,11 +52,18 @@ def ball_function(traits: Traits, sphere_at: Any) -> Any:
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
     """
-    height = traits.columns.places["ground_height"] - traits.columns.balloon_width
+    height, ground_friction = (
+        traits.columns.places[name] - traits.columns.balloon_width for name in ("ground_height", "ground_friction")
+    )
 
     @wp.func
-    def ball_at(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+    def ball_at(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32):
         ball = Ball()
+        if wp.static(traits.spheres_rub):
+            ball.spin = spins[world, sphere]
+            ball.friction = sphere_friction(t.spheres, world, sphere)
+            row = row_of_world(world, t.world_numbers.shape[0])
+            ball.ground_friction = friction_between(ball.friction, t.world_numbers[row, ground_friction])
         center, velocity, radius = sphere_at(t, spheres, world, sphere)
         ball.center = center
         ball.velocity = velocity
@@ -102,6 +118,66 @@ def answer_to_ball(
     if out > 0.0:
         point += gain_of_particle(outward, out, shift)
     return point, velocity
+
+
+@wp.func
+def rub_on_ball(
+    t: Tables,
+    ball: Ball,
+    press: Press,
+    last: wp.vec3,
+    change: wp.vec3,
+    mass: float,
+    friction: float,
+    point: wp.vec3,
+    velocity: wp.vec3,
+):
+    """The impulse of friction on a particle that is pressed [N s], and its torque about the sphere's center [N m s].
+
+    Args:
+        press: what the sphere bears.
+        last: as in `answer_to_ball`, as is the next.
+        friction: of the particle's balloon, negative where it does not say it.
+        point: of the particle, before its answer.
+    """
+    way = t.step_seconds * (velocity - ball.velocity)
+    arm = point - ball.center - way
+    outward, excess, _out = meet_sphere(arm, way, ball.radius, t.up, t.step_seconds)
+    rub = wp.vec3()
+    if is_pressed(outward, excess, last):
+        gain = gain_of_particle(outward, excess, change)
+        beside = velocity + gain - ball.velocity - change - wp.cross(ball.spin, arm)
+        share = 1.0 / (1.0 + mass_in(press, PRESSED) * ease_of_ball(ball.mass, ball.radius, arm))
+        rub = rub_on(beside, mass * gain, mass, share, friction_on(friction, ball.friction))
+    return wp.spatial_vector(rub, wp.cross(arm, rub))
+
+
+@wp.func
+def rubbed_point(t: Tables, rub: wp.spatial_vector, mass: float, point: wp.vec3, velocity: wp.vec3):
+    """A particle's point and velocity after its answer, once that has acted."""
+    gain = wp.spatial_top(rub) / mass
+    return point + t.step_seconds * gain, velocity + gain
+
+
+@wp.func
+def rubbed_ball(
+    t: Tables, ball: Ball, press: Press, change: wp.vec3, center: wp.vec3, velocity: wp.vec3, rub: wp.spatial_vector
+):
+    """The center, velocity and spin of a sphere after its answer, once particles have rubbed on it, and the ground, to
+    which they press it.
+
+    Args:
+        press: as in `rub_on_ball`, as is the next.
+        rub: on all particles.
+    """
+    gain = -wp.spatial_top(rub) / ball.mass
+    spin = ball.spin - spin_by(ball.mass, ball.radius, wp.spatial_bottom(rub))
+    if is_pressed(-t.up, ball.sinking, change):
+        stopped = push_of_ground(press, ball.mass, t.up, change) / ball.mass
+        braked, more = rubbed(velocity + gain, spin, wp.vec3(), t.up, stopped, ball.radius, ball.ground_friction)
+        gain += braked
+        spin += more
+    return center + t.step_seconds * gain, velocity + gain, spin
 
 
 @wp.func

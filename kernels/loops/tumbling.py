@@ -11,12 +11,14 @@ from balloon_warp.kernels.laws.contact import friction_between
 from balloon_warp.kernels.laws.grip import Grip, grip_impulse, least_speed
 from balloon_warp.kernels.laws.impulse import way_apart
 from balloon_warp.kernels.laws.rigid import ease_along, spin_of, turned
-from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body, stop_function
+from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
+from balloon_warp.kernels.loops.bodies import Rigid, Stop, body_at, body_mass, pushed_on, put_body, stop_function
 from balloon_warp.kernels.loops.nearest import near_function
 from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
     row_of_world,
+    sphere_friction,
     sphere_mass,
     sphere_radius,
     sphere_restitution,
@@ -146,6 +148,36 @@ def tumbling_function(traits: Traits) -> Any:
         )
 
     @wp.func
+    def rub_sphere(
+        t: Tables,
+        state: WorldState,
+        world: wp.int32,
+        body: wp.int32,
+        sphere: wp.int32,
+        rigid: Rigid,
+        stop: Stop,
+        velocity: wp.vec3,
+        push: wp.vec3,
+    ):
+        """The impulse of friction on a sphere that a body pushes [N s], which has turned it then."""
+        mass = sphere_mass(t.spheres, world, sphere)
+        radius = sphere_radius(t.spheres, world, sphere)
+        spin = state.sphere_spins[world, sphere]
+        arm = -radius * stop.normal
+        place = stop.arm + arm  # from the body's center of mass
+        twist = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, wp.cross(stop.arm, push))
+        beside = velocity + push / mass + wp.cross(spin, arm)
+        beside -= rigid.velocity - push / rigid.mass + wp.cross(rigid.spin - twist, place)
+        across = beside - wp.dot(beside, stop.normal) * stop.normal
+        ease = ease_of_ball(mass, radius, arm)
+        ease += ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, place, wp.normalize(across))
+        own = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
+        friction = friction_between(own, sphere_friction(t.spheres, world, sphere))
+        rub = friction_impulse(beside, stop.normal, ease, friction * wp.length(push))
+        state.sphere_spins[world, sphere] = spin + spin_by(mass, radius, wp.cross(arm, rub))
+        return rub
+
+    @wp.func
     def meet_sphere(
         t: Tables,
         state: WorldState,
@@ -172,13 +204,15 @@ def tumbling_function(traits: Traits) -> Any:
                 own = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
                 gain = wp.max(gain, (1.0 + wp.sqrt(own * sphere_restitution(t.spheres, world, sphere))) * approach)
             push = (gain / ease) * stop.normal
+            if wp.static(traits.spheres_rub):
+                push += rub_sphere(t, state, world, body, sphere, rigid, stop, velocity, push)
             out = (stop.out / (1.0 / mass + 1.0 / rigid.mass)) * stop.normal
             state.sphere_velocities[world, sphere] = velocity + push / mass
             state.sphere_positions[world, sphere] = end + (t.step_seconds * push + out) / mass
-            put_body(
-                state, world,
-                pushed_on(t, rigid, -push / rigid.mass, -wp.cross(stop.arm, push), -out / rigid.mass),
-            )  # fmt: skip
+            twist = -wp.cross(stop.arm, push)
+            if wp.static(traits.spheres_rub):  # friction acts where they touch
+                twist += radius * wp.cross(stop.normal, push)
+            put_body(state, world, pushed_on(t, rigid, -push / rigid.mass, twist, -out / rigid.mass))
 
     @wp.func
     def tumble(

@@ -1,11 +1,13 @@
 """Picks worlds out of a batch."""
 
+from typing import Any
+
 import warp as wp
 
 
 @wp.kernel(enable_backward=False)
 def pick_healthy_worlds(
-    every: wp.array2d[wp.vec3], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.vec3]
+    every: wp.array2d[Any], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[Any]
 ):
     """A thread a (chosen world, item): a copy of it; of a world that is not healthy, the last good copy stays."""
     place, item = wp.tid()

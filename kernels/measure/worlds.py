@@ -112,10 +112,20 @@ def whole_balloon(sums: wp.array3d[BalloonSums], world: wp.int32, balloon: wp.in
 
 
 @wp.func
+def are_finite(places: wp.array[wp.vec3]):
+    """Whether all of them are."""
+    finite = bool(True)
+    for place in range(places.shape[0]):
+        finite = finite and wp.isfinite(places[place])
+    return finite
+
+
+@wp.func
 def note_further(
     measures: wp.array2d[float],
     world: wp.int32,
     sphere_positions: wp.array2d[wp.vec3],
+    body_positions: wp.array2d[wp.vec3],
     up: wp.vec3,
     box_column: wp.int32,
     inside: float,
@@ -125,6 +135,8 @@ def note_further(
     """The columns that not every table has."""
     for sphere in range(sphere_positions.shape[1]):
         measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
+    for body in range(body_positions.shape[1]):
+        measures[world, 6 + sphere_positions.shape[1] + body] = wp.dot(body_positions[world, body], up)
     if box_column >= 0:
         measures[world, box_column] = inside
     if burst_column >= 0:
@@ -153,6 +165,7 @@ def measure_worlds(
     pressures: wp.array2d[float],
     points: wp.array2d[wp.vec3],
     sphere_positions: wp.array2d[wp.vec3],
+    body_positions: wp.array2d[wp.vec3],
     sums: wp.array3d[BalloonSums],
     first_bad: wp.array[wp.int32],
     no_body: wp.int32,
@@ -164,7 +177,8 @@ def measure_worlds(
     healthy: wp.array[wp.int32],
 ):
     """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
-    spheres; and where their columns are not negative, how many balloons are in a box, and how many have burst.
+    spheres and of free bodies; and where their columns are not negative, how many balloons are in a box, and how many
+    have burst.
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
@@ -179,7 +193,6 @@ def measure_worlds(
     stretch = float(0.0)
     kinetic_energy = float(0.0)
     inside = float(0.0)
-    finite = bool(True)
     for balloon in range(sums.shape[1]):
         total = whole_balloon(sums, world, balloon)
         stretch = wp.max(stretch, total.stretch)
@@ -200,8 +213,7 @@ def measure_worlds(
         total_mass += balloon_mass
     height /= total_mass
     pressure = pushed / wp.max(area, 1.0e-20)
-    for sphere in range(sphere_positions.shape[1]):
-        finite = finite and wp.isfinite(sphere_positions[world, sphere])
+    finite = are_finite(sphere_positions[world]) and are_finite(body_positions[world])
     finite = finite and wp.isfinite(volume) and wp.isfinite(area) and wp.isfinite(height)
     finite = finite and wp.isfinite(pressure) and wp.isfinite(stretch) and wp.isfinite(kinetic_energy)
     if first_bad[world] != no_body or not finite:
@@ -213,7 +225,7 @@ def measure_worlds(
         measures[world, 3] = height
         measures[world, 4] = stretch
         measures[world, 5] = kinetic_energy
-        note_further(measures, world, sphere_positions, up, box_column, inside, burst_column, bursts)
+        note_further(measures, world, sphere_positions, body_positions, up, box_column, inside, burst_column, bursts)
 
 
 @wp.kernel(enable_backward=False)

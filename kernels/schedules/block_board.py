@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.loops.colliding import colliding_function
-from balloon_warp.kernels.loops.rolling import rolling_function
+from balloon_warp.kernels.loops.rolling import course_of, rolling_function
 from balloon_warp.kernels.measure.health import look_at_sphere
 from balloon_warp.kernels.schedules.block_memory import Layout
 from balloon_warp.kernels.schedules.warps import (
@@ -38,10 +38,11 @@ class Board(NamedTuple):
     rolls_by_warps: bool
     """each warp moves the spheres for itself, when its particles leave them; otherwise `roll` comes before"""
     roll_sphere: Any
-    """(t, world, thread, substep, sphere): a sphere by a substep, by all threads of a warp, who learn where it is"""
+    """(t, spins, world, thread, substep, end, sphere): a sphere by a substep, by all threads of a warp, who learn where
+    it is"""
     roll: Any
-    """(t, world, thread, substep): every sphere, a warp a sphere, and how they meet each other; a barrier must
-    follow"""
+    """(t, spins, world, thread, substep, end): every sphere, a warp a sphere, and how they meet each other; a barrier
+    must follow"""
     sphere_at: Any
     """(t, substep, world, sphere): center, velocity and radius of a sphere that has moved"""
     post: Any
@@ -49,6 +50,10 @@ class Board(NamedTuple):
     put_sphere: Any
     """(substep, thread, sphere, center, velocity, radius, force): by the first thread, a sphere after it has met
     particles, and the force that this took"""
+    show: Any
+    """(t, state, starts, world, substep): by one thread, all spheres into the state, and where they were"""
+    take: Any
+    """(t, state, world, substep): by one thread, all spheres from there"""
     end: Any
     """(t, state, world, thread, last_substep): into the state, and a look at them"""
 
@@ -59,10 +64,10 @@ def board_of(traits: Traits, layout: Layout) -> Board:
 
     Entries of the board, of four words: two rows of posts, a post a warp and sphere, with the force and the stamp; two
     rows of centers and radii; two of velocities and inverse masses; and of the world gravity, and the ground's height
-    and restitution.
+    and restitution. Spins stay in the state: few have them.
     """
     count, warps = max(traits.spheres, 1), layout.warps
-    rolls_by_warps = layout.resident and not traits.gas and not traits.spheres_meet
+    rolls_by_warps = layout.resident and not traits.gas and not traits.spheres_meet and not traits.spheres_rub
     posts = 2 * warps * count
     motions = posts + 2 * count
     surroundings = motions + 2 * count
@@ -114,26 +119,30 @@ def board_of(traits: Traits, layout: Layout) -> Board:
                     write_entry(board(), motion_of(-1, sphere), state.sphere_velocities[world, sphere], response)
 
     @wp.func
-    def roll_sphere(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, end: float, sphere: wp.int32):
+    def roll_sphere(
+        t: Tables, spins: wp.array2d[wp.vec3], world: wp.int32, thread: wp.int32, substep: wp.int32, end: float,
+        sphere: wp.int32,
+    ):  # fmt: skip
         """By all threads of a warp; the substep ends at a time."""
         place = read_entry(board(), place_of(substep - 1, sphere))
         motion = read_entry(board(), motion_of(substep - 1, sphere))
         around = read_entry(board(), surroundings)
-        center = wp.vec3(place[0], place[1], place[2])
-        velocity = wp.vec3(motion[0], motion[1], motion[2])
+        before = course_of(wp.vec3(place[0], place[1], place[2]), wp.vec3(motion[0], motion[1], motion[2]), wp.vec3())
+        if wp.static(traits.spheres_rub):
+            before.spin = spins[world, sphere]
         pushed = wp.vec3()
         if wp.static(not traits.impulses):
             pushed = motion[3] * posted_force(substep - 1, sphere)
-        center, velocity = roll_by_a_step(
-            t, world, end, center, velocity, pushed, place[3], wp.vec3(around[0], around[1], around[2])
-        )
+        course = roll_by_a_step(t, world, sphere, end, before, pushed, wp.vec3(around[0], around[1], around[2]))
         writes = thread % WARP_THREADS == 0
         if wp.static(rolls_by_warps):
             writes = thread == 0
         if writes:
-            write_entry(board(), place_of(substep, sphere), center, place[3])
-            write_entry(board(), motion_of(substep, sphere), velocity, motion[3])
-        return center, velocity, place[3]
+            write_entry(board(), place_of(substep, sphere), course.position, place[3])
+            write_entry(board(), motion_of(substep, sphere), course.velocity, motion[3])
+            if wp.static(traits.spheres_rub):
+                spins[world, sphere] = course.spin
+        return course.position, course.velocity, place[3]
 
     @wp.func
     def path_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):
@@ -156,14 +165,14 @@ def board_of(traits: Traits, layout: Layout) -> Board:
     collide = colliding_function(traits, path_at, put_path) if traits.spheres_meet else None
 
     @wp.func
-    def roll(t: Tables, world: wp.int32, thread: wp.int32, substep: wp.int32, end: float):
+    def roll(t: Tables, spins: wp.array2d[wp.vec3], world: wp.int32, thread: wp.int32, substep: wp.int32, end: float):
         for sphere in range(count):
             if thread // WARP_THREADS == sphere % warps:
-                _center, _velocity, _radius = roll_sphere(t, world, thread, substep, end, sphere)
+                _center, _velocity, _radius = roll_sphere(t, spins, world, thread, substep, end, sphere)
         if wp.static(traits.spheres_meet):
             block_barrier()
             if thread == 0:
-                collide(t, substep, world, end)
+                collide(t, substep, spins, world, end)
 
     @wp.func
     def sphere_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):
@@ -198,6 +207,20 @@ def board_of(traits: Traits, layout: Layout) -> Board:
             write_entry(board(), post_of(substep, 0, sphere), force, float(substep))
 
     @wp.func
+    def show(t: Tables, state: WorldState, starts: wp.array2d[wp.vec3], world: wp.int32, substep: wp.int32):
+        for sphere in range(count):
+            start, position, velocity = path_at(t, substep, world, sphere)
+            starts[world, sphere] = start
+            state.sphere_positions[world, sphere] = position
+            state.sphere_velocities[world, sphere] = velocity
+
+    @wp.func
+    def take(t: Tables, state: WorldState, world: wp.int32, substep: wp.int32):
+        for sphere in range(count):
+            position = state.sphere_positions[world, sphere]
+            put_path(t, substep, world, sphere, position, state.sphere_velocities[world, sphere])
+
+    @wp.func
     def end(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32, last_substep: wp.int32):
         """By the first warp, after the last substep's barrier."""
         if thread < WARP_THREADS:
@@ -210,4 +233,4 @@ def board_of(traits: Traits, layout: Layout) -> Board:
                     state.sphere_velocities[world, sphere] = velocity
                     state.sphere_forces[world, sphere] = force
 
-    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, put_sphere, end)
+    return Board(begin, rolls_by_warps, roll_sphere, roll, sphere_at, post, put_sphere, show, take, end)

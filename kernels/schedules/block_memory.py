@@ -74,6 +74,7 @@ class Seat:
     substep: wp.int32
     time_in_frame: float
     time: float
+    spins: wp.array2d[wp.vec3]  # of spheres, in the state
 
 
 @wp.func
@@ -83,6 +84,7 @@ def take_seat(state: WorldState, world: wp.int32, thread: wp.int32):
     seat.world = world
     seat.thread = thread
     seat.count = state.points.shape[1]
+    seat.spins = state.sphere_spins
     return seat
 
 
@@ -97,6 +99,7 @@ def at_substep(t: Tables, seat: Seat, frame_begin: float, substep: wp.int32):
     now.world = seat.world
     now.thread = seat.thread
     now.count = seat.count
+    now.spins = seat.spins
     now.substep = substep
     now.time_in_frame = float(substep) * t.step_seconds
     now.time = frame_begin + now.time_in_frame

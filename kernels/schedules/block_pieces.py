@@ -154,7 +154,7 @@ def pieces_of(
         """Center, velocity and radius in this substep."""
         if wp.static(rolls):
             center, motion, radius = board.roll_sphere(
-                t, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds, sphere
+                t, seat.spins, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds, sphere
             )
             return center, motion, radius
         else:

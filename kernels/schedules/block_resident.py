@@ -113,7 +113,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             mine = aimed
             also = other_aimed
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
-            board.roll(t, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
+            board.roll(t, seat.spins, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
             block_barrier()
         mine = pieces.fill(t, seat, mine)
         if wp.static(two):

@@ -27,9 +27,9 @@ from balloon_warp.kernels.schedules.block_memory import (
 from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
-from balloon_warp.kernels.schedules.block_touch import touching
-from balloon_warp.kernels.schedules.block_turns import turns_of
-from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
+from balloon_warp.kernels.schedules.block_solids import solids_of
+from balloon_warp.kernels.schedules.block_turns import touching_in_turns, turns_of
+from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -56,7 +56,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     presses = presses_of(traits, layout) if traits.touches else None
     velocity_at, put_velocity = velocity_functions(layout)
     threads, capacity = layout.threads, layout.capacity
-    touch = touching(traits, board, turns.mass, layout)
+    touch_all = touching_in_turns(traits, pieces, board, turns, seat_member, layout)
+    solids = solids_of(traits, board, gas)
 
     @wp.func
     def refresh_aims(t: Tables, memory: BlockMemory, seat: Seat, points: Any):
@@ -157,18 +158,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         return fastest
 
     @wp.func
-    def touch_all(t: Tables, state: WorldState, seat: Seat, rounds: wp.int32, points: Any, velocities: Any):
-        """Spheres and particles exchange momentum, where any are near."""
-        near = bool(False)
-        for turn in range(rounds):
-            member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
-            member.point = points[member.own.number]
-            member.velocity = velocity_at(velocities, member.own.number)
-            near = near or pieces.is_near(t, seat, member, member)
-        if any_in_block(near):
-            touch(t, seat, near, state, points, velocities)
-
-    @wp.func
     def leave_all(
         t: Tables,
         state: WorldState,
@@ -208,8 +197,10 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.fresh_normals) or seat.substep == 0:
                 area = refresh_aims(t, memory, seat, source)
         if wp.static(traits.spheres > 0):
-            board.roll(t, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
+            board.roll(t, seat.spins, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
             block_barrier()
+        if wp.static(traits.bodies > 0):
+            solids.tumble(t, state, memory, seat)
         if wp.static(traits.gas):
             pull_and_swell(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
         fastest = push_and_move(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
@@ -220,6 +211,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             touch_all(t, state, seat, rounds, target, new_velocities)
         if wp.static(traits.leaves_together):
             leave_all(t, state, memory, seat, first, rounds, target, new_velocities)
+        if wp.static(traits.meets_solids):
+            solids.meet(t, state, memory, seat, source, target, new_velocities)
         if wp.static(traits.touches):
             for particle in range(seat.thread, seat.count, wp.block_dim()):
                 state.points[seat.world, particle] = in_tile(target, particle)

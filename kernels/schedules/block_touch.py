@@ -16,6 +16,9 @@ from balloon_warp.kernels.loops.touching import (
     ball_function,
     change_of_ball,
     press_on_ball,
+    rub_on_ball,
+    rubbed_ball,
+    rubbed_point,
     shift_of_ball,
 )
 from balloon_warp.kernels.memory import put_in_tile
@@ -30,7 +33,7 @@ from balloon_warp.kernels.schedules.warps import (
     shared_words,
     warp_sum,
 )
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 WORDS_OF_WARP = wp.constant(32)
@@ -83,7 +86,14 @@ def touching(traits: Traits, board: Board, mass_at: Any, layout: Layout) -> Any:
     spheres, threads = traits.spheres, layout.threads
     ball_at = ball_function(traits, board.sphere_at)
     press_of_block = adding_function(layout)
+    friction_column = traits.columns.places["balloon_friction"]
     velocity_at, put_velocity = velocity_functions(layout)
+
+    @wp.func
+    def friction_at(t: Tables, world: wp.int32, particle: wp.int32):
+        """Of a particle's balloon, negative where it does not say it."""
+        row = row_of_world(world, t.balloon_numbers.shape[0])
+        return t.balloon_numbers[row, t.particles.balloon[particle], friction_column]
 
     @wp.func
     def press_of_thread(t: Tables, seat: Seat, ball: Any, change: wp.vec3, told: Any, points: Any, velocities: Any):
@@ -105,7 +115,7 @@ def touching(traits: Traits, board: Board, mass_at: Any, layout: Layout) -> Any:
         """
         sum_number = wp.int32(0)
         for sphere in range(spheres):
-            ball = ball_at(t, seat.substep, seat.world, sphere)
+            ball = ball_at(t, seat.substep, seat.spins, seat.world, sphere)
             last = wp.vec3()
             part = Press()
             if near:
@@ -124,15 +134,30 @@ def touching(traits: Traits, board: Board, mass_at: Any, layout: Layout) -> Any:
                     change = change_of_ball(t, ball, press, last)
                     turn += 1
                 shift = shift_of_ball(t, ball, press)
+                rubs = Press()
                 if near:
                     for particle in range(seat.thread, seat.count, threads):
                         if t.particles.mass_share[particle] > 0.0:
-                            point, velocity = answer_to_ball(
-                                t, ball, last, change, shift, points[particle], velocity_at(velocities, particle)
-                            )
+                            start = points[particle]
+                            speed = velocity_at(velocities, particle)
+                            point, velocity = answer_to_ball(t, ball, last, change, shift, start, speed)
+                            if wp.static(traits.spheres_rub):
+                                mass = mass_at(t, seat, particle // threads, told)
+                                friction = friction_at(t, seat.world, particle)
+                                rub = rub_on_ball(t, ball, press, last, change, mass, friction, start, speed)
+                                point, velocity = rubbed_point(t, rub, mass, point, velocity)
+                                for number in range(6):
+                                    rubs[number] += rub[number]
                             put_in_tile(points, particle, point)
                             put_velocity(velocities, particle, velocity)
                 center, motion, force = answer_of_ball(t, ball, change, shift)
+                if wp.static(traits.spheres_rub):
+                    total = press_of_block(seat, rubs, near, sum_number)
+                    sum_number += 1
+                    rub = wp.spatial_vector(total[0], total[1], total[2], total[3], total[4], total[5])
+                    center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
+                    if seat.thread == 0:
+                        seat.spins[seat.world, sphere] = spin
                 board.put_sphere(seat.substep, seat.thread, sphere, center, motion, ball.radius, force)
 
     return touch

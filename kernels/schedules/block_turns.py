@@ -6,9 +6,12 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.memory import in_tile, put_in_tile
+from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat, velocity_functions
 from balloon_warp.kernels.schedules.block_pieces import Pieces
+from balloon_warp.kernels.schedules.block_touch import touching
+from balloon_warp.kernels.schedules.warps import any_in_block
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -89,3 +92,26 @@ def turns_of(
                 memory.aims[seat.world, member.own.number] = member.aim
 
     return Turns(mass_in_turn, member_in_turn, leave, put_member, keep_aim)
+
+
+@cache
+def touching_in_turns(
+    traits: Traits, pieces: Pieces, board: Board, turns: Turns, seat_member: Any, layout: Layout
+) -> Any:
+    """The function by which spheres and particles exchange momentum, where a thread has many."""
+    touch = touching(traits, board, turns.mass, layout)
+    velocity_at, threads = velocity_functions(layout)[0], layout.threads
+
+    @wp.func
+    def touch_all(t: Tables, state: WorldState, seat: Seat, rounds: wp.int32, points: Any, velocities: Any):
+        """Spheres and particles exchange momentum, where any are near."""
+        near = bool(False)
+        for turn in range(rounds):
+            member = seat_member(t, 0, state, seat, turn * threads + seat.thread)
+            member.point = points[member.own.number]
+            member.velocity = velocity_at(velocities, member.own.number)
+            near = near or pieces.is_near(t, seat, member, member)
+        if any_in_block(near):
+            touch(t, seat, near, state, points, velocities)
+
+    return touch_all

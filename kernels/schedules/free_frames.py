@@ -65,6 +65,7 @@ def copy_bodies(source: WorldState, target: WorldState, world: wp.int32, thread:
     for sphere in range(thread, source.sphere_positions.shape[1], threads):
         target.sphere_positions[world, sphere] = source.sphere_positions[world, sphere]
         target.sphere_velocities[world, sphere] = source.sphere_velocities[world, sphere]
+        target.sphere_spins[world, sphere] = source.sphere_spins[world, sphere]
         target.sphere_forces[world, sphere] = source.sphere_forces[world, sphere]
 
 

@@ -7,10 +7,10 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, set_lane
 from balloon_warp.kernels.loops.colliding import colliding_function, path_in_arrays, paths_of, put_in_arrays
-from balloon_warp.kernels.loops.rolling import rolling_function
+from balloon_warp.kernels.loops.rolling import course_of, rolling_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, places_of
-from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_mass
 from balloon_warp.kernels.traits import Traits
 
 
@@ -30,18 +30,21 @@ def roll_function(traits: Traits, layout: Layout) -> Any:
     def roll_sphere(t: LaneTables, state: WorldState, lanes: LaneState, world: wp.int32, end: float, sphere: wp.int32):
         """One sphere by one substep, under the contacts since the last, which are then cleared."""
         row = row_of_world(world, t.all.world_numbers.shape[0])
-        radius = sphere_radius(t.all.spheres, world, sphere)
-        position = state.sphere_positions[world, sphere]
-        velocity = state.sphere_velocities[world, sphere]
+        before = course_of(
+            state.sphere_positions[world, sphere], state.sphere_velocities[world, sphere],
+            state.sphere_spins[world, sphere],
+        )  # fmt: skip
         around = wp.vec3(
             t.all.world_numbers[row, gravity], t.all.world_numbers[row, height], t.all.world_numbers[row, restitution]
         )
         pushed = state.sphere_forces[world, sphere] / sphere_mass(t.all.spheres, world, sphere)
         if wp.static(traits.keeps_starts):
-            lanes.sphere_starts[world, sphere] = position
-        position, velocity = roll_by_a_step(t.all, world, end, position, velocity, pushed, radius, around)
-        state.sphere_positions[world, sphere] = position
-        state.sphere_velocities[world, sphere] = velocity
+            lanes.sphere_starts[world, sphere] = before.position
+        course = roll_by_a_step(t.all, world, sphere, end, before, pushed, around)
+        state.sphere_positions[world, sphere] = course.position
+        state.sphere_velocities[world, sphere] = course.velocity
+        if wp.static(traits.spheres_rub):
+            state.sphere_spins[world, sphere] = course.spin
         state.sphere_forces[world, sphere] = wp.vec3()
 
     @wp.func
@@ -54,7 +57,7 @@ def roll_function(traits: Traits, layout: Layout) -> Any:
                 roll_sphere(t, state, lanes, first + place, end, sphere)
             if wp.static(traits.spheres_meet):
                 paths = paths_of(lanes.sphere_starts, state.sphere_positions, state.sphere_velocities)
-                collide(t.all, paths, first + place, end)
+                collide(t.all, paths, state.sphere_spins, first + place, end)
         for sphere in range(lanes.sphere_centers.shape[1]):
             centers = Lanes3()
             for lane in range(LANE_COUNT):

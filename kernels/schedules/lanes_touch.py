@@ -15,6 +15,9 @@ from balloon_warp.kernels.loops.touching import (
     ball_function,
     change_of_ball,
     press_on_ball,
+    rub_on_ball,
+    rubbed_ball,
+    rubbed_point,
     shift_of_ball,
 )
 from balloon_warp.kernels.schedules.lanes_contact import A_STEP, WIDER
@@ -52,7 +55,7 @@ def world_function(traits: Traits, layout: Layout) -> Any:
     """The function by which a sphere and the items near it meet, in one world."""
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places_of_item = 1 if layout.worlds else LANE_COUNT
-    mass_column = traits.columns.places["mass"]
+    mass_column, friction_column = (traits.columns.places[name] for name in ("mass", "balloon_friction"))
     ball_at = ball_function(traits, sphere_in_state)
 
     @wp.func
@@ -102,7 +105,7 @@ def world_function(traits: Traits, layout: Layout) -> Any:
         end_lane: wp.int32,
     ):
         """The lanes are those that the world has."""
-        ball = ball_at(t.all, state, world, sphere)
+        ball = ball_at(t.all, state, state.sphere_spins, world, sphere)
         last = wp.vec3()
         pressed = press(t, lanes, group, points, count, first_lane, end_lane, ball, last)
         if is_met(pressed):
@@ -114,20 +117,31 @@ def world_function(traits: Traits, layout: Layout) -> Any:
                 change = change_of_ball(t.all, ball, pressed, last)
                 turn += 1
             shift = shift_of_ball(t.all, ball, pressed)
+            total = wp.spatial_vector()
             for near in range(count):
                 item = lanes.near_items[group, near]
                 point = of_item(points, item)
                 velocity = lanes.velocities[group, item]
                 for lane in range(first_lane, end_lane):
                     if of_lane(t.shares[item], lane) > 0.0:
-                        out, after = answer_to_ball(
-                            t.all, ball, last, change, shift, of_lane(point, lane), of_lane(velocity, lane)
-                        )
+                        start = of_lane(point, lane)
+                        speed = of_lane(velocity, lane)
+                        out, after = answer_to_ball(t.all, ball, last, change, shift, start, speed)
+                        if wp.static(traits.spheres_rub):
+                            mass = mass_in_lane(t, lanes, group, item, lane)
+                            balloon = t.all.particles.balloon[t.particles[places_of_item * item]]
+                            friction = lanes.numbers[group, balloon, friction_column]
+                            rub = rub_on_ball(t.all, ball, pressed, last, change, mass, friction[lane], start, speed)
+                            total += rub
+                            out, after = rubbed_point(t.all, rub, mass, out, after)
                         point = set_lane(point, lane, out)
                         velocity = set_lane(velocity, lane, after)
                 put_item(points, item, point)
                 lanes.velocities[group, item] = velocity
             center, motion, force = answer_of_ball(t.all, ball, change, shift)
+            if wp.static(traits.spheres_rub):
+                center, motion, spin = rubbed_ball(t.all, ball, pressed, change, center, motion, total)
+                state.sphere_spins[world, sphere] = spin
             state.sphere_positions[world, sphere] = center
             state.sphere_velocities[world, sphere] = motion
             state.sphere_forces[world, sphere] = force

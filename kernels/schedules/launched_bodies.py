@@ -56,8 +56,8 @@ def tumble_kernel(traits: Traits) -> Any:
 
 
 @cache
-def body_kernel(traits: Traits) -> Any:
-    """The kernel by which bodies and particles exchange momentum, body by body, once all have moved."""
+def bodies_function(traits: Traits) -> Any:
+    """The function by which bodies and particles exchange momentum, body by body, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stop_at = stop_function(traits)
@@ -151,6 +151,53 @@ def body_kernel(traits: Traits) -> Any:
                 total -= wp.spatial_vector(rubbed, wp.cross(arm, rubbed))
         return total
 
+    @wp.func
+    def touch_bodies(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Of a world, by all threads of a block."""
+        for body in range(state.body_positions.shape[1]):
+            rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
+            last = Change()
+            part = push_of_thread(t, working, world, thread, rigid, last, points, velocities)
+            push = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+            if is_pushed(push):
+                tensor = rigid.mass * inertia_in_world(rigid.start_turn, t.bodies.inertias[body])
+                change = change_of_rigid(push, rigid.mass, tensor)
+                turn = wp.int32(1)
+                while turn < MOST_TURNS and not is_same(change, last, rigid.reach):
+                    last = change
+                    part = push_of_thread(t, working, world, thread, rigid, last, points, velocities)
+                    push = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                    change = change_of_rigid(push, rigid.mass, tensor)
+                    turn += 1
+                shift = shift_of_body(overlap_of(push), rigid.mass, t.up)
+                mine = answer_of_thread(t, working, world, thread, rigid, last, change, shift, points, velocities)
+                pressed = wp.tile_sum(wp.tile(mine))[0]
+                rigid = pushed_on(t, rigid, change.velocity, tensor * change.spin, shift)
+                share = friction_share(rigid.mass, t.bodies.eases[body], rigid.reach, pressed)
+                rubbed = rub_of_thread(t, working, world, thread, rigid, share, points, velocities)
+                rub = wp.tile_sum(wp.tile(rubbed, preserve_type=True))[0]
+                nothing = wp.vec3()
+                rigid = pushed_on(t, rigid, wp.spatial_top(rub) / rigid.mass, wp.spatial_bottom(rub), nothing)
+                if thread == 0:
+                    put_body(state, world, rigid)
+                block_barrier()
+
+    return touch_bodies
+
+
+@cache
+def body_kernel(traits: Traits) -> Any:
+    """The kernel of that."""
+    touch = bodies_function(traits)
+
     @wp.kernel(module="unique", enable_backward=False)
     def touch_bodies(
         # model
@@ -163,34 +210,6 @@ def body_kernel(traits: Traits) -> Any:
     ):
         """A block a world."""
         world, thread = wp.tid()
-        for body in range(state.body_positions.shape[1]):
-            rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
-            last = Change()
-            part = push_of_thread(t, working, world, thread, rigid, last, points[world], velocities[world])
-            push = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
-            if is_pushed(push):
-                tensor = rigid.mass * inertia_in_world(rigid.start_turn, t.bodies.inertias[body])
-                change = change_of_rigid(push, rigid.mass, tensor)
-                turn = wp.int32(1)
-                while turn < MOST_TURNS and not is_same(change, last, rigid.reach):
-                    last = change
-                    part = push_of_thread(t, working, world, thread, rigid, last, points[world], velocities[world])
-                    push = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
-                    change = change_of_rigid(push, rigid.mass, tensor)
-                    turn += 1
-                shift = shift_of_body(overlap_of(push), rigid.mass, t.up)
-                mine = answer_of_thread(
-                    t, working, world, thread, rigid, last, change, shift, points[world], velocities[world]
-                )
-                pressed = wp.tile_sum(wp.tile(mine))[0]
-                rigid = pushed_on(t, rigid, change.velocity, tensor * change.spin, shift)
-                share = friction_share(rigid.mass, t.bodies.eases[body], rigid.reach, pressed)
-                rubbed = rub_of_thread(t, working, world, thread, rigid, share, points[world], velocities[world])
-                rub = wp.tile_sum(wp.tile(rubbed, preserve_type=True))[0]
-                nothing = wp.vec3()
-                rigid = pushed_on(t, rigid, wp.spatial_top(rub) / rigid.mass, wp.spatial_bottom(rub), nothing)
-                if thread == 0:
-                    put_body(state, world, rigid)
-                block_barrier()
+        touch(t, state, working, world, thread, points[world], velocities[world])
 
     return touch_bodies

@@ -12,12 +12,14 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.collision import NEVER
+from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
+from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import boxes_meet
 from balloon_warp.kernels.schedules.warps import block_barrier
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_friction, sphere_mass, sphere_radius
 from balloon_warp.kernels.traits import Traits
 
 MOST_MEETINGS = wp.constant(16)
@@ -93,10 +95,11 @@ def find_soonest(
 
 
 @cache
-def face_kernel(traits: Traits) -> Any:
-    """The kernel by which spheres that are small beside faces meet these, once all have moved."""
+def faces_function(traits: Traits) -> Any:
+    """The function by which spheres that are small beside faces meet these, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
+    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def ease_of_moving(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
@@ -131,13 +134,34 @@ def face_kernel(traits: Traits) -> Any:
             ease_of_moving(t, working, world, corners[1]),
             ease_of_moving(t, working, world, corners[2]),
         )
-        met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, t.step_seconds)
-        state.sphere_positions[world, sphere] = end + met.shifts[0] * met.normal
-        state.sphere_velocities[world, sphere] = velocity + met.gains[0] * met.normal
+        spin = wp.vec3()
+        friction = float(0.0)
+        if wp.static(traits.spheres_rub):
+            spin = state.sphere_spins[world, sphere]
+            friction = friction_on(
+                read_own(t, world, corners[0]).n[friction_column], sphere_friction(t.spheres, world, sphere)
+            )
+        met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
+        gain = met.gains[0] * met.normal
+        shift = met.shifts[0] * met.normal
+        if wp.static(traits.spheres_rub):
+            rub = met.pulled[0] * met.rub
+            gain += rub
+            shift += met.seconds * rub
+            torque = wp.cross(met.arm, met.rub)
+            state.sphere_spins[world, sphere] = spin + spin_by(1.0 / eases[0], radius, torque)
+        state.sphere_positions[world, sphere] = end + shift
+        state.sphere_velocities[world, sphere] = velocity + gain
         for corner in range(3):
             particle = corners[corner]
-            points[particle] = points[particle] + met.shifts[corner + 1] * met.normal
-            velocities[particle] = velocities[particle] + met.gains[corner + 1] * met.normal
+            gain = met.gains[corner + 1] * met.normal
+            shift = met.shifts[corner + 1] * met.normal
+            if wp.static(traits.spheres_rub):
+                rub = met.pulled[corner + 1] * met.rub
+                gain += rub
+                shift += met.seconds * rub
+            points[particle] = points[particle] + shift
+            velocities[particle] = velocities[particle] + gain
 
     @wp.func
     def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
@@ -182,6 +206,51 @@ def face_kernel(traits: Traits) -> Any:
         state.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
         state.sphere_velocities[world, sphere] = ease * momentum
 
+    @wp.func
+    def meet_faces(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Of a world, by all threads of a block."""
+        moved = bool(True)
+        sweep = wp.int32(0)
+        while moved and sweep < MOST_SWEEPS:
+            moved = bool(False)
+            sweep += 1
+            for sphere in range(state.sphere_positions.shape[1]):
+                radius = sphere_radius(t.spheres, world, sphere)
+                meetings = wp.int32(0)
+                lumped = wp.int32(0)
+                while radius > 0.0 and t.spheres.small[sphere] == 1 and meetings < MOST_MEETINGS + MOST_LUMPED:
+                    nearest = wp.max(1.0 - SHRINKING * float(meetings), LEAST_PART)
+                    soonest, which = find_soonest(t, state, working, world, thread, sphere, radius, nearest, points)
+                    first = wp.tile_min(wp.tile(soonest))[0]
+                    if soonest > first:
+                        which = wp.int32(NONE)
+                    chosen = wp.tile_min(wp.tile(which))[0]
+                    meetings = wp.where(first <= 1.0, meetings + 1, int(MOST_MEETINGS + MOST_LUMPED))
+                    if first <= 1.0:
+                        moved = bool(True)
+                        if thread == 0 and meetings <= MOST_MEETINGS:
+                            meet_face(t, state, working, world, sphere, chosen, first, points, velocities)
+                        elif thread == 0:
+                            lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
+                            move_lump(t, state, working, world, sphere, lumped, points, velocities)
+                        block_barrier()
+
+    return meet_faces
+
+
+@cache
+def face_kernel(traits: Traits) -> Any:
+    """The kernel of that."""
+    meet = faces_function(traits)
+
     @wp.kernel(module="unique", enable_backward=False)
     def meet_faces(
         # model
@@ -194,32 +263,6 @@ def face_kernel(traits: Traits) -> Any:
     ):
         """A block a world."""
         world, thread = wp.tid()
-        moved = bool(True)
-        sweep = wp.int32(0)
-        while moved and sweep < MOST_SWEEPS:
-            moved = bool(False)
-            sweep += 1
-            for sphere in range(state.sphere_positions.shape[1]):
-                radius = sphere_radius(t.spheres, world, sphere)
-                meetings = wp.int32(0)
-                lumped = wp.int32(0)
-                while radius > 0.0 and t.spheres.small[sphere] == 1 and meetings < MOST_MEETINGS + MOST_LUMPED:
-                    nearest = wp.max(1.0 - SHRINKING * float(meetings), LEAST_PART)
-                    soonest, which = find_soonest(
-                        t, state, working, world, thread, sphere, radius, nearest, points[world]
-                    )
-                    first = wp.tile_min(wp.tile(soonest))[0]
-                    if soonest > first:
-                        which = wp.int32(NONE)
-                    chosen = wp.tile_min(wp.tile(which))[0]
-                    meetings = wp.where(first <= 1.0, meetings + 1, int(MOST_MEETINGS + MOST_LUMPED))
-                    if first <= 1.0:
-                        moved = bool(True)
-                        if thread == 0 and meetings <= MOST_MEETINGS:
-                            meet_face(t, state, working, world, sphere, chosen, first, points[world], velocities[world])
-                        elif thread == 0:
-                            lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
-                            move_lump(t, state, working, world, sphere, lumped, points[world], velocities[world])
-                        block_barrier()
+        meet(t, state, working, world, thread, points[world], velocities[world])
 
     return meet_faces

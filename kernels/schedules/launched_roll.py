@@ -6,10 +6,10 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.colliding import colliding_function, path_in_arrays, paths_of, put_in_arrays
-from balloon_warp.kernels.loops.rolling import rolling_function
+from balloon_warp.kernels.loops.rolling import course_of, rolling_function
 from balloon_warp.kernels.schedules.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.substep import end_of_step
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
 from balloon_warp.kernels.traits import Traits
 
 
@@ -32,6 +32,7 @@ def roll_kernel(traits: Traits) -> Any:
         # state in and out
         sphere_positions: wp.array2d[wp.vec3],
         sphere_velocities: wp.array2d[wp.vec3],
+        sphere_spins: wp.array2d[wp.vec3],
         sphere_forces: wp.array2d[wp.vec3],
         sphere_quanta: wp.array3d[wp.int64],
         # out
@@ -49,12 +50,14 @@ def roll_kernel(traits: Traits) -> Any:
             sphere_forces[world, sphere] = wp.vec3()
         if wp.static(traits.keeps_starts):
             sphere_starts[world, sphere] = sphere_positions[world, sphere]
-        position, velocity = roll(
-            t, world, end_of_step(t, frame, time_in_frame), sphere_positions[world, sphere],
-            sphere_velocities[world, sphere], pushed, sphere_radius(t.spheres, world, sphere), around,
-        )  # fmt: skip
-        sphere_positions[world, sphere] = position
-        sphere_velocities[world, sphere] = velocity
+        before = course_of(
+            sphere_positions[world, sphere], sphere_velocities[world, sphere], sphere_spins[world, sphere]
+        )
+        course = roll(t, world, sphere, end_of_step(t, frame, time_in_frame), before, pushed, around)
+        sphere_positions[world, sphere] = course.position
+        sphere_velocities[world, sphere] = course.velocity
+        if wp.static(traits.spheres_rub):
+            sphere_spins[world, sphere] = course.spin
 
     return roll_spheres
 
@@ -75,10 +78,11 @@ def collide_kernel(traits: Traits) -> Any:
         # state in and out
         sphere_positions: wp.array2d[wp.vec3],
         sphere_velocities: wp.array2d[wp.vec3],
+        sphere_spins: wp.array2d[wp.vec3],
     ):
         """A thread a world."""
         world = wp.tid()
         paths = paths_of(sphere_starts, sphere_positions, sphere_velocities)
-        collide(t, paths, world, end_of_step(t, frame, time_in_frame))
+        collide(t, paths, sphere_spins, world, end_of_step(t, frame, time_in_frame))
 
     return collide_spheres

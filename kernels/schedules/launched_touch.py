@@ -14,6 +14,9 @@ from balloon_warp.kernels.loops.touching import (
     ball_function,
     change_of_ball,
     press_on_ball,
+    rub_on_ball,
+    rubbed_ball,
+    rubbed_point,
     shift_of_ball,
 )
 from balloon_warp.kernels.own import own_functions
@@ -26,12 +29,13 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
-    """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, and,
-    when all have, how they stand on the ground and on obstacles."""
+    """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, which
+    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stand = standing_function(traits)
     around_own = around_function(traits)
+    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def end_of_mark(mark: wp.int32, count: wp.int32):
@@ -60,19 +64,32 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
     @wp.func
     def answer_at_mark(
         t: Tables,
+        working: Working,
+        world: wp.int32,
         mark: wp.int32,
         ball: Any,
+        press: Press,
         last: wp.vec3,
         change: wp.vec3,
         shift: wp.vec3,
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
+        total = wp.spatial_vector()
         for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
             if t.particles.mass_share[particle] > 0.0:
-                point, velocity = answer_to_ball(t, ball, last, change, shift, points[particle], velocities[particle])
+                start = points[particle]
+                speed = velocities[particle]
+                point, velocity = answer_to_ball(t, ball, last, change, shift, start, speed)
+                if wp.static(traits.spheres_rub):
+                    own = read_own(t, world, particle)
+                    mass = inertia(working, own)
+                    rub = rub_on_ball(t, ball, press, last, change, mass, own.n[friction_column], start, speed)
+                    total += rub
+                    point, velocity = rubbed_point(t, rub, mass, point, velocity)
                 points[particle] = point
                 velocities[particle] = velocity
+        return total
 
     @wp.func
     def stand_at_mark(
@@ -133,7 +150,7 @@ def touch_kernel(traits: Traits) -> Any:
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
             for sphere in range(state.sphere_positions.shape[1]):
-                ball = ball_at(t, state, world, sphere)
+                ball = ball_at(t, state, state.sphere_spins, world, sphere)
                 last = wp.vec3()
                 part = press_of_thread(t, working, world, thread, ball, last, points[world], velocities[world])
                 press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
@@ -147,11 +164,20 @@ def touch_kernel(traits: Traits) -> Any:
                         change = change_of_ball(t, ball, press, last)
                         turn += 1
                     shift = shift_of_ball(t, ball, press)
+                    mine = wp.spatial_vector()
                     for mark in range(thread, marks, wp.block_dim()):
                         if working.near[world, mark] > 0:
-                            answer_at_mark(t, mark, ball, last, change, shift, points[world], velocities[world])
+                            mine += answer_at_mark(
+                                t, working, world, mark, ball, press, last, change, shift, points[world],
+                                velocities[world],
+                            )  # fmt: skip
+                    center, motion, force = answer_of_ball(t, ball, change, shift)
+                    if wp.static(traits.spheres_rub):
+                        rub = wp.tile_sum(wp.tile(mine, preserve_type=True))[0]
+                        center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
+                        if thread == 0:
+                            state.sphere_spins[world, sphere] = spin
                     if thread == 0:
-                        center, motion, force = answer_of_ball(t, ball, change, shift)
                         state.sphere_positions[world, sphere] = center
                         state.sphere_velocities[world, sphere] = motion
                         state.sphere_forces[world, sphere] = force

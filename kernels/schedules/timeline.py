@@ -9,14 +9,17 @@ def hold_spheres(
     first_frames: wp.array[wp.int32],
     initial_positions: wp.array2d[wp.vec3],
     initial_velocities: wp.array2d[wp.vec3],
+    initial_spins: wp.array2d[wp.vec3],
     # state in
     frame: wp.array[wp.int32],
     # state out
     positions: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
+    spins: wp.array2d[wp.vec3],
 ):
     """A thread a (world, sphere), at the end of a frame: until its first frame, a sphere stays where it will appear."""
     world, sphere = wp.tid()
     if frame[0] <= first_frames[sphere]:
         positions[world, sphere] = initial_positions[world % initial_positions.shape[0], sphere]
         velocities[world, sphere] = initial_velocities[world % initial_velocities.shape[0], sphere]
+        spins[world, sphere] = initial_spins[world % initial_spins.shape[0], sphere]

@@ -3,10 +3,12 @@
 from collections.abc import Collection
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdPhysics
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
+from balloon_warp.model.bodies import BodyShape
 from balloon_warp.outputs.usd.material import BODY_COLORS
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, as_gf, define_obstacle
@@ -18,30 +20,45 @@ def body_names(scene: Scene, taken: Collection[str] = ()) -> list[str]:
     return prim_names((body.name or body.shape for body in scene.body), taken)
 
 
+def define_body(stage: Usd.Stage, path: Sdf.Path, scene: Scene, shape: BodyShape, number: int) -> UsdGeom.Gprim:
+    """Its gprim, with ops for place and turn that have no value yet, and how it turns as `UsdPhysics` has it."""
+    body, look = scene.body[number], Look(scene.up_axis, np.zeros(3), 1.0)
+    color = body.color or BODY_COLORS[number % len(BODY_COLORS)]
+    prim = define_obstacle(stage, path, body.model_copy(update={"color": color}), shape.solid, np.zeros(7), look)
+    _, axes = _principal(shape)
+    from scipy.spatial.transform import Rotation  # takes long to load
+
+    x, y, z, w = Rotation.from_matrix(axes).as_quat().tolist()
+    weighed = UsdPhysics.MassAPI.Apply(prim.GetPrim())
+    weighed.CreateCenterOfMassAttr(Gf.Vec3f(0.0))
+    weighed.CreatePrincipalAxesAttr(Gf.Quatf(w, x, y, z))
+    return prim
+
+
+def inertia_of(shape: BodyShape, mass: float) -> Gf.Vec3f:
+    """Moments about its principal axes [kg m^2]."""
+    return Gf.Vec3f(*(mass * _principal(shape)[0]).tolist())
+
+
+def _principal(shape: BodyShape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Moments of 1 kg [m^2], shape (3,), and axes, the columns of a rotation, shape (3, 3)."""
+    moments, axes = np.linalg.eigh(shape.inertia)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    return moments, axes
+
+
 class BodyPrim:
     """One body of the scene, with what it weighs and how it turns as `UsdPhysics` has them."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
-        body, shape = model.scene.body[number], model.bodies[number]
-        look = Look(model.scene.up_axis, np.zeros(3), 1.0)
-        color = body.color or BODY_COLORS[number % len(BODY_COLORS)]
-        self.prim = define_obstacle(
-            stage, path, body.model_copy(update={"color": color}), shape.solid, np.zeros(7), look
-        )
+        self.prim = define_body(stage, path, model.scene, model.bodies[number], number)
         self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
         mass = float(model.parameters["body_mass"].numpy()[0, number])
-        moments, axes = np.linalg.eigh(shape.inertia)
-        if np.linalg.det(axes) < 0.0:
-            axes[:, 0] *= -1.0
-        from scipy.spatial.transform import Rotation  # takes long to load
-
-        x, y, z, w = Rotation.from_matrix(axes).as_quat().tolist()
-        weighed = UsdPhysics.MassAPI.Apply(self.prim.GetPrim())
+        weighed = UsdPhysics.MassAPI(self.prim.GetPrim())
         weighed.CreateMassAttr(mass)
-        weighed.CreateCenterOfMassAttr(Gf.Vec3f(0.0))
-        weighed.CreateDiagonalInertiaAttr(Gf.Vec3f(*(mass * moments).tolist()))
-        weighed.CreatePrincipalAxesAttr(Gf.Quatf(w, x, y, z))
+        weighed.CreateDiagonalInertiaAttr(inertia_of(model.bodies[number], mass))
 
     def write(self, frame: Frame) -> None:
         """Author where it is."""

@@ -100,10 +100,11 @@ class GridWriter:
         group: int,
         points: NDArray[np.float32],
         sphere_positions: NDArray[np.float32],
+        body_poses: NDArray[np.float32],
         places: Sequence[int] | None = None,
     ) -> None:
-        """Author a frame of one group: arrays of shape (chosen, particle_count, 3) and (chosen, sphere_count, 3). It
-        follows the one before it, whose velocities are known then.
+        """Author a frame of one group: arrays of shape (chosen, particle_count, 3), (chosen, sphere_count, 3) and
+        (chosen, body_count, 7). It follows the one before it, whose velocities are known then.
 
         Args:
             places: of the worlds that the arrays are of, among the group's; all of them, when missing.
@@ -111,7 +112,7 @@ class GridWriter:
         worlds = self._worlds[group]
         with Sdf.ChangeBlock():
             for row, world in enumerate(worlds if places is None else [worlds[place] for place in places]):
-                world.write(number, points[row], sphere_positions[row])
+                world.write(number, points[row], sphere_positions[row], body_poses[row])
                 self._write_velocities_before(world, number)
         self._last = number
         self._end_frame(number, 2 * points.nbytes)

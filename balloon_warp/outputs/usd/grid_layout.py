@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.mesh.size import box_corners
 from balloon_warp.model import ModelPlan
+from balloon_warp.model.bodies import initial_centers
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.starts import start_of
 
@@ -21,8 +22,8 @@ def horizontal_axes(up_axis: str) -> tuple[int, int]:
 
 
 def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The box [m] around balloons, spheres and anchors of every world at the start, and around obstacles wherever they
-    get: its lowest and highest corner."""
+    """The box [m] around balloons, spheres, free bodies and anchors of every world at the start, and around obstacles
+    wherever they get: its lowest and highest corner."""
     clouds = []
     for plan in plans:
         for number, shape in enumerate(plan.shapes):
@@ -30,6 +31,9 @@ def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArr
         clouds += [plan.parameters["string_anchor"].reshape(-1, 3)]
         centers, radii = plan.parameters["initial_sphere_positions"], plan.parameters["sphere_radius"][..., None]
         clouds += [(centers - radii).reshape(-1, 3), (centers + radii).reshape(-1, 3), *_obstacle_bounds(plan)]
+        places = initial_centers(plan.scene, plan.bodies, plan.parameters["initial_body_positions"])
+        reaches = np.array([shape.solid.reach for shape in plan.bodies]).reshape(-1, 1)
+        clouds += [(places - reaches).reshape(-1, 3), (places + reaches).reshape(-1, 3)]
     points = np.concatenate(clouds)
     return points.min(axis=0), points.max(axis=0)
 

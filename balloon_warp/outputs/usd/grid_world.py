@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, UsdGeom, Vt
 
 from balloon_warp.model import ModelPlan
-from balloon_warp.outputs.usd.grid_obstacles import GridObstacles, values_over_time
+from balloon_warp.outputs.usd.body import inertia_of
+from balloon_warp.outputs.usd.grid_obstacles import PLACE, TURN, GridObstacles, values_over_time
 from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.obstacle import as_gf
 from balloon_warp.outputs.usd.prototypes import Prototypes
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.outputs.usd.velocities import author_velocities
@@ -85,13 +87,30 @@ class GridWorld:
             prototypes.obstacle_motion,
             values_over_time(plan, "obstacle_position", row),
         )
+        self._bodies = [
+            _animated(self._body(world, path, number, row), {PLACE: Types.Double3, TURN: Types.Quatf})
+            for number, path in enumerate(prototypes.bodies)
+        ]
         self._string_anchors = values_over_time(plan, "string_anchor", row)
         self._string_lengths = values_over_time(plan, "string_length", row)
         self._string_widths = prototypes.string_widths
 
-    def write(self, time: int, points: NDArray[np.float32], sphere_positions: NDArray[np.float32]) -> None:
-        """Author a frame's samples, from arrays of shape (particle_count, 3) and (sphere_count, 3); velocities follow,
-        see `write_velocities`."""
+    def _body(self, world: Sdf.PrimSpec, path: Sdf.Path, number: int, row: int) -> Sdf.PrimSpec:
+        """A free body with what it weighs in this world."""
+        prim, mass = _referring(world, path.name, path), float(self.plan.of_world("body_mass", row)[number])
+        _set(prim, "physics:mass", Types.Float, mass)
+        _set(prim, "physics:diagonalInertia", Types.Float3, inertia_of(self.plan.bodies[number], mass))
+        return prim
+
+    def write(
+        self,
+        time: int,
+        points: NDArray[np.float32],
+        sphere_positions: NDArray[np.float32],
+        body_poses: NDArray[np.float32],
+    ) -> None:
+        """Author a frame's samples, from arrays of shape (particle_count, 3), (sphere_count, 3) and (body_count, 7);
+        velocities follow, see `write_velocities`."""
         begin = 0
         for shape, (point_path, _, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
             own = slice(begin, begin + shape.mesh.vertex_count)
@@ -101,6 +120,9 @@ class GridWorld:
             begin = own.stop
         for path, position in zip(self._spheres, sphere_positions.tolist(), strict=True):
             self.layer.SetTimeSample(path, time, Gf.Vec3d(*position))
+        for paths, pose in zip(self._bodies, body_poses, strict=True):
+            for path, value in zip(paths, as_gf(pose), strict=True):
+                self.layer.SetTimeSample(path, time, value)
         for number, (point_path, extent_path) in enumerate(self._strings):
             places = Vt.Vec3fArray.FromNumpy(self._string_curve(number, points, time))
             extent = UsdGeom.Curves.ComputeExtent(places, self._string_widths[number])
@@ -124,9 +146,9 @@ class GridWorld:
     def copy(self, source: Sdf.Layer, time: int) -> None:
         """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
         balloons = ((points, extent) for points, _, extent in self._balloons)
-        balloons, strings = (chain.from_iterable(paths) for paths in (balloons, self._strings))
+        balloons, strings, bodies = (chain.from_iterable(paths) for paths in (balloons, self._strings, self._bodies))
         lasting = (path for path, _ in self._lasting)
-        for path in chain(balloons, self._spheres, strings, self.obstacles.paths, lasting):
+        for path in chain(balloons, self._spheres, bodies, strings, self.obstacles.paths, lasting):
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
     def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ from pxr import Sdf, Usd
 from balloon_warp.model import ModelPlan
 from balloon_warp.model.obstacle_motion import obstacle_motion, obstacle_poses
 from balloon_warp.outputs.usd.balloon import define_balloon
+from balloon_warp.outputs.usd.body import body_names, define_body
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, define_obstacle, obstacle_names
 from balloon_warp.outputs.usd.planes import Plane, define_square
@@ -20,7 +21,8 @@ HOME = Sdf.Path("/World/Prototypes")
 
 
 class Prototypes:
-    """Abstract prims: one for each balloon's mesh, or each of its meshes, one for each sphere, string and obstacle.
+    """Abstract prims: one for each balloon's mesh, or each of its meshes, one for each sphere, string, obstacle and
+    free body.
 
     Args:
         plans: of all groups of worlds.
@@ -38,7 +40,9 @@ class Prototypes:
         bodies = [path.name for path in (*self.spheres, *self.strings)]
         self.obstacles = [HOME.AppendChild(name) for name in obstacle_names(scene, bodies)]
         self.obstacle_motion = obstacle_motion(scene)
-        self.other_names = [*bodies, *(path.name for path in self.obstacles)]
+        named = [*bodies, *(path.name for path in self.obstacles)]
+        self.bodies = [HOME.AppendChild(name) for name in body_names(scene, named)]
+        self.other_names = [*named, *(path.name for path in self.bodies)]
         names = prim_names((mesh.name for mesh in meshes.values()), self.other_names)
         self._balloons = {key: HOME.AppendChild(name) for key, name in zip(meshes, names, strict=True)}
         for key, mesh in meshes.items():
@@ -48,6 +52,8 @@ class Prototypes:
         poses = obstacle_poses(plans[0].parameters["obstacle_position"][0], self.obstacle_motion, 0)
         for path, obstacle, shape, pose in zip(self.obstacles, scene.obstacle, plans[0].obstacles, poses, strict=True):
             define_obstacle(stage, path, obstacle, shape, pose, Look(scene.up_axis, middle, half))
+        for number, path in enumerate(self.bodies):
+            define_body(stage, path, scene, plans[0].bodies[number], number)
         self.string_widths = [
             define_string(stage, path, plans[0].shapes[string.balloon].mesh).GetWidthsAttr().Get()
             for path, string in zip(self.strings, scene.string, strict=True)

@@ -24,11 +24,16 @@ class Sphere(Table):
     """of its center at the start [m]"""
     velocity: Vector = (0.0, 0.0, 0.0)
     """at the start [m/s]"""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """at the start [rad/s]; without meaning where nothing has friction for it"""
     penalty: NonNegative = 1.0
     """force it gets from a touching particle, as a multiple of that particle's inflation force; without meaning where
     `contact = "impulse"`"""
     restitution: UnitInterval = 0.3
     """rebound speed over impact speed where it meets a sphere; of two different ones, their geometric mean [1]"""
+    friction: NonNegative = 0.0
+    """Coulomb's coefficient: with what it meets, the geometric mean of both, so that one of 0 slides on everything and
+    does not turn; with balloons, where `contact = "impulse"`, or where it is small and touches faces [1]"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     start: NonNegative = 0.0

@@ -20,7 +20,7 @@ class Obstacle(Solid):
     `rotation` about x, then y, then z [degrees]; linear between them, and still before the first and after the last.
     When missing, a mesh of a USD stage moves as the time samples there say"""
     friction: NonNegative = 0.5
-    """Coulomb's coefficient, for balloons [1]"""
+    """Coulomb's coefficient [1]"""
     restitution: UnitInterval = 0.3
     """rebound speed over impact speed, for spheres [1]"""
     thickness: NonNegative | None = None

@@ -1,0 +1,28 @@
+"""Memory for free bodies and for small spheres that meet faces."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.grip import Grip
+from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model
+from balloon_warp.model.memory import Room
+
+
+def solid_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+    """What of `Working` is for them, and for spheres that meet each other; empty where a scene does not need it."""
+    worlds = model.world_count
+    bodies = model.body_count if traits.bodies else 0
+    particles = model.particle_count
+    return {
+        "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
+        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
+        "body_starts": room.array((worlds, bodies), wp.vec3),
+        "body_start_turns": room.array((worlds, bodies), wp.quat),
+        "body_pushes": room.array((worlds, particles if bodies else 0), wp.vec3),
+        "grips": room.array((worlds, sum(len(shape.samples) for shape in model.bodies) if bodies else 0), Grip),
+        "point_starts": room.array((worlds, particles if traits.small_spheres else 0), wp.vec3),
+        "lumps": room.array((worlds, int(MOST_IN_LUMP) if traits.small_spheres else 0), wp.int32),
+    }
