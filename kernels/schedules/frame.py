@@ -11,11 +11,12 @@ from balloon_warp.kernels.loops.aims import aim_loop
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.measure.health import HealthTable, look_at_particle, look_at_sphere
 from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.substep import inflation_of, load_once_burst, ramp_at
 from balloon_warp.kernels.tables import FaceTable, ParticleTable, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({**OPTIONS, "enable_backward": False})
 
 center_of_face, area_vector_of_face = face_measures(vector_at)
 aim_of_particle = aim_loop(vector_at)

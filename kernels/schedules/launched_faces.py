@@ -13,6 +13,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.collision import NEVER
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import boxes_meet
@@ -182,7 +183,7 @@ def face_kernel(traits: Traits) -> Any:
         state.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
         state.sphere_velocities[world, sphere] = ease * momentum
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def meet_faces(
         # model
         t: Tables,
