@@ -16,6 +16,7 @@ from balloon_warp.kernels.algebra import (
     Lanes4,
     dot_product,
     of_lane,
+    plus_scaled,
     scaled,
     set_lane,
     squared_length,
@@ -25,8 +26,9 @@ from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
+from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.layouts import Layout, near, of_item, places_of, view_of
+from balloon_warp.kernels.schedules.layouts import Layout, entry_at, near, of_item, places_of, view_of
 from balloon_warp.kernels.traits import Traits
 
 
@@ -55,9 +57,9 @@ def lane_spring_loop(traits: Traits) -> Any:
         """Net force of the springs [N]."""
         force = Lanes3()
         for entry in range(t.spring_offsets[own.item], t.spring_offsets[own.item + 1]):
-            end = t.spring_ends[entry]
-            length = t.spring_lengths[entry]
-            constants = own.n[t.spring_kinds[entry]]
+            end = entry_at(t.spring_ends, entry)
+            length = entry_at(t.spring_lengths, entry)
+            constants = entry_at(own.n, entry_at(t.spring_kinds, entry))
             d = near(points, end) - point
             squared = squared_length(d)
             opening = Lanes()
@@ -74,7 +76,7 @@ def lane_spring_loop(traits: Traits) -> Any:
                 )  # fmt: skip
                 if wp.static(traits.guarded):
                     coefficients[lane] = wp.where(is_self(end, own.item, lane), 0.0, coefficients[lane])
-            force += scaled(d, coefficients)
+            force = plus_scaled(force, d, coefficients)
         return force
 
     return pull_of_springs
@@ -93,11 +95,11 @@ def lane_area_loop(traits: Traits) -> Any:
         else:
             total = Lanes3()
             for entry in range(t.fans.offsets[own.item], t.fans.offsets[own.item + 1]):
-                begin = t.fans.begins[entry]
+                begin = int_at(t.fans.begins, entry)
                 total += cross_at_quad_corner(
-                    near(points, t.fans.particles[begin + 2]) - point,
-                    near(points, t.fans.particles[begin + 1]) - point,
-                    near(points, t.fans.particles[begin]) - point,
+                    near(points, entry_at(t.fans.particles, begin + 2)) - point,
+                    near(points, entry_at(t.fans.particles, begin + 1)) - point,
+                    near(points, entry_at(t.fans.particles, begin)) - point,
                 )
             return scaled(total, CROSSES)
 
