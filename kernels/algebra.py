@@ -158,7 +158,6 @@ def dot_product(a: wp.vec3, b: wp.vec3):
 
 @wp.func_native(
     """
-    #pragma clang fp contract(fast)
     typedef float eight __attribute__((vector_size(32), aligned(4)));
     const eight* p = reinterpret_cast<const eight*>(&a.data[0][0]);
     const eight* q = reinterpret_cast<const eight*>(&b.data[0][0]);
@@ -232,7 +231,7 @@ def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
     """
 )
 def plus_scaled(total: Lanes3, vector: Lanes3, factor: Lanes) -> Lanes3:
-    """A vector and, of another, so much as each lane's own factor says."""
+    """A vector and, of another, so much as each lane's own factor says; product and sum at once where a CPU can."""
     ...
 
 
@@ -264,7 +263,6 @@ def squared_length(d: wp.vec3):
 
 @wp.func_native(
     """
-    #pragma clang fp contract(fast)
     typedef float eight __attribute__((vector_size(32), aligned(4)));
     const eight* p = reinterpret_cast<const eight*>(&d.data[0][0]);
     wp::vec_t<8, wp::float32> result;
@@ -273,7 +271,8 @@ def squared_length(d: wp.vec3):
     """
 )
 def squared_length(d: Lanes3) -> Lanes:  # noqa: F811 - an overload
-    """The squared length in each lane, and a little more, so that its root can be divided by."""
+    """The squared length in each lane, and a little more, so that its root can be divided by. Rounded as that of one
+    vector: springs that are hardly longer than at rest then pull alike in every schedule."""
     ...
 
 
