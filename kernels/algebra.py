@@ -215,6 +215,26 @@ def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
     ...
 
 
+@wp.func_native(
+    """
+    #pragma clang fp contract(fast)
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight f = *reinterpret_cast<const eight*>(&factor.c[0]);
+    const eight* p = reinterpret_cast<const eight*>(&vector.data[0][0]);
+    const eight* q = reinterpret_cast<const eight*>(&total.data[0][0]);
+    wp::mat_t<3, 8, wp::float32> result;
+    eight* r = reinterpret_cast<eight*>(&result.data[0][0]);
+    r[0] = q[0] + f * p[0];
+    r[1] = q[1] + f * p[1];
+    r[2] = q[2] + f * p[2];
+    return result;
+    """
+)
+def plus_scaled(total: Lanes3, vector: Lanes3, factor: Lanes) -> Lanes3:
+    """A vector and, of another, so much as each lane's own factor says; product and sum at once where a CPU can."""
+    ...
+
+
 @wp.func
 def scaled(vector: Lanes3, factor: float):  # noqa: F811 - an overload
     """Each lane's vector times one factor."""
@@ -251,7 +271,8 @@ def squared_length(d: wp.vec3):
     """
 )
 def squared_length(d: Lanes3) -> Lanes:  # noqa: F811 - an overload
-    """The squared length in each lane, and a little more, so that its root can be divided by."""
+    """The squared length in each lane, and a little more, so that its root can be divided by. Rounded as that of one
+    vector: springs that are hardly longer than at rest then pull alike in every schedule."""
     ...
 
 

@@ -10,6 +10,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.options import OPTIONS
+
 COUNT = 64
 """of samples"""
 STEP = 0.01
@@ -34,7 +36,7 @@ def kernel_of(function: Any, types: tuple[str, ...], result: str) -> Any:
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
     space: dict[str, Any] = {"wp": wp, "function": function}
     exec(compile(source, filename, "exec"), space)
-    return wp.kernel(space[name], module="unique")
+    return wp.kernel(space[name], module="unique", module_options=OPTIONS)
 
 
 def _arrays(samples: Samples, names: Sequence[str], gradients: bool) -> list[wp.array]:

@@ -24,10 +24,13 @@ from scipy.integrate import solve_ivp
 
 from balloon_warp.kernels.laws.air import ALIKE
 from balloon_warp.kernels.laws.gas import Swelling, gas_load
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
+
+wp.set_module_options(OPTIONS)
 
 
 def test_a_frame_whose_forces_nobody_asks_for_computes_none(monkeypatch):

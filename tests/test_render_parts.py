@@ -6,6 +6,7 @@ import pytest
 import warp as wp
 from render_stages import quad_sphere
 
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
 from balloon_warp.kernels.pictures.shapes import Hit, Shapes, capsule_distance
 from balloon_warp.kernels.pictures.surface import sky_share
@@ -13,6 +14,8 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.camera import MARGIN, CameraFit
 from balloon_warp.outputs.render.sampling import TILE, disc_points
 from balloon_warp.outputs.render.surface import SmoothSurface
+
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel

@@ -8,6 +8,7 @@ import warp as wp
 from meshes import cube, grid, prism, quad_sphere, torus
 
 from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.scatter import add_area_vectors
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
@@ -16,6 +17,8 @@ from balloon_warp.schedules.banks import turned_over_banks, wavefronts
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
+
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel

@@ -5,6 +5,8 @@ import pytest
 from played import played, shape_at
 
 from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.scene import load_scene
+from balloon_warp.simulator import Simulator
 
 
 def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
@@ -65,3 +67,16 @@ def test_squirrel_tether_hangs_upside_down_above_a_taut_string():
     assert np.linalg.norm(held - string.anchor) > string.length
     assert held[1] < points[:, 1].min() + 0.1
     assert points[:, 1].mean() > held[1] + 0.5
+
+
+def test_a_taut_string_pulls_alike_in_eight_worlds_and_in_one():
+    """In `lanes` a particle of eight worlds is looked at for strings once, in `octets` each by itself."""
+    scene = load_scene("squirrel_tether", [("string.0.length", 0.01)])
+    alone, one_of_two = (Simulator(scene, "cpu", count, schedule=name) for count, name in ((1, "octets"), (2, "lanes")))
+    held = int(alone.model.string_particle.numpy()[0])
+    start = alone.state.points.numpy()[0, held].copy()
+    for simulator in (alone, one_of_two):
+        simulator.advance()
+    moved = alone.state.points.numpy()[0, held] - start
+    assert np.linalg.norm(moved) > 1e-3
+    np.testing.assert_allclose(one_of_two.state.points.numpy()[1, held] - start, moved, atol=1e-5)

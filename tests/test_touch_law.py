@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 from balloon_warp.benchmarks.overlap import distances
 from balloon_warp.kernels.laws.touch import touch_energy, touch_friction, touch_push
 from balloon_warp.kernels.loops.meeting import Place, Touching, faced, is_nearer, place_beside, touch
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel(enable_backward=False)

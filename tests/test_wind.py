@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import wind_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
+
+wp.set_module_options(OPTIONS)
 
 WIND, LENGTH, INTENSITY = (6.0, 0.0, 2.0), 5.0, 0.3
 ROOT_MEAN_SQUARE = INTENSITY * float(np.linalg.norm(WIND))

@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.frame import aim_inflation, measure_faces, sum_face_areas
+from balloon_warp.kernels.schedules.aims import aim_inflation, measure_faces, sum_face_areas
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 

@@ -7,7 +7,7 @@ from typing import Any, Self
 import warp as wp
 
 from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_measure, string_measure
-from balloon_warp.kernels.schedules.frame import add_inflation_forces
+from balloon_warp.kernels.schedules.aims import add_inflation_forces
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.launched_wear import wear_kernel
 from balloon_warp.model import Model, State

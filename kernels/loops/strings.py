@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import StringTable, Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
@@ -53,6 +54,14 @@ def held_string_pull(traits: Traits) -> Any:
         return pull_of_string(t.strings, world, string, points[p], velocities[p], n, t.step_seconds, time)
 
     return pull_of_held_string
+
+
+@wp.func
+def is_held(strings: StringTable, particle: wp.int32):
+    """Whether a string holds a particle."""
+    if strings.offsets.shape[0] == 0:
+        return False
+    return int_at(strings.offsets, particle) < int_at(strings.offsets, particle + 1)
 
 
 @cache

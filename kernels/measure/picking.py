@@ -4,6 +4,10 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
 
 @wp.kernel(enable_backward=False)
 def pick_healthy_worlds(

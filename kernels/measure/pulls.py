@@ -10,6 +10,7 @@ from balloon_warp.kernels.loops.net_force import net_force_function, scalar_loop
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -23,7 +24,7 @@ def pull_kernel(measure: Any) -> Any:
         measure: the function that does so, one of those that are made below.
     """
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def measure_pulls(
         # model
         t: Tables,

@@ -3,6 +3,10 @@ winding numbers for soups and clouds")."""
 
 import warp as wp
 
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
 
 @wp.kernel
 def signed_distances(mesh: wp.uint64, points: wp.array[wp.vec3], farthest: float, distances: wp.array[float]):

@@ -6,6 +6,10 @@ x and x x^T have integrals in closed form. In double precision, and in a fixed o
 
 import warp as wp
 
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
 
 @wp.struct
 class SolidSums:

@@ -8,7 +8,10 @@ import warp as wp
 
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
 from balloon_warp.kernels.laws.tension_field import invariants_of, mixed_stretch
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.frame import keyframed_value
+
+wp.set_module_options(OPTIONS)
 
 
 @wp.struct

@@ -11,6 +11,7 @@ Rows are dealt out to bands, so that CPU threads can share a picture: a band's t
 
 import warp as wp
 
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
 from balloon_warp.kernels.pictures.shapes import GROUND, LINE, NOTHING, SURFACE, Hit, Shapes, first_hit, water_before
 from balloon_warp.kernels.pictures.studio import Studio, backdrop, luminance
@@ -27,7 +28,7 @@ from balloon_warp.kernels.pictures.surface import (
     water_answer,
 )
 
-wp.set_module_options({"enable_backward": False, "fast_math": True})
+wp.set_module_options({**OPTIONS, "enable_backward": False, "fast_math": True})
 
 LAYERS = wp.constant(3)
 """how many translucent walls one looks through"""

@@ -14,6 +14,7 @@ from balloon_warp.kernels.loops.areas import area_loop_beside_holes
 from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function, scalar_loops
 from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function, pushing_function
 from balloon_warp.kernels.schedules.launched_press import take_pushes
@@ -67,7 +68,7 @@ def advance_kernel(
     push_and_move = pushing_function(traits)
     jet = jet_loop(traits, vector_at) if traits.jets else None
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": fast_math})
+    @wp.kernel(module="unique", enable_backward=False, module_options={**OPTIONS, "fast_math": fast_math})
     def advance_particles(
         # model
         t: Tables,

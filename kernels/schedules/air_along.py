@@ -9,6 +9,7 @@ from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.added_mass import air_along
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -22,7 +23,7 @@ def air_kernel(columns: Columns) -> Any:
     source = f"def air_of(height: float, pressure: float, free_volume: float, n: Any):\n    return {call}\n"
     air_of = function_from("air_of", source, {"air_along": air_along})
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def weigh_air(
         # model
         t: Tables,

@@ -3,10 +3,11 @@
 import warp as wp
 
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.tables import Tables, row_of_world
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({**OPTIONS, "enable_backward": False})
 
 
 @wp.kernel

@@ -15,6 +15,7 @@ import warp as wp
 from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.measure.health import is_past, look_at_particle
 from balloon_warp.kernels.memory import in_tile, put_in_tile
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_gas import gas_sums
 from balloon_warp.kernels.schedules.block_memory import (
@@ -187,7 +188,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         module="unique",
         enable_backward=False,
         cuda_max_registers=layout.registers,
-        module_options={"fast_math": True, "max_unroll": 128},
+        module_options={**OPTIONS, "fast_math": True, "max_unroll": 128},
     )
     def advance_resident(
         # model

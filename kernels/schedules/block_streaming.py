@@ -10,6 +10,7 @@ from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.measure.health import look_at_particle
 from balloon_warp.kernels.memory import in_tile, put_in_tile
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_gas import gas_sums
@@ -231,12 +232,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 t.particles.mass_share[particle], points,
             )  # fmt: skip
 
-    @wp.kernel(
-        module="unique",
-        enable_backward=False,
-        cuda_max_registers=layout.registers,
-        module_options={"fast_math": True},
-    )
+    options = {**OPTIONS, "fast_math": True}
+
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=layout.registers, module_options=options)
     def advance_streaming(
         # model
         t: Tables,

@@ -13,8 +13,11 @@ import warp as wp
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixtures import free_ball_function
 from balloon_warp.kernels.loops.meeting import skin_functions
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
+
+wp.set_module_options(OPTIONS)
 
 FREE, BUSY, HURRIED = wp.constant(0), wp.constant(1), wp.constant(2)
 """of a world's frame: nothing can be met, something may be, or a particle went further than was free"""
@@ -80,7 +83,7 @@ def surround_kernel(traits: Traits) -> Any:
     """The kernel that sees how far each balloon is from obstacles."""
     free_ball = free_ball_function(traits) if traits.fixtures else None
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def surround_balloons(
         # model
         t: Tables,
@@ -131,7 +134,7 @@ def judge_kernel(traits: Traits) -> Any:
         between = wp.length(wp.max(wp.max(lower, upper), wp.vec3()))
         return 0.5 * (between - thickness_between(t, world, balloon, other))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def judge_worlds(
         # model
         t: Tables,

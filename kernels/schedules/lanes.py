@@ -9,6 +9,7 @@ import warp as wp
 from balloon_warp.kernels.algebra import Lanes, Lanes3, larger, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.lanes_contact import (
     correct_function,
     leave_all_function,
@@ -204,7 +205,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     leave_all = leave_all_function(traits, layout) if traits.leaves_together else None
     any_free, _, note_hurried_worlds = free_functions(traits, layout)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def advance_lanes(
         # model
         t: LaneTables,

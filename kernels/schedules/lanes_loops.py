@@ -16,6 +16,7 @@ from balloon_warp.kernels.algebra import (
     Lanes4,
     dot_product,
     of_lane,
+    plus_scaled,
     scaled,
     set_lane,
     squared_length,
@@ -23,10 +24,11 @@ from balloon_warp.kernels.algebra import (
 from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
-from balloon_warp.kernels.loops.strings import string_loop
+from balloon_warp.kernels.loops.strings import is_held, string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
+from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.layouts import Layout, near, of_item, places_of, view_of
+from balloon_warp.kernels.schedules.layouts import Layout, entry_at, near, of_item, places_of, view_of
 from balloon_warp.kernels.traits import Traits
 
 
@@ -55,9 +57,9 @@ def lane_spring_loop(traits: Traits) -> Any:
         """Net force of the springs [N]."""
         force = Lanes3()
         for entry in range(t.spring_offsets[own.item], t.spring_offsets[own.item + 1]):
-            end = t.spring_ends[entry]
-            length = t.spring_lengths[entry]
-            constants = own.n[t.spring_kinds[entry]]
+            end = entry_at(t.spring_ends, entry)
+            length = entry_at(t.spring_lengths, entry)
+            constants = entry_at(own.n, entry_at(t.spring_kinds, entry))
             d = near(points, end) - point
             squared = squared_length(d)
             opening = Lanes()
@@ -74,7 +76,7 @@ def lane_spring_loop(traits: Traits) -> Any:
                 )  # fmt: skip
                 if wp.static(traits.guarded):
                     coefficients[lane] = wp.where(is_self(end, own.item, lane), 0.0, coefficients[lane])
-            force += scaled(d, coefficients)
+            force = plus_scaled(force, d, coefficients)
         return force
 
     return pull_of_springs
@@ -93,11 +95,11 @@ def lane_area_loop(traits: Traits) -> Any:
         else:
             total = Lanes3()
             for entry in range(t.fans.offsets[own.item], t.fans.offsets[own.item + 1]):
-                begin = t.fans.begins[entry]
+                begin = int_at(t.fans.begins, entry)
                 total += cross_at_quad_corner(
-                    near(points, t.fans.particles[begin + 2]) - point,
-                    near(points, t.fans.particles[begin + 1]) - point,
-                    near(points, t.fans.particles[begin]) - point,
+                    near(points, entry_at(t.fans.particles, begin + 2)) - point,
+                    near(points, entry_at(t.fans.particles, begin + 1)) - point,
+                    near(points, entry_at(t.fans.particles, begin)) - point,
                 )
             return scaled(total, CROSSES)
 
@@ -111,7 +113,8 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
     read_numbers = numbers_reader(traits.columns)
     sum_strings = string_loop(traits) if traits.has("string") else None
     sum_faces = face_loop(traits, places.seen, places.seen) if traits.has("face") else None
-    one_by_one = traits.has("string") or traits.has("face") or (traits.has("hinge") and not layout.worlds)
+    each_looks = traits.has("face") or (traits.has("hinge") and not layout.worlds)
+    if_held = traits.has("string") and not each_looks  # few particles are, and what they read takes long
     by_rings = traits.rings and (layout.worlds or traits.balloons == 1)  # places are then the particles' numbers
     load_in_faces = wetness_loop(places.seen) if traits.in_water else None
     load_in_ring = ring_wetness_loop(places.seen) if traits.in_water else None
@@ -153,9 +156,17 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
             of_hinges = t.seen.hinges
             for entry in range(of_hinges.particle_offsets[own.item], of_hinges.particle_offsets[own.item + 1]):
                 force += t.hinge_forces[own.group, of_hinges.particle_roles[entry]]
-        for lane in range(t.lane_count if wp.static(one_by_one) else 0):
+        count = t.lane_count if wp.static(each_looks or if_held) else 0
+        if wp.static(if_held and layout.worlds):
+            if not is_held(t.all.strings, own.item):
+                count = wp.int32(0)
+        for lane in range(count):
             particle = particle_of(t, own.item, lane)
-            if particle >= 0:
+            acts = particle >= 0
+            if wp.static(if_held and not layout.worlds):
+                if acts:
+                    acts = is_held(t.all.strings, particle)
+            if acts:
                 world = places.world(own.group, lane, t.world_count)
                 n = read_numbers(t.all, world, own.balloon)
                 pull = of_lane(force, lane)

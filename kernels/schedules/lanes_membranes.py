@@ -19,7 +19,7 @@ from balloon_warp.kernels.algebra import (
 from balloon_warp.kernels.laws.tension_field import how_surely_taut
 from balloon_warp.kernels.loops.membranes import material_reader, taut_tension_function, tension_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
-from balloon_warp.kernels.schedules.layouts import Layout, near
+from balloon_warp.kernels.schedules.layouts import Layout, entry_at, near
 from balloon_warp.kernels.traits import Traits
 
 
@@ -120,10 +120,10 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
         forces: Any,
     ):
         """One, or eight: the triangles at its corners share its edges, and what passes along these."""
-        first = t.quads[4 * entry]
-        second = t.quads[4 * entry + 1]
-        third = t.quads[4 * entry + 2]
-        fourth = t.quads[4 * entry + 3]
+        first = entry_at(t.quads, 4 * entry)
+        second = entry_at(t.quads, 4 * entry + 1)
+        third = entry_at(t.quads, 4 * entry + 2)
+        fourth = entry_at(t.quads, 4 * entry + 3)
         a = near(points, first)
         b = near(points, second)
         c = near(points, third)

@@ -9,7 +9,7 @@ from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane
 from balloon_warp.kernels.laws.inflation import FAR, aim_of, facing_of, nearer_area
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
-from balloon_warp.kernels.schedules.layouts import Layout, near, of_item, put_item, total_in_lanes
+from balloon_warp.kernels.schedules.layouts import Layout, entry_at, near, of_item, put_item, total_in_lanes
 from balloon_warp.kernels.traits import Traits
 
 
@@ -46,8 +46,9 @@ def refresh_function(traits: Traits, layout: Layout) -> Any:
         squared_distances = Lanes(FAR)
         nearest_areas = Lanes()
         for entry in range(t.faces.particle_offsets[item], t.faces.particle_offsets[item + 1]):
-            center = near(lanes.face_centers[group], t.faces.around_particles[entry])
-            area_vector = near(lanes.face_area_vectors[group], t.faces.around_particles[entry])
+            face = entry_at(t.faces.around_particles, entry)
+            center = near(lanes.face_centers[group], face)
+            area_vector = near(lanes.face_area_vectors[group], face)
             for lane in range(LANE_COUNT):
                 of_one = of_lane(area_vector, lane)
                 normal = wp.normalize(of_one)

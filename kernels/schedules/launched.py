@@ -12,6 +12,7 @@ import warp as wp
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.grip import Grip
 from balloon_warp.kernels.loops.obstacles import around_function, obstacle_loop
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
 from balloon_warp.kernels.schedules.near import noting_function
@@ -186,7 +187,7 @@ def leave_kernel(traits: Traits) -> Any:
     _, read_own = own_functions(traits.columns, traits.balloons)
     leave = leaving_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def leave_after_correction(
         # model
         t: Tables,

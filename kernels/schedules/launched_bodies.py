@@ -23,6 +23,7 @@ from balloon_warp.kernels.laws.rigid import (
 )
 from balloon_warp.kernels.loops.bodies import Rigid, body_at, pushed_on, put_body, stop_function
 from balloon_warp.kernels.loops.tumbling import tumbling_function
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.warps import block_barrier
@@ -36,7 +37,7 @@ def tumble_kernel(traits: Traits) -> Any:
     """The kernel that moves bodies, before they meet particles."""
     tumble = tumbling_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def tumble_bodies(
         # model
         t: Tables,
@@ -198,7 +199,7 @@ def body_kernel(traits: Traits) -> Any:
     """The kernel of that."""
     touch = bodies_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def touch_bodies(
         # model
         t: Tables,

@@ -15,6 +15,7 @@ from balloon_warp.kernels.laws.collision import NEVER
 from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import boxes_meet
@@ -251,7 +252,7 @@ def face_kernel(traits: Traits) -> Any:
     """The kernel of that."""
     meet = faces_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def meet_faces(
         # model
         t: Tables,

@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.substep import (
@@ -36,7 +37,7 @@ def pump_kernel(traits: Traits) -> Any:
     pump_gas = pump_function(traits)
     gas_mass = gas_mass_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pump_gases(
         # model
         t: Tables,
@@ -60,7 +61,7 @@ def flow_kernel(traits: Traits) -> Any:
     """The kernel that lets gas flow through tubes, necks and leaks."""
     flow_through_all = flows_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def let_gases_flow(
         # model
         t: Tables,
@@ -120,7 +121,7 @@ def swelling_kernel(traits: Traits) -> Any:
     """The kernel that sums how large balloons would swell, part by part."""
     swelling_of_thread = summing_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def sum_swellings(
         # model
         t: Tables,
@@ -160,7 +161,7 @@ def load_kernel(traits: Traits, in_parts: bool) -> Any:
     load_of_balloon = load_function(traits)
     note_load = note_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def find_loads(
         # model
         t: Tables,

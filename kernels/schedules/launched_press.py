@@ -19,6 +19,7 @@ from balloon_warp.kernels.loops.meeting import (
     skin_functions,
     touch,
 )
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, set_quanta, total_newtons
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
@@ -26,6 +27,8 @@ from balloon_warp.kernels.schedules.touch_lists import triangle_beside
 from balloon_warp.kernels.schedules.touch_search import TOUCHING
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
+
+wp.set_module_options(OPTIONS)
 
 
 @wp.func
@@ -216,7 +219,7 @@ def press_kernel(traits: Traits) -> Any:
     """The kernel by which particles touch the triangles that were found near them."""
     press_particle = pressing_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def press_particles(
         # model
         t: Tables,

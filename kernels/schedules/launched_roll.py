@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.loops.colliding import colliding_function, path_in_arrays, paths_of, put_in_arrays
 from balloon_warp.kernels.loops.rolling import course_of, rolling_function
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.substep import end_of_step
 from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
@@ -23,7 +24,7 @@ def roll_kernel(traits: Traits) -> Any:
         traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
     )
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def roll_spheres(
         # model
         t: Tables,
@@ -67,7 +68,7 @@ def collide_kernel(traits: Traits) -> Any:
     """The kernel by which spheres that have moved meet each other."""
     collide = colliding_function(traits, path_in_arrays, put_in_arrays)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def collide_spheres(
         # model
         t: Tables,

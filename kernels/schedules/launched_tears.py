@@ -12,8 +12,11 @@ from balloon_warp.kernels.laws.tearing import SPENT, leaking
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.loops.wear import of_balloon
 from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.substep import ramp_at, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
+
+wp.set_module_options(OPTIONS)
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))

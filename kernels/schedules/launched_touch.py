@@ -19,6 +19,7 @@ from balloon_warp.kernels.loops.touching import (
     rubbed_point,
     shift_of_ball,
 )
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.near import PARTICLES_A_MARK
@@ -134,7 +135,7 @@ def touch_kernel(traits: Traits) -> Any:
                 part += press_at_mark(t, working, world, mark, ball, change, points, velocities)
         return part
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def touch_spheres(
         # model
         t: Tables,

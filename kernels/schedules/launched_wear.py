@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.wear import wear_function
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -21,7 +22,7 @@ def wear_kernel(traits: Traits, keeps: bool = True) -> Any:
     read_numbers = numbers_reader(traits.columns)
     wear = wear_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def wear_membranes(
         # model
         t: Tables,

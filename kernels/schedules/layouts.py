@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4
+from balloon_warp.kernels.memory import float_at, int_at
 
 
 class Layout(NamedTuple):
@@ -46,22 +47,22 @@ WORLDS, OCTETS = Layout(worlds=True), Layout(worlds=False)
 # ---- what others read: of eight worlds
 
 
-@wp.func
-def near(vectors: wp.array[Lanes3], item: wp.int32):
-    """Of a neighbor."""
-    return vectors[item]
+@wp.func_native("return vectors.data[(unsigned int)item];")
+def near(vectors: wp.array[Lanes3], item: wp.int32) -> Lanes3:
+    """Of a neighbor. Without what Warp's own indexing allows for, see `kernels.memory`."""
+    ...
 
 
-@wp.func
-def of_item(vectors: wp.array[Lanes3], item: wp.int32):
+@wp.func_native("return vectors.data[(unsigned int)item];")
+def of_item(vectors: wp.array[Lanes3], item: wp.int32) -> Lanes3:
     """Of an item."""
-    return vectors[item]
+    ...
 
 
-@wp.func
+@wp.func_native("vectors.data[(unsigned int)item] = value;")
 def put_item(vectors: wp.array[Lanes3], item: wp.int32, value: Lanes3):
     """Into an item."""
-    vectors[item] = value
+    ...
 
 
 @wp.func
@@ -125,6 +126,33 @@ def one_of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an 
     for lane in range(LANE_COUNT):
         numbers[lane] = LANE_COUNT * item
     return near(vectors, numbers)
+
+
+# ---- what is listed for items
+
+
+@wp.func
+def entry_at(array: wp.array[wp.int32], entry: wp.int32):
+    """Of a contiguous array: what is the same in all lanes."""
+    return int_at(array, entry)
+
+
+@wp.func
+def entry_at(array: wp.array[float], entry: wp.int32):  # noqa: F811 - an overload
+    """The same of a number."""
+    return float_at(array, entry)
+
+
+@wp.func_native("return array.data[(unsigned int)entry];")
+def entry_at(array: wp.array[Lanes], entry: wp.int32) -> Lanes:  # noqa: F811 - an overload
+    """Of a contiguous array: a number for each lane."""
+    ...
+
+
+@wp.func_native("return array.data[(unsigned int)entry];")
+def entry_at(array: wp.array[LaneNumbers], entry: wp.int32) -> LaneNumbers:  # noqa: F811 - an overload
+    """The same of whole numbers."""
+    ...
 
 
 # ---- one lane at a time, as laws see it that go through faces or hinges

@@ -14,10 +14,13 @@ from balloon_warp.kernels.loops.membranes import material_reader, triangle_pull,
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.substep import time_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
+
+wp.set_module_options(OPTIONS)
 
 
 @cache
@@ -90,7 +93,7 @@ def force_kernel(traits: Traits) -> Any:
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
             wp.atomic_add(forces, t.faces.particles[corner], share)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def add_forces(
         # model
         t: Tables,

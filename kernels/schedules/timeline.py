@@ -2,6 +2,10 @@
 
 import warp as wp
 
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
 
 @wp.kernel(enable_backward=False)
 def hold_spheres(

@@ -6,9 +6,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.meeting import skin_functions
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
+
+wp.set_module_options(OPTIONS)
 
 LOWER, UPPER, SPEED = wp.constant(0), wp.constant(1), wp.constant(2)
 """what of a box stands where"""
@@ -132,7 +135,7 @@ def meet_kernel(traits: Traits) -> Any:
     """The kernel that says which balloons may meet."""
     may_meet = meet_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def meet_balloons(
         # model
         t: Tables,

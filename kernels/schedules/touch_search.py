@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART, LOWER, UPPER, boxes_meet, pad_function
 from balloon_warp.kernels.schedules.touch_lists import finding_functions
@@ -116,7 +117,7 @@ def looking_kernel(traits: Traits) -> Any:
     """The kernel that finds the particles that look around."""
     note_looking = looking_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def find_looking(
         # model
         t: Tables,
@@ -142,7 +143,7 @@ def find_kernel(traits: Traits) -> Any:
     """The kernel that finds the triangles that each of them may touch."""
     list_triangles = listing_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def find_near_triangles(
         # model
         t: Tables,

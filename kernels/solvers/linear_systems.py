@@ -10,7 +10,10 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, of_lane, scaled
 from balloon_warp.kernels.memory import put_in_tile
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.warps import block_barrier
+
+wp.set_module_options(OPTIONS)
 
 
 @wp.struct
@@ -33,7 +36,7 @@ def factored_solver(factor_type: Any) -> Any:
         factor_type: `float` where all worlds have the same matrix, `Lanes` where each has its own.
     """
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def solve_factored(
         # model
         factor: FactorTable,
@@ -146,7 +149,7 @@ def shared_inverse_product(rows: int, worlds: int) -> Any:
     Sums = wp.types.matrix(shape=(3 * rows, worlds), dtype=wp.float32)  # noqa: N806 - a type
     Entries = wp.types.vector(length=rows, dtype=wp.float32)  # noqa: N806 - a type
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def multiply_shared_inverse(
         # model
         inverse: InverseTable,

@@ -26,11 +26,14 @@ from balloon_warp.kernels.laws.law import RESULT
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, leaving_function
 from balloon_warp.kernels.substep import inflation_of, ramp_at, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
+
+wp.set_module_options(OPTIONS)
 
 
 @cache
@@ -70,7 +73,7 @@ def foreseeing_kernel(traits: Traits) -> Any:
     inertia = inertia_function(traits)
     push_of = push_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def foresee_displacements(
         # model
         t: Tables,
@@ -111,7 +114,7 @@ def local_step_kernel(traits: Traits) -> Any:
     pull_of_strings = string_loop(traits)
     inertia = inertia_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fast_math": True})
+    @wp.kernel(module="unique", enable_backward=False, module_options={**OPTIONS, "fast_math": True})
     def find_residuals(
         # model
         t: Tables,
@@ -166,7 +169,7 @@ def ending_kernel(traits: Traits) -> Any:
     leave = leaving_function(traits)
     push_of = push_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def take_displacements(
         # model
         t: Tables,
