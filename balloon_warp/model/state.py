@@ -74,8 +74,8 @@ class State:
     """of faces: how far a tear may have run from there, at rest [m], large where it has gone on, and negative where the
     face is whole, shape (world_count, face_count), float32, or (world_count, 0) where none may tear"""
     bursts: wp.array
-    """of balloons: when each burst [s], or negative; the root of its pressure since then [Pa^(1/2)], how fast that
-    falls for each square meter of hole, see `laws.tearing`, and the stress at which it burst [Pa], shape (world_count,
+    """of balloons: when each burst [s], or negative; its pressure since then [Pa], how soft what is in there is, see
+    `laws.tearing.softness_of_gas`, and the stress at which it burst [Pa], shape (world_count,
     balloon_count), vec4, or (world_count, 0)"""
     hole_areas: wp.array
     """of balloons that burst, in square micrometers, which add up alike in any order, of that shape, int64"""

@@ -106,10 +106,16 @@ def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: 
 
 
 @wp.func
+def volume_at(free_volume: float, pressure: float, gamma: float):
+    """That a gas has at a pressure in full [Pa], or a mole of it by its free volume: V_0 (p_0 / p)^(1 / gamma)."""
+    return free_volume * wp.pow(STANDARD_PRESSURE / pressure, 1.0 / gamma)
+
+
+@wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
     """Of a gas and the air around it [J], whose negative slope by the volume is the pressure above the air's; 0 where
     both are in balance."""
-    balanced = free_volume * wp.pow(STANDARD_PRESSURE / air_pressure, 1.0 / gamma)
+    balanced = volume_at(free_volume, air_pressure, gamma)
     ratio = balanced / volume
     inside = balanced * wp.log(ratio)
     if gamma != 1.0:

@@ -15,6 +15,7 @@ from balloon_warp.kernels.laws.gas import (
     molar_free_volume,
     pumped_gas,
     tube_flow,
+    volume_at,
 )
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.laws.orifice import thrust, vent_flow
@@ -79,7 +80,7 @@ def fill_function(columns: Columns) -> Any:
         n = read_numbers(t, world, balloon)
         pressure = state.pressures[world, balloon]
         here = wp.max(n[pressure_column] + pressure, THINNEST * STANDARD_PRESSURE)
-        volume = float(state.free_volumes[world, balloon]) * wp.pow(STANDARD_PRESSURE / here, 1.0 / n[gamma_column])
+        volume = volume_at(float(state.free_volumes[world, balloon]), here, n[gamma_column])
         moles = pumped + blown_in_here(time, t.step_seconds, n)
         curved = t.pumps.has[balloon] > 0
         if curved:

@@ -8,16 +8,17 @@ import warp as wp
 
 from balloon_warp.kernels.laws.air import density_of_air
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
-from balloon_warp.kernels.laws.tearing import SPENT, leaking
+from balloon_warp.kernels.laws.tearing import SPENT, pressure_beside_hole, softness_of_gas
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.loops.wear import of_balloon
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.substep import ramp_at, time_of
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))
 """of a square meter"""
+GasColumns = wp.types.vector(length=5, dtype=wp.int32)
 center_of_face, area_vector_of_face = face_measures(vector_at)
 
 
@@ -179,12 +180,33 @@ def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
     return volume
 
 
+@wp.func
+def softness_in(
+    t: Tables,
+    state: WorldState,
+    world: wp.int32,
+    balloon: wp.int32,
+    columns: GasColumns,
+    volume: float,
+    pressure: float,
+):
+    """Of what is in a balloon of a volume [m^3] at a pressure above the air's [Pa]: a gas, or air."""
+    of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
+    of_balloon = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon]
+    density = density_of_air(of_world[columns[0]], of_world[columns[1]], of_world[columns[2]])
+    gamma = float(1.0)
+    if t.inflation_kind[balloon] == GAS:
+        density = float(state.gas_amounts[world, balloon]) * of_balloon[columns[3]] / wp.max(volume, 1.0e-12)
+        gamma = of_balloon[columns[4]]
+    return softness_of_gas(volume, of_world[columns[0]] + pressure, density, gamma)
+
+
 @wp.kernel(enable_backward=False)
 def let_gas_out(
     # model
     t: Tables,
     time_in_frame: float,
-    air_columns: wp.vec3i,
+    columns: GasColumns,
     # state in and out
     state: WorldState,
     points: wp.array2d[wp.vec3],
@@ -193,7 +215,8 @@ def let_gas_out(
     """A thread a (world, balloon): it bursts, and its pressure falls.
 
     Args:
-        air_columns: of the world's numbers: pressure, temperature and density of the air.
+        columns: of the world's numbers: pressure, temperature and density of the air; of the balloon's: molar mass and
+            gamma of its gas.
     """
     world, balloon = wp.tid()
     tears = t.membranes.wear.tears
@@ -204,16 +227,12 @@ def let_gas_out(
         pressure = state.pressures[world, balloon]
         if t.inflation_kind[balloon] != GAS:
             pressure = ramp_at(state, world, balloon, time_in_frame)
-        row = wp.where(t.world_numbers.shape[0] == 1, 0, world)
-        air_pressure = t.world_numbers[row, air_columns[0]]
-        air = density_of_air(air_pressure, t.world_numbers[row, air_columns[1]], t.world_numbers[row, air_columns[2]])
-        burst = wp.vec4(
-            time_of(t, state.frame, time_in_frame), wp.sqrt(wp.max(pressure, 0.0)),
-            leaking(enclosed(t, points[world], balloon), air_pressure + pressure, air), unpacked(weakest),
-        )  # fmt: skip
+        softness = softness_in(t, state, world, balloon, columns, enclosed(t, points[world], balloon), pressure)
+        began = time_of(t, state.frame, time_in_frame)
+        burst = wp.vec4(began, wp.max(pressure, 0.0), softness, unpacked(weakest))
     if burst[0] >= 0.0:
         hole = float(wp.float64(hole_areas[world, balloon]) / SQUARE_MICROMETERS)
-        burst[1] = wp.max(burst[1] - burst[2] * hole * t.step_seconds, 0.0)
+        burst[1] = pressure_beside_hole(burst[1], burst[2], hole, t.step_seconds)
         state.bursts[world, balloon] = burst
 
 
@@ -228,7 +247,7 @@ def note_bursts(
     world, balloon = wp.tid()
     burst = state.bursts[world, balloon]
     if burst[0] >= 0.0 and inflation_kind[balloon] != NORMAL_FORCE:
-        pressure = burst[1] * burst[1]
+        pressure = burst[1]
         state.pressures[world, balloon] = pressure
         state.inflation_loads[world, balloon] = wp.vec2(pressure, 0.0)
         if pressure == 0.0:
