@@ -229,6 +229,7 @@ class WorldState:
     thrusts: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]
+    peaks: wp.array2d[float]
     bursts: wp.array2d[wp.vec4]
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]

@@ -50,7 +50,7 @@ SCHEDULES = {
 
 LAUNCHED = ("scatter", "gather")
 """those that launch a kernel for each piece of a substep: in these alone spheres touch faces, bodies
-move, and rubber softens and tears"""
+move, and rubber tears"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -86,8 +86,6 @@ def only_launched(model: Model) -> str | None:
         return "bodies move"
     if model.bursts:
         return "balloons burst"
-    if model.softens:
-        return "rubber soften"
     return "spheres touch faces" if any(small_spheres(model)) else None
 
 
