@@ -224,6 +224,7 @@ class WorldState:
     gas_amounts: wp.array2d[wp.float64]
     free_volumes: wp.array2d[wp.float64]
     air_along: wp.array2d[float]
+    airs: wp.array2d[wp.vec3]
     tube_flows: wp.array2d[float]
     vent_flows: wp.array2d[float]
     thrusts: wp.array2d[float]

@@ -51,6 +51,9 @@ class State:
     air_along: wp.array
     """what moves along with a balloon of gas in the frame [kg], see `kernels.laws.added_mass`, shape (world_count,
     balloon_count), float32"""
+    airs: wp.array
+    """the air at balloons of gas that is pumped or flows, where air differs with height, as the frame begins: its
+    pressure [Pa], temperature [K] and density [kg/m^3], shape (world_count, balloon_count), vec3"""
     tube_flows: wp.array
     """from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
     float32"""
@@ -125,6 +128,7 @@ def new_state(model: Model, room: Room) -> State:
         gas_amounts=room.array(balloons, wp.float64),
         free_volumes=room.array(balloons, wp.float64),
         air_along=room.array(balloons, wp.float32),
+        airs=room.array(balloons, wp.vec3),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
         vent_flows=room.array(balloons, wp.float32),
         thrusts=room.array(balloons, wp.float32),

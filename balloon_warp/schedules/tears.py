@@ -7,7 +7,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws.air import STATE_OF_AIR
+from balloon_warp.kernels.laws.air import AIR
+from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.tearing import PARAMETERS
 from balloon_warp.kernels.schedules.launched_tears import (
     GasColumns,
@@ -120,7 +121,7 @@ class TearPieces:
     def __init__(self, model: Model, tables: Any):
         self.model, self.tables = model, tables
         places, split = model.columns.places, model.columns.balloon_width
-        of_air = [places[row.name] - split for row in STATE_OF_AIR]
+        of_air = [places[row.name] - split for row in (*AIR, GRAVITY)]
         self._columns = GasColumns(*of_air, places["molar_mass"], places["gamma"])
 
     def weigh(self, state: State, time_in_frame: float) -> None:

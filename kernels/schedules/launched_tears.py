@@ -6,19 +6,19 @@ marks another, and those that are marked tear in a launch of their own: no order
 
 import warp as wp
 
-from balloon_warp.kernels.laws.air import density_of_air
+from balloon_warp.kernels.laws.air import air_of_height
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.laws.tearing import SPENT, pressure_beside_hole, softness_of_gas
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.loops.wear import of_balloon
 from balloon_warp.kernels.memory import vector_at
-from balloon_warp.kernels.substep import ramp_at, time_of
+from balloon_warp.kernels.substep import ramp_at, time_of, volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))
 """of a square meter"""
-GasColumns = wp.types.vector(length=5, dtype=wp.int32)
+GasColumns = wp.types.vector(length=7, dtype=wp.int32)
 center_of_face, area_vector_of_face = face_measures(vector_at)
 
 
@@ -188,17 +188,23 @@ def softness_in(
     balloon: wp.int32,
     columns: GasColumns,
     volume: float,
+    height: float,
     pressure: float,
 ):
-    """Of what is in a balloon of a volume [m^3] at a pressure above the air's [Pa]: a gas, or air."""
+    """Of what is in a balloon of a volume [m^3] at a height [m], at a pressure above the air's there [Pa]: a gas, or
+    air."""
     of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
     of_balloon = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon]
-    density = density_of_air(of_world[columns[0]], of_world[columns[1]], of_world[columns[2]])
+    air = air_of_height(
+        height, of_world[columns[0]], of_world[columns[1]], of_world[columns[2]], of_world[columns[3]],
+        of_world[columns[4]],
+    )  # fmt: skip
+    density = air[2]
     gamma = float(1.0)
     if t.inflation_kind[balloon] == GAS:
-        density = float(state.gas_amounts[world, balloon]) * of_balloon[columns[3]] / wp.max(volume, 1.0e-12)
-        gamma = of_balloon[columns[4]]
-    return softness_of_gas(volume, of_world[columns[0]] + pressure, density, gamma)
+        density = float(state.gas_amounts[world, balloon]) * of_balloon[columns[5]] / wp.max(volume, 1.0e-12)
+        gamma = of_balloon[columns[6]]
+    return softness_of_gas(volume, air[0] + pressure, density, gamma)
 
 
 @wp.kernel(enable_backward=False)
@@ -215,8 +221,8 @@ def let_gas_out(
     """A thread a (world, balloon): it bursts, and its pressure falls.
 
     Args:
-        columns: of the world's numbers: pressure, temperature and density of the air; of the balloon's: molar mass and
-            gamma of its gas.
+        columns: of the world's numbers: pressure, temperature, density and lapse of the air, and gravity; of the
+            balloon's: molar mass and gamma of its gas.
     """
     world, balloon = wp.tid()
     tears = t.membranes.wear.tears
@@ -227,7 +233,9 @@ def let_gas_out(
         pressure = state.pressures[world, balloon]
         if t.inflation_kind[balloon] != GAS:
             pressure = ramp_at(state, world, balloon, time_in_frame)
-        softness = softness_in(t, state, world, balloon, columns, enclosed(t, points[world], balloon), pressure)
+        height = wp.dot(points[world, volume_origin(t, balloon)], t.up)
+        volume = enclosed(t, points[world], balloon)
+        softness = softness_in(t, state, world, balloon, columns, volume, height, pressure)
         began = time_of(t, state.frame, time_in_frame)
         burst = wp.vec4(began, wp.max(pressure, 0.0), softness, unpacked(weakest))
     if burst[0] >= 0.0:
