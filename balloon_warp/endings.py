@@ -60,6 +60,8 @@ class LastFrame(NamedTuple):
     """of each balloon [m/s], shape (particle_count, 3)"""
     obstacle_poses: NDArray[np.float64]
     """as `Frame` has them, shape (obstacle_count, 7)"""
+    torn: Sequence[NDArray[np.bool_]] = ()
+    """as `Frame` has them"""
 
 
 def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadEnding]:
@@ -87,7 +89,7 @@ def _ending(model: Model | ModelPlan, frame: Frame | LastFrame, number: int) -> 
     used = np.unique(rest.face_vertex_indices)
     if (model.shapes[number].mass_share[used] == 0.0).all() or rest.face_vertex_counts.max() < 3:
         return None
-    if isinstance(frame, Frame) and frame.torn and frame.torn[number].any():
+    if frame.torn and frame.torn[number].any():
         return None  # it burst, as it was told
     return (
         _falling(model, frame, number, used)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.corners import corners_beside
 from balloon_warp.mesh.geometry import total_area, volume_and_area
 
 
@@ -91,11 +92,7 @@ class Frame:
         mesh = self.meshes[number]
         if not self.torn or not self.torn[number].any():
             return mesh.face_vertex_indices
-        firsts = np.cumsum(mesh.face_vertex_counts) - mesh.face_vertex_counts
-        places = np.arange(len(mesh.face_vertex_indices))
-        gathered = np.repeat(firsts, mesh.face_vertex_counts)
-        gone = np.repeat(self.torn[number], mesh.face_vertex_counts)
-        return mesh.face_vertex_indices[np.where(gone, gathered, places)]
+        return corners_beside(mesh, self.torn[number])
 
     def __repr__(self) -> str:
         balloons = ", ".join(

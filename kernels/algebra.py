@@ -49,6 +49,12 @@ def of_lane(number: float, lane: wp.int32):
 
 
 @wp.func
+def of_lane(number: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
+    """What is the same in all lanes."""
+    return number
+
+
+@wp.func
 def of_lane(vector: wp.vec3, lane: wp.int32):  # noqa: F811 - an overload
     """What is the same in all lanes."""
     return vector

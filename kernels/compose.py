@@ -64,13 +64,8 @@ def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
     """The function that calls the one of the laws of membranes whose number `material` is. Its other arguments are all
     that such laws are told, and the row `n` of numbers, of one of eight lanes where it is of lanes."""
     given = [each.name for each in GIVEN["membrane"]]
-
-    def number(column: int, size: int) -> str:
-        parts = [f"number_in(n, {each}, lane)" for each in range(column, column + size)]
-        return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
-
     called = {f"law_{place}": law.force for place, law in enumerate(laws)}
-    calls = [call_of(force, each, given, columns, number=number) for each, force in called.items()]
+    calls = [call_of(force, each, given, columns, number=_number_in_lane) for each, force in called.items()]
     lines = [f"    by_trace, by_det = {calls[0]}"]
     for place, call in enumerate(calls[1:], 1):
         lines += [f"    if material == {place}:", f"        other_trace_{place}, other_det_{place} = {call}"]
@@ -82,16 +77,21 @@ def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
 
 @cache
 def choice_of_energies(laws: tuple[Law, ...], columns: Columns) -> Any:
-    """The same of their energies [J/m^3], for a row of plain numbers."""
+    """The same of their energies [J/m^3]."""
     given = [each.name for each in GIVEN["membrane"]]
     called = {f"energy_{place}": law.energy for place, law in enumerate(laws)}
-    calls = [call_of(energy, each, given, columns) for each, energy in called.items()]
+    calls = [call_of(energy, each, given, columns, number=_number_in_lane) for each, energy in called.items()]
     lines = [f"    energy = {calls[0]}"]
     for place, call in enumerate(calls[1:], 1):
         lines += [f"    if material == {place}:", f"        energy = {call}"]
-    arguments = ", ".join([*(f"{each}: float" for each in given), "material: wp.int32, n: Any"])
+    arguments = ", ".join([*(f"{each}: float" for each in given), "material: wp.int32, n: Any, lane: wp.int32"])
     source = "\n".join([f"def membrane_energies({arguments}):", *lines, "    return energy\n"])
-    return function_from("membrane_energies", source, called)
+    return function_from("membrane_energies", source, {"number_in": number_in, **called})
+
+
+def _number_in_lane(column: int, size: int) -> str:
+    parts = [f"number_in(n, {each}, lane)" for each in range(column, column + size)]
+    return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
 
 
 def _number(column: int, size: int, of_which: str = "") -> str:

@@ -120,6 +120,11 @@ class Traits(NamedTuple):
         return self.pumps or self.gas_flows
 
     @property
+    def gas_meets_air(self) -> bool:
+        """Whether what comes into balloons or leaves them knows air that is not the same at all heights."""
+        return self.gas_changes and self.air_varies
+
+    @property
     def looks_at_velocities(self) -> bool:
         """Whether forces on a particle depend on its neighbors' velocities."""
         return self.viscous or self.needs("spring", "opening") or self.needs("face", "velocity")

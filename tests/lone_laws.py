@@ -38,6 +38,7 @@ VALUES: dict[str, Any] = {
     "gravity": 9.81,
     "string_stiffness": 20.0,
     "wind_shear": 0.0,
+    "wind_roughness": 0.0,
     "gust_length": 1e4,
 }
 """what tells more than the default, or than `value_of` makes of it: each spring is the only one of its ends, and

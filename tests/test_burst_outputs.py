@@ -4,15 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from batches import OFTEN, contents
 from meshes import mesh_of, quad_sphere
 from pxr import Usd, UsdGeom, UsdValidation
+from stopped_batch import stop_after
 from test_bursting import BALL, filled, scene_of
 
+from balloon_warp import run_batch
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd import StageWriter
-from balloon_warp.scene import Balloon, Scene, load_scene
+from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
@@ -64,6 +68,43 @@ def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
         simulator.step()
     assert recorder.read().measures[:, column].tolist() == [0.0, 1.0]
     assert "burst" not in columns_of(Scene(balloon=[Balloon(mesh=BALL)]))
+
+
+def test_a_batch_exports_worlds_that_burst(tmp_path: Path):
+    """Two worlds, a needle in one: that goes on, and is in stage and tables as a run alone is, without faces that tore,
+    and without volume. So it is where the batch was stopped on the way."""
+    balloon = scene_of(quad_sphere(4, 0.1), needle_time=1e9, tear_strength=1e5).balloon[0]
+    balloon = balloon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=600.0), "damping": 0.5})
+    scene = Scene(balloon=[balloon], gravity=0.0, frames=6, frames_per_second=500.0)
+    vary, warnings = {"balloon.material.needle_time": [1e9, 4e-3]}, []
+    run_batch(scene, tmp_path / "whole", 2, vary, export=[0, 1], device="cpu", on_warning=warnings.append)
+    assert not warnings
+    stage = Usd.Stage.Open(str(tmp_path / "whole" / STAGE_NAME))
+    meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    with np.load(tmp_path / "whole" / "table.npz") as columns:
+        table = {name: columns[name].reshape(7, 2) for name in ("volume", "area", "burst")}
+    alone = Simulator(scene, "cpu", 1, {path: values[1:] for path, values in vary.items()}, schedule="gather")
+    frame = alone.read_frame()
+    for number in range(7):
+        whole, burst = (np.array(mesh.GetFaceVertexIndicesAttr().Get(number)) for mesh in meshes)
+        np.testing.assert_array_equal(whole, frame.meshes[0].face_vertex_indices)
+        np.testing.assert_array_equal(burst, frame.corners(0))
+        np.testing.assert_allclose(table["volume"][number, 1], frame.volumes[0], rtol=1e-5)
+        np.testing.assert_allclose(table["area"][number, 1], frame.areas[0], rtol=1e-5)
+        alone.step()
+        frame = alone.read_frame()
+    assert frame.torn[0].sum() > 2
+    assert table["volume"][-1, 0] > 0.0 == table["volume"][-1, 1]
+    assert table["burst"][-1].tolist() == [0.0, 1.0]
+    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
+        stage
+    )
+    assert not errors, [error.GetMessage() for error in errors]
+    again = {"export": [0, 1], "device": "cpu", "checkpoint_seconds": OFTEN}
+    with pytest.raises(RuntimeError):
+        run_batch(scene, tmp_path / "stopped", 2, vary, on_frame=stop_after(4), **again)
+    run_batch(scene, tmp_path / "stopped", 2, vary, resume=True, **again)
+    assert contents(tmp_path / "stopped") == contents(tmp_path / "whole")
 
 
 def test_the_bundled_scene_pops(device: str):

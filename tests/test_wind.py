@@ -10,8 +10,9 @@ from meshes import cube
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws.air import wind_at
+from balloon_warp.kernels.laws.air import drag_bound, wind_at
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
 
@@ -28,12 +29,13 @@ def blow(
     time: float,
     seed: float,
     shear: float,
+    roughness: float,
     intensity: float,
     wind: wp.vec3,
     air: wp.array[wp.vec3],
 ):
     i = wp.tid()
-    air[i] = wind_at(places[i], wp.vec3(0.0, 1.0, 0.0), time, wind, shear, 10.0, intensity, 5.0, seed)
+    air[i] = wind_at(places[i], wp.vec3(0.0, 1.0, 0.0), time, wind, shear, 10.0, roughness, intensity, 5.0, seed)
 
 
 def gusts(places: NDArray, device: str, time: float = 0.0, seed: float = 0.0) -> NDArray[np.float64]:
@@ -43,12 +45,21 @@ def gusts(places: NDArray, device: str, time: float = 0.0, seed: float = 0.0) ->
 
 
 def air_around(
-    places: NDArray, device: str, time: float = 0.0, *, seed: float = 0.0, shear: float = 0.0, intensity: float = 0.0
+    places: NDArray,
+    device: str,
+    time: float = 0.0,
+    *,
+    seed: float = 0.0,
+    shear: float = 0.0,
+    roughness: float = 0.0,
+    intensity: float = 0.0,
 ) -> NDArray[np.float64]:
     """Velocity [m/s], shape (count, 3)."""
     there = wp.array(places.astype(np.float32), dtype=wp.vec3, device=device)
     air = wp.zeros(len(places), dtype=wp.vec3, device=device)
-    wp.launch(blow, len(places), inputs=[there, time, seed, shear, intensity, wp.vec3(*WIND), air], device=device)
+    wp.launch(
+        blow, len(places), inputs=[there, time, seed, shear, roughness, intensity, wp.vec3(*WIND), air], device=device
+    )
     return air.numpy().astype(np.float64)
 
 
@@ -125,6 +136,23 @@ def test_wind_grows_with_height_by_the_power_law(device: str):
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
+def test_wind_grows_with_height_by_the_logarithm(device: str):
+    """Over grass: from nothing at the roughness length, as it says at 10 m, and no further than to 100 m."""
+    heights = np.array([-1.0, 0.0, 0.03, 0.3, 10.0, 40.0, 100.0, 300.0])
+    found = air_around(heights[:, None] * (0.0, 1.0, 0.0), device, roughness=0.03)
+    growth = np.log(np.clip(heights, 0.03, 100.0) / 0.03) / np.log(10.0 / 0.03)
+    np.testing.assert_allclose(found, growth[:, None] * WIND, rtol=1e-5, atol=1e-6)
+
+
+def test_the_step_allows_for_the_fastest_wind():
+    """That at ten times the height, whose logarithm is bounded from below: no more than a tenth too fast."""
+    areas = np.array([1.0])
+    for roughness in (2e-4, 0.03, 1.0, 9.0):
+        known = (np.zeros((1, 3)), 101325.0, 288.15, 1.0, 1.0, np.array([[7.0, 0.0, 0.0]]), 0.0, 10.0, roughness, 0.0)
+        fastest = 7.0 * np.log(100.0 / roughness) / np.log(10.0 / roughness)
+        assert fastest <= float(drag_bound(areas, *known)[0]) < 1.1 * fastest
+
+
 def test_worlds_have_winds_of_their_own(schedule: str, device: str):
     """Of equal seeds the same to the bit; of others, other drifts; and gusts shake more, the more there are."""
     leaf = Balloon(
@@ -142,6 +170,14 @@ def test_worlds_have_winds_of_their_own(schedule: str, device: str):
 
 
 def test_mistakes_of_the_wind_are_said():
+    balloon = Balloon(mesh=cube(), inflation=Inflation(pressure=0))
+    for fields, vary, sentence in (
+        ({"roughness": 0.1, "shear": 0.2}, None, "roughness: says how the wind grows, as does shear"),
+        ({"roughness": 10.0}, None, r"roughness: must be less than wind_height, 10 m \(got 10\)"),
+        ({"roughness": 0.1}, {"atmosphere.wind_height": [10.0, 0.05]}, r"less than wind_height, 0.05 m \(got 0.1\)"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            plan_model(Scene(balloon=[balloon], atmosphere=Atmosphere(**fields)), 2, vary)
     with pytest.raises(InputError, match=r"atmosphere.gusts: must be"):
         Atmosphere(gusts=-0.1)
     with pytest.raises(InputError, match=r"atmosphere.gust_seed: must be a whole number|gust_seed"):

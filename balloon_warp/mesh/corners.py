@@ -26,6 +26,17 @@ def next_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
     return following
 
 
+def corners_beside(mesh: PolygonMesh, gone: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """The corners of all faces; those of a face that is gone are all at its first vertex.
+
+    Args:
+        gone: shape (face_count,).
+    """
+    places = np.arange(len(mesh.face_vertex_indices))
+    faces = corner_faces(mesh)
+    return mesh.face_vertex_indices[np.where(gone[faces], face_starts(mesh)[faces], places)]
+
+
 def with_corners(mesh: PolygonMesh, corners: NDArray[np.integer | np.bool_]) -> PolygonMesh:
     """The mesh with those of its corners, in that order, or those where a mask is true, and what belongs to them."""
     textures = mesh.texture_coordinates

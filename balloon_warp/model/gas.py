@@ -80,7 +80,6 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
     It is as warm as the air then, so that n moles in the volume V have p = n R T / V, and the free volume
     V (p / p_0)^(1 / gamma), see `kernels.laws.gas`.
     """
-    _require_level_gas(scene, parameters)
     heights = parameters["initial_centers"] @ np.array(scene.up)
     p_a, temperature, air = _air_around(parameters, heights)
     given, gamma = parameters["initial_gas_amounts"], parameters["gamma"]
@@ -121,25 +120,6 @@ def _air_around(
     more = np.where(little, 1.0 + 0.5 * colder, -np.log1p(-colder) / np.where(little, 1.0, colder))
     ratio = np.exp(-density * np.where(falls, gravity, 0.0) * heights * more / pressure)
     return pressure * ratio, temperature * (1.0 - colder), density * ratio / (1.0 - colder)
-
-
-def _require_level_gas(scene: Scene, parameters: Parameters) -> None:
-    """Make sure that gas which keeps its heat neither flows nor is pumped where the air differs with height: valves
-    and tubes know the air at height 0 alone.
-
-    Raises:
-        InputError: it does.
-    """
-    if not (parameters["air_lapse"] >= 0.0).any():
-        return
-    for number, balloon in enumerate(scene.balloon):
-        keeps_heat = balloon.inflation.kind == "gas" and (parameters["gamma"][:, number] != 1.0).any()
-        flows = any(number in tube.balloons for tube in scene.tube)
-        if keeps_heat and (flows or any(value for _, value in balloon.inflation.keyframes)):
-            raise InputError(
-                f"balloon.{number}.inflation.gamma: gas that keeps its heat is neither pumped nor has tubes where the "
-                "air has a lapse; expected gamma = 1, or no atmosphere.lapse"
-            )
 
 
 def keep_pressures(model: Model, state: State, parameters: Mapping[str, ArrayLike]) -> None:

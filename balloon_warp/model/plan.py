@@ -31,6 +31,7 @@ from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, turns
 from balloon_warp.model.touch import settle_touch
 from balloon_warp.model.vary import Vary, vary_parameters
+from balloon_warp.model.wind import require_profile
 from balloon_warp.scene import Scene
 
 
@@ -169,6 +170,7 @@ def _settled(
         require_same_extreme(scene, parameters, number, shapes[scene.string[number].balloon], particle)
     parameters["string_length"] = string_lengths(scene, shapes, held, parameters)
     require_openings(scene, shapes, parameters)
+    require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
     parameters |= settle_touch(scene, shapes, parameters)
     parameters |= settle_tears(scene, parameters)

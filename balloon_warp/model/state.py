@@ -53,6 +53,9 @@ class State:
     air_along: wp.array
     """what moves along with a balloon of gas in the frame [kg], see `kernels.laws.added_mass`, shape (world_count,
     balloon_count), float32"""
+    airs: wp.array
+    """the air at balloons of gas that is pumped or flows, where air differs with height, as the frame begins: its
+    pressure [Pa], temperature [K] and density [kg/m^3], shape (world_count, balloon_count), vec3"""
     tube_flows: wp.array
     """from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
     float32"""
@@ -76,8 +79,8 @@ class State:
     """of faces: how far a tear may have run from there, at rest [m], large where it has gone on, and negative where the
     face is whole, shape (world_count, face_count), float32, or (world_count, 0) where none may tear"""
     bursts: wp.array
-    """of balloons: when each burst [s], or negative; the root of its pressure since then [Pa^(1/2)], how fast that
-    falls for each square meter of hole, see `laws.tearing`, and the stress at which it burst [Pa], shape (world_count,
+    """of balloons: when each burst [s], or negative; its pressure since then [Pa], how soft what is in there is, see
+    `laws.tearing.softness_of_gas`, and the stress at which it burst [Pa], shape (world_count,
     balloon_count), vec4, or (world_count, 0)"""
     hole_areas: wp.array
     """of balloons that burst, in square micrometers, which add up alike in any order, of that shape, int64"""
@@ -128,6 +131,7 @@ def new_state(model: Model, room: Room) -> State:
         gas_amounts=room.array(balloons, wp.float64),
         free_volumes=room.array(balloons, wp.float64),
         air_along=room.array(balloons, wp.float32),
+        airs=room.array(balloons, wp.vec3),
         tube_flows=room.array((worlds, model.tube_count), wp.float32),
         vent_flows=room.array(balloons, wp.float32),
         thrusts=room.array(balloons, wp.float32),

@@ -1,10 +1,17 @@
-"""Materials that are known.
+"""Materials that are known: what is by whom, and what is an estimate.
 
 - latex: Mueller and Strehlow 2004, Rubber and Rubber Balloons, for a toy balloon: 2 C1 = 3 bar, 2 C2 = 0.3 bar. Skin
-  and density are usual ones of toy balloons and of natural rubber.
-- natural_rubber_treloar: Ogden 1972, Large Deformation Isotropic Elasticity, fitted to Treloar's rubber.
-- foil: metallized polyester film, 12 um; nylon: metallized nylon film, 15 um. By data sheets of such films, Young's
-  modulus is some 4.5 and 2.4 GPa; a third of that is the shear modulus of what is incompressible.
+  and density are estimates, usual ones of toy balloons and of vulcanized rubber; the skin of latex_thick is one of
+  large balloons.
+- natural_rubber_treloar: Ogden 1972, Large Deformation Isotropic Elasticity, fitted to Treloar's measurements of 1944,
+  in Pa as texts have it since. The skin is an estimate, and the density that of unfilled natural rubber.
+- foil: polyester film of 12 um. Density by DuPont's sheet H-37232-3; Young's modulus, 4.5 GPa, is an estimate between
+  the 4.8 to 5.0 GPa there, of 23 um, and the 3.8 GPa of the sheet of Mylar LBT, of 12 um.
+- nylon: film of 15 um; 2.4 GPa and the density are estimates, for data sheets differ with moisture.
+
+Of films, a third of Young's modulus is the shear modulus of what is incompressible. Polyester's Poisson's ratio is 0.38
+(the same sheet), so that stretched both ways alike it has E / (1 - 0.38), and here 2 E, a quarter more. The metal and
+the layer that seals are left out.
 """
 
 from collections.abc import Mapping

@@ -181,6 +181,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "velocities": vectors(keeps_velocities),
         "other_velocities": vectors(shows_velocities or (streaming and traits.keeps_velocities)),
         "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
+        "peaks": room.array((worlds, model.triangle_count if traits.softens else 0), wp.float32),
         "frame": room.array((1,), wp.int32),
     }
 

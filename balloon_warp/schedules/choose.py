@@ -49,7 +49,7 @@ SCHEDULES = {
 """each in a module, which loads when first needed: Warp takes a while to read its kernels"""
 
 LAUNCHED = ("scatter", "gather")
-"""those that launch a kernel for each piece of a substep: in these alone rubber softens and tears"""
+"""those that launch a kernel for each piece of a substep: in these alone rubber tears"""
 FEW_PARTICLES = 3072
 """that a block moves in the time of the launches for a substep"""
 
@@ -81,9 +81,7 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
 
 def only_launched(model: Model) -> str | None:
     """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
-    if model.bursts:
-        return "balloons burst"
-    return "rubber soften" if model.softens else None
+    return "balloons burst" if model.bursts else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:

@@ -14,7 +14,7 @@ from balloon_warp.kernels.schedules.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
-from balloon_warp.schedules.membranes import membrane_quads
+from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import other_corners
 
@@ -117,7 +117,7 @@ def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) 
         t.neck_weights = array(weights if layout.worlds else weights.reshape(-1, LANES), layout.number)
     _add_springs(t, model, traits, items, array)
     if traits.membranes:
-        _add_membranes(t, model, items, array)
+        _add_membranes(t, model, traits, items, array)
     if traits.measures_areas:
         _add_fans(t, model, items, array)
     if traits.aims:
@@ -144,24 +144,44 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
     t.spring_scales = placed(ends.scale) if traits.springs_vary else array([], items.layout.number)
 
 
-def _add_membranes(t: Any, model: Model, items: Items, array: Any) -> None:
-    """Quads and triangles, or eight alike of one balloon; what fills up has no area."""
-    quads, layout = membrane_quads(model), items.layout
-    corners, rests, triangles, balloons = items.places[quads.corners], quads.rests, quads.triangles, quads.balloons
-    if not layout.worlds:
-        alike, counts = np.unique(np.stack([balloons, -triangles]), axis=1, return_counts=True)
-        octets, ends = -(-counts // LANES), np.cumsum(counts)
-        begins = LANES * (np.cumsum(octets) - octets)
-        places = np.repeat(begins - ends + counts, counts).astype(np.int64) + np.arange(len(corners))
-        filled_corners, filled_rests = (np.zeros((LANES * int(octets.sum()), *a.shape[1:])) for a in (corners, rests))
-        filled_corners[places], filled_rests[places] = corners, rests
-        corners = filled_corners.reshape(-1, LANES, 4).swapaxes(1, 2)
-        rests = filled_rests.reshape(-1, LANES, 4, 4).transpose(0, 2, 3, 1)
-        balloons, triangles = np.repeat(alike[0], octets), np.repeat(-alike[1], octets)
-    t.quad_offsets = array(np.searchsorted(balloons, np.arange(model.balloon_count + 1)), wp.int32)
+def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
+    """Quads and triangles, or eight alike of one balloon, by a last axis of lanes; what fills up has no area."""
+    quads = membrane_quads(model)
+    if layout.worlds:
+        return quads
+    alike, counts = np.unique(np.stack([quads.balloons, -quads.triangles]), axis=1, return_counts=True)
+    octets, ends = -(-counts // LANES), np.cumsum(counts)
+    begins = LANES * (np.cumsum(octets) - octets)
+    places = np.repeat(begins - ends + counts, counts).astype(np.int64) + np.arange(len(quads.corners))
+
+    def filled(values: NDArray, nothing: int) -> NDArray:
+        rows = np.full((LANES * int(octets.sum()), *values.shape[1:]), nothing, dtype=values.dtype)
+        rows[places] = values
+        return np.moveaxis(rows.reshape(-1, LANES, *values.shape[1:]), 1, -1)
+
+    return MembraneQuads(
+        filled(quads.corners, -1),
+        filled(quads.rests, 0),
+        np.repeat(-alike[1], octets),
+        filled(quads.numbers, -1),
+        np.repeat(alike[0], octets),
+    )
+
+
+def quad_count(model: Model, layout: Layout) -> int:
+    """Of quads and triangles, or of so many as eight lanes hold."""
+    return len(_quads_of(model, layout).triangles)
+
+
+def _add_membranes(t: Any, model: Model, traits: Traits, items: Items, array: Any) -> None:
+    quads, layout = _quads_of(model, items.layout), items.layout
+    corners = np.where(quads.corners >= 0, items.places[quads.corners], 0)
+    t.quad_offsets = array(np.searchsorted(quads.balloons, np.arange(model.balloon_count + 1)), wp.int32)
     t.quads = array(corners.reshape(-1, *corners.shape[2:]), layout.index)
-    t.quad_rests = array(rests.reshape(-1, *rests.shape[2:]), layout.four)
-    t.quad_triangles = array(triangles, wp.int32)
+    t.quad_rests = array(quads.rests.reshape(-1, *quads.rests.shape[2:]), layout.four)
+    t.quad_triangles = array(quads.triangles, wp.int32)
+    numbers = quads.numbers if traits.softens else quads.numbers[:0]
+    t.quad_numbers = array(numbers.reshape(-1, *numbers.shape[2:]), layout.index)
 
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:

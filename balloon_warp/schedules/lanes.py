@@ -18,7 +18,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.fixtures import forget_looks, look_array
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables
+from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables, quad_count
 from balloon_warp.schedules.outlook import free_traits
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.tables import make_tables, world_state
@@ -177,6 +177,7 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "membrane_forces": shown(a_vector * items, bool(traits.membranes)),
         "balloon_areas": lanes(model.balloon_count, Lanes),
         "numbers": room.array((groups, model.balloon_count, traits.columns.width), Lanes),
+        "peaks": lanes(4 * quad_count(model, layout) if traits.softens else 0, Lanes),
         "ramp_begins": lanes(model.balloon_count, Lanes),
         "ramp_slopes": lanes(model.balloon_count, Lanes),
         "loads": lanes(model.balloon_count, Lanes),

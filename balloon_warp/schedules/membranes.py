@@ -120,27 +120,36 @@ class MembraneQuads(NamedTuple):
     its first, shape (n, 4, 4)"""
     triangles: NDArray[np.int64]
     """4 or 1, shape (n,)"""
+    numbers: NDArray[np.int64]
+    """of the triangle at each corner, -1 where there is none, shape (n, 4)"""
     balloons: NDArray[np.int64]
     """shape (n,)"""
 
 
 def membrane_quads(model: Model) -> MembraneQuads:
     """Of all balloons."""
-    corners, rests, triangles, balloons, begin = [], [], [], [], 0
+    corners, rests, triangles, places, balloons, begin = [], [], [], [], [], 0
     numbers = np.asarray(model.membrane_corners.numpy(), dtype=np.int64).reshape(-1, 3)
     for balloon, membrane in enumerate(shape.membrane for shape in model.shapes):
         here = replace(membrane, corners=numbers[begin : begin + membrane.count])
         rows = here.quad_rows
-        alone = here.part(np.setdiff1d(np.arange(here.count), rows.ravel()))
+        others = np.setdiff1d(np.arange(here.count), rows.ravel())
+        alone = here.part(others)
         # (a, b, d), (a, b, c), (b, c, d) and (a, c, d), each turned until it begins with the corner it lies at
         at_corners = [here.part(rows[:, row]).turned(turns) for row, turns in ((1, 0), (0, 1), (3, 1), (2, 2))]
         corners += [np.stack([each.corners[:, 0] for each in at_corners], axis=1), alone.corners[:, [0, 1, 0, 2]]]
         rests += [np.stack([each.rests for each in at_corners], axis=1), _at_first(alone.rests)]
+        places += [begin + rows[:, [1, 0, 3, 2]], np.pad(begin + others[:, None], ((0, 0), (0, 3)), constant_values=-1)]
         triangles += [4] * len(rows) + [1] * alone.count
         balloons += [balloon] * (len(rows) + alone.count)
         begin += membrane.count
-    whole_numbers = (np.array(each, dtype=np.int64) for each in (triangles, balloons))
-    return MembraneQuads(np.concatenate(corners), np.concatenate(rests), *whole_numbers)
+    return MembraneQuads(
+        np.concatenate(corners),
+        np.concatenate(rests),
+        np.array(triangles, dtype=np.int64),
+        np.concatenate(places),
+        np.array(balloons, dtype=np.int64),
+    )
 
 
 def _at_first(rests: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,10 +23,10 @@ def refresh_ramp(model: Model, state: State) -> None:
 
 
 def weigh_air(model: Model, traits: Traits, tables: Any, state: State) -> None:
-    """The air that moves along with balloons in the frame that begins."""
-    if traits.takes_air_along:
+    """The air at balloons in the frame that begins, and what of it moves along with them."""
+    if traits.takes_air_along or traits.gas_meets_air:
         places = model.world_count, model.balloon_count
-        wp.launch(air_kernel(model.columns), places, inputs=[tables, world_state(state)], device=model.device)
+        wp.launch(air_kernel(traits), places, inputs=[tables, world_state(state)], device=model.device)
 
 
 def note_pressures(model: Model, traits: Traits, state: State) -> None:

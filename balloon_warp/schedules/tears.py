@@ -7,9 +7,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws.air import STATE_OF_AIR
+from balloon_warp.kernels.laws.air import AIR
+from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.tearing import PARAMETERS
 from balloon_warp.kernels.schedules.launched_tears import (
+    GasColumns,
     let_gas_out,
     note_bursts,
     run_tears,
@@ -119,7 +121,8 @@ class TearPieces:
     def __init__(self, model: Model, tables: Any):
         self.model, self.tables = model, tables
         places, split = model.columns.places, model.columns.balloon_width
-        self._air = wp.vec3i(*(places[row.name] - split for row in STATE_OF_AIR))
+        of_air = [places[row.name] - split for row in (*AIR, GRAVITY)]
+        self._columns = GasColumns(*of_air, places["molar_mass"], places["gamma"])
 
     def weigh(self, state: State, time_in_frame: float) -> None:
         """What faces bear, and which are gone."""
@@ -130,7 +133,7 @@ class TearPieces:
         m = self.model
         self._over(m.face_count, run_tears, state.bursts, state.torn)
         self._over(m.face_count, tear_faces, points, state.torn, state.hole_areas)
-        self._over(m.balloon_count, let_gas_out, time_in_frame, self._air, worlds, points, state.hole_areas)
+        self._over(m.balloon_count, let_gas_out, time_in_frame, self._columns, worlds, points, state.hole_areas)
 
     def note(self, worlds: Any) -> None:
         """As a frame ends."""

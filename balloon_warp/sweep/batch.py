@@ -164,8 +164,6 @@ def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np
         InputError: one is not there.
     """
     chosen = np.unique(np.asarray(export, dtype=np.int64))
-    if len(chosen) and any(balloon.material.strength is not None for balloon in scene.balloon):
-        raise InputError("export: a batch's stage does not show balloons that burst yet; expected no worlds to export")
     if len(chosen) and not 0 <= chosen[0] <= chosen[-1] < world_count:
         raise InputError(f"export: expected worlds 0 to {world_count - 1} (got {chosen[0]} to {chosen[-1]})")
     return chosen

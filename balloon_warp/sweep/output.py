@@ -16,7 +16,7 @@ from balloon_warp.files import check_writable
 from balloon_warp.outputs.table import TableWriter
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
-from balloon_warp.sweep.recorder import Record, columns_of
+from balloon_warp.sweep.recorder import SHAPES, Record, columns_of
 
 if TYPE_CHECKING:
     from balloon_warp.outputs.usd.grid import GridGroup
@@ -82,7 +82,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            self.stage.write(record.number, group, record.points, record.sphere_positions, record.body_poses)
+            self.stage.write(record.number, group, *(getattr(record, name) for name in SHAPES))
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
         """Put a record in the place of what was recorded of some worlds of a group in its frame; in the table's text
@@ -96,7 +96,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            shapes = (record.points, record.sphere_positions, record.body_poses)
+            shapes = (getattr(record, name) for name in SHAPES)
             self.stage.write(record.number, group, *shapes, places=places.tolist())
 
     def rewrite_table(self) -> None:
@@ -119,8 +119,8 @@ class BatchOutput:
             before, points = self.stage.last_points(group, place)
             rate = plan.scene.frames_per_second
             velocities = [rate * (end - begin) for begin, end in zip(before, points, strict=True)]
-            poses = self.stage.last_obstacle_poses(group, place)
-            for ending in bad_endings(plan, LastFrame(plan.scene.frames, points, velocities, poses)):
+            poses, torn = self.stage.last_obstacle_poses(group, place), self.stage.last_torn(group, place)
+            for ending in bad_endings(plan, LastFrame(plan.scene.frames, points, velocities, poses, torn)):
                 found.append(replace(ending, sentence=f"world {world}: {ending.sentence}"))
         return found
 

@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.kernels.measure.picking import pick_healthy_worlds
+from balloon_warp.kernels.measure.picking import pick_healthy_worlds, pick_torn_faces
 from balloon_warp.kernels.measure.worlds import BalloonSums, measure_gas, measure_worlds, sum_balloons
 from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
@@ -50,6 +50,12 @@ class Record:
     """of the chosen worlds [m], shape (chosen, sphere_count, 3)"""
     body_poses: NDArray[np.float32]
     """of the chosen worlds, as `Frame.body_poses`, shape (chosen, body_count, 7)"""
+    torn: NDArray[np.int8]
+    """of the chosen worlds: 1 of faces that are torn, shape (chosen, face_count), or (chosen, 0) where none may be"""
+
+
+SHAPES = ("points", "sphere_positions", "body_poses", "torn")
+"""what of a record is of the chosen worlds alone"""
 
 
 class Recorder:
@@ -73,6 +79,9 @@ class Recorder:
         self._balloon_particles = offsets([shape.mesh.vertex_count for shape in model.shapes])
         self._balloon_faces = offsets([shape.mesh.face_count for shape in model.shapes])
         self._balloon_springs = offsets([shape.springs.count for shape in model.shapes])
+        firsts = np.cumsum([0, *(shape.mesh.face_count for shape in model.shapes)])
+        faces = [shape.membrane.faces + first for shape, first in zip(model.shapes, firsts, strict=False)]
+        self._triangle_faces = wp.array(np.concatenate(faces), dtype=wp.int32, device=model.device)
         self._balloon_triangles = offsets([shape.membrane.count for shape in model.shapes])
         self._sums = zeros((worlds, model.balloon_count, LANES), BalloonSums)
         columns = columns_of(model.scene)
@@ -88,6 +97,7 @@ class Recorder:
         self._sphere_positions = zeros((len(chosen), model.sphere_count), wp.vec3)
         self._body_positions = zeros((len(chosen), model.body_count), wp.vec3)
         self._body_turns = zeros((len(chosen), model.body_count), wp.quat)
+        self._torn = zeros((len(chosen), simulator.state.torn.shape[1]), wp.int8)
 
     def read(self) -> Record:
         """The frame that the simulator is at."""
@@ -98,13 +108,14 @@ class Recorder:
             healthy=_copy(self._healthy),
             points=_copy(self._points),
             sphere_positions=_copy(self._sphere_positions),
-            body_poses=np.concatenate([_copy(self._body_positions), _copy(self._body_turns, 4)], axis=2),
+            body_poses=np.concatenate([_copy(self._body_positions), _copy(self._body_turns)], axis=2),
+            torn=_copy(self._torn),
         )
 
     @property
     def changing(self) -> dict[str, wp.array]:
         """What it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
-        kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns")
+        kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns", "torn")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
@@ -129,7 +140,7 @@ class Recorder:
                 *(self._balloon_particles, self._balloon_faces, self._balloon_springs, self._balloon_triangles),
                 *(model.particle_mass_share, model.parameters["mass"], model.face_offsets, model.face_particles),
                 *(model.spring_particles, model.spring_rest_length, model.membrane_corners, model.membrane_rests),
-                *(state.points, state.velocities),
+                *(self._triangle_faces, state.points, state.velocities, state.torn),
             ],
             outputs=[self._sums],
         )
@@ -152,16 +163,15 @@ class Recorder:
 
     def _pick(self) -> None:
         state = self.simulator.state
-        for every, picked in (
-            (state.points, self._points),
-            (state.sphere_positions, self._sphere_positions),
-            (state.body_positions, self._body_positions),
-            (state.body_turns, self._body_turns),
+        for kernel, every, picked in (
+            (pick_healthy_worlds, state.points, self._points),
+            (pick_healthy_worlds, state.sphere_positions, self._sphere_positions),
+            (pick_healthy_worlds, state.body_positions, self._body_positions),
+            (pick_healthy_worlds, state.body_turns, self._body_turns),
+            (pick_torn_faces, state.torn, self._torn),
         ):
             if picked.size:
-                wp.launch(
-                    pick_healthy_worlds, picked.shape, inputs=[every, self._healthy, self._chosen], outputs=[picked]
-                )
+                wp.launch(kernel, picked.shape, inputs=[every, self._healthy, self._chosen], outputs=[picked])
 
 
 def record_bytes(plan: ModelPlan) -> int:
@@ -171,13 +181,16 @@ def record_bytes(plan: ModelPlan) -> int:
 
 def picked_bytes(plan: ModelPlan) -> int:
     """Device memory that a chosen world takes."""
+    may_tear = any(balloon.material.strength is not None for balloon in plan.scene.balloon)
+    faces = sum(shape.mesh.face_count for shape in plan.shapes) if may_tear else 0
     particles = sum(shape.mesh.vertex_count for shape in plan.shapes)
-    return 12 * (particles + len(plan.scene.sphere)) + 28 * len(plan.bodies)
+    return 12 * (particles + len(plan.scene.sphere)) + 28 * len(plan.bodies) + faces
 
 
-def _copy(array: wp.array, width: int = 3) -> Any:
+def _copy(array: wp.array) -> Any:
     """On the host; on the CPU `numpy()` alone is a view of what goes on changing."""
     if not array.size:
-        return np.zeros((*array.shape, width), dtype=np.float32)
+        width = {wp.vec3: (3,), wp.quat: (4,)}.get(array.dtype, ())
+        return np.zeros((*array.shape, *width), dtype=np.float32)
     on_cpu = wp.get_device(array.device).is_cpu
     return array.numpy().copy() if on_cpu else array.numpy()

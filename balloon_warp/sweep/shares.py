@@ -17,7 +17,7 @@ from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.blow_ups import Failures, Rows, report_failures, require_health, restart_failures
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.memory import require_batch_memory
-from balloon_warp.sweep.recorder import Record, Recorder
+from balloon_warp.sweep.recorder import SHAPES, Record, Recorder
 
 SHARES = 64
 """into how many shares a large batch is cut, about: enough to keep many workers busy to the end"""
@@ -126,5 +126,5 @@ def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> N
     record = records[part.number]
     for array, values in ((record.measures, part.measures), (record.healthy, part.healthy)):
         array[rows] = values
-    for name in ("points", "sphere_positions", "body_poses"):
+    for name in SHAPES:
         getattr(record, name)[places] = getattr(part, name)

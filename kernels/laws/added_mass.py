@@ -11,7 +11,7 @@ it for n = 2, just that for n = 5; where it breathes, a sixth of the rho R of ai
 import warp as wp
 
 from balloon_warp.kernels.laws.air import air_of_height
-from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, free_volume_there
+from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, free_volume_there, volume_at
 from balloon_warp.kernels.laws.law import Parameter
 
 ADDED_MASS = Parameter(
@@ -28,8 +28,7 @@ ADDED_MASS = Parameter(
 @wp.func
 def volume_of_gas(pressure: float, free_volume: float, gamma: float, air_pressure: float):
     """That a gas has when its pressure above the air's is known [m^3]: what `gas_pressure` takes."""
-    inside = wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE)
-    return free_volume * wp.pow(STANDARD_PRESSURE / inside, 1.0 / gamma)
+    return volume_at(free_volume, wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE), gamma)
 
 
 @wp.func

@@ -1,5 +1,6 @@
 """The air around balloons: its pressure, density and wind at each place and time, and its drag."""
 
+import math
 from typing import Any
 
 import warp as wp
@@ -19,6 +20,8 @@ HIGHEST = 0.9
 """what of its temperature the air loses at most with height"""
 MOST_GROWTH = 10.0
 """up to how many times `wind_height` the wind grows"""
+SMOOTHEST = 0.99
+"""of `wind_height` is the most that counts of a roughness length, which is less than that"""
 
 
 @wp.func
@@ -85,6 +88,21 @@ def wind_alike(wind: wp.vec3):
 
 
 @wp.func
+def growth_of_wind(height: float, wind_shear: float, wind_height: float, wind_roughness: float):
+    """Over what it is at `wind_height`, up to ten times that: (z / wind_height)^wind_shear; or by the roughness length
+    z_0 of the ground ln(z / z_0) / ln(wind_height / z_0), nothing up to z_0: the profile of air that is neither warmed
+    nor cooled from below (Wieringa 1992, Updating the Davenport roughness classification)."""
+    growth = float(1.0)
+    if wind_roughness > 0.0:
+        most = MOST_GROWTH * wind_height
+        here = wp.clamp(height, wind_roughness, most) / wind_roughness
+        growth = wp.log(here) / wp.log(wp.max(wind_height / wind_roughness, wp.static(1.0 / SMOOTHEST)))
+    elif wind_shear > 0.0:
+        growth = wp.pow(wp.clamp(height / wind_height, 0.0, MOST_GROWTH), wind_shear)
+    return growth
+
+
+@wp.func
 def wind_at(
     place: wp.vec3,
     up: wp.vec3,
@@ -92,16 +110,14 @@ def wind_at(
     wind: wp.vec3,
     wind_shear: float,
     wind_height: float,
+    wind_roughness: float,
     gusts: float,
     gust_length: float,
     gust_seed: float,
 ):
-    """Velocity of the air at a place and time [m/s]: the wind times (z / wind_height)^wind_shear, up to ten times that
-    height, and gusts that it carries along."""
-    velocity = wind
-    if wind_shear > 0.0:
-        growth = wp.clamp(wp.dot(place, up) / wind_height, 0.0, MOST_GROWTH)
-        velocity = wp.pow(growth, wind_shear) * wind
+    """Velocity of the air at a place and time [m/s]: the wind, as it grows with height, and gusts that it carries
+    along."""
+    velocity = growth_of_wind(wp.dot(place, up), wind_shear, wind_height, wind_roughness) * wind
     if gusts > 0.0:
         carried = (place - time * wind) / gust_length
         velocity += (gusts * wp.length(wind)) * gusts_at(carried, wp.int32(gust_seed))
@@ -183,6 +199,16 @@ WIND = (
         meaning="the height at which it is as `wind` says, if it grows",
     ),
     Parameter(
+        "wind_roughness",
+        "m",
+        least=0.0,
+        of="world",
+        path="atmosphere.roughness",
+        meaning="the roughness length of the ground: the wind grows with the logarithm of the height over it, from "
+        "nothing there on and up to ten times `wind_height`; 0.0002 over the open sea, 0.03 over grass, 0.25 over "
+        "high crops, 1 in suburbs; 0 is none, and `shear` another way of saying it",
+    ),
+    Parameter(
         "gusts",
         "1",
         least=0.0,
@@ -205,7 +231,7 @@ WIND = (
         "gust_seed", "1", 0, least=0.0, most=1e6, of="world", path="atmosphere.gust_seed", meaning="of the draws"
     ),
 )
-VARYING = {"air_lapse": ALIKE, "wind_shear": 0.0, "gusts": 0.0}
+VARYING = {"air_lapse": ALIKE, "wind_shear": 0.0, "wind_roughness": 0.0, "gusts": 0.0}
 """what makes the air differ from place to place, and what it is where none does"""
 LARGEST_GUST = 4.0
 """over the root mean square of one component, that the step allows for"""
@@ -220,11 +246,18 @@ def drag_bound(
     drag_coefficient: Any,
     wind: Any,
     wind_shear: Any,
+    wind_height: Any,
+    wind_roughness: Any,
     gusts: Any,
 ) -> Any:
     """Density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
     density = density_of_given_air(air_pressure, air_temperature, air_density)
-    more = MOST_GROWTH**wind_shear - 1.0 + LARGEST_GUST * gusts
+    share = wind_roughness / wind_height
+    share = 0.5 * (share + SMOOTHEST - abs(share - SMOOTHEST))  # the lesser of both, of arrays, too
+    logarithm = 64.0 * (1.0 - share ** (1.0 / 64.0))  # no more than -ln of that, nor less by a tenth
+    rough = 1.0 * (wind_roughness > 0.0)
+    most = rough * (1.0 + math.log(MOST_GROWTH) / logarithm) + (1.0 - rough) * MOST_GROWTH**wind_shear
+    more = most - 1.0 + LARGEST_GUST * gusts
     speed = ((velocity - wind) ** 2).sum(axis=-1) ** 0.5 + more * (wind**2).sum(axis=-1) ** 0.5
     return density * drag_coefficient * area * speed
 

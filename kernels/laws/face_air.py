@@ -33,13 +33,16 @@ def face_air_bound(
     air_density: Any,
     wind: Any,
     wind_shear: Any,
+    wind_height: Any,
+    wind_roughness: Any,
     gusts: Any,
     face_drag: Any,
     face_friction: Any,
 ) -> Any:
     """Density C A u [N s/m], C the larger coefficient, or as much as their sum."""
     both = face_drag + face_friction
-    return drag_bound(area, velocity, air_pressure, air_temperature, air_density, both, wind, wind_shear, gusts)
+    given = (wind, wind_shear, wind_height, wind_roughness, gusts)
+    return drag_bound(area, velocity, air_pressure, air_temperature, air_density, both, *given)
 
 
 FACE_AIR = Law(

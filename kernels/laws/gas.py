@@ -106,10 +106,16 @@ def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: 
 
 
 @wp.func
+def volume_at(free_volume: float, pressure: float, gamma: float):
+    """That a gas has at a pressure in full [Pa], or a mole of it by its free volume: V_0 (p_0 / p)^(1 / gamma)."""
+    return free_volume * wp.pow(STANDARD_PRESSURE / pressure, 1.0 / gamma)
+
+
+@wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
     """Of a gas and the air around it [J], whose negative slope by the volume is the pressure above the air's; 0 where
     both are in balance."""
-    balanced = free_volume * wp.pow(STANDARD_PRESSURE / air_pressure, 1.0 / gamma)
+    balanced = volume_at(free_volume, air_pressure, gamma)
     ratio = balanced / volume
     inside = balanced * wp.log(ratio)
     if gamma != 1.0:
@@ -185,18 +191,21 @@ def throttled(molar_free_volume: float, pressure: float, pressure_beyond: float,
 
 
 @wp.func
-def pumped_gas(gas: wp.vec2d, moles: float, pressure: float, gamma: float, air_temperature: float):
+def pumped_gas(
+    gas: wp.vec2d, moles: float, pressure: float, gamma: float, air_temperature: float, temperature_here: float
+):
     """Amount [mol] and free volume [m^3] of a gas when so much is pumped in, or if negative let out.
 
-    What comes in is as warm as the air, and goes through a valve to the `pressure` in there, in full [Pa]; what leaves
-    takes its part of the free volume along.
+    What comes in is as warm as the air here, and goes through a valve to the `pressure` in there, in full [Pa]; what
+    leaves takes its part of the free volume along. Where heat passes, that is told as at height 0, see
+    `free_volume_there`.
     """
     amount = wp.max(gas[0] + wp.float64(moles), wp.float64(0.0))
     free_volume = gas[1]
-    of_air = molar_volume(STANDARD_PRESSURE, air_temperature)
     if gamma == 1.0:
-        free_volume = amount * wp.float64(of_air)
+        free_volume = amount * wp.float64(molar_volume(STANDARD_PRESSURE, air_temperature))
     elif moles > 0.0:
+        of_air = molar_volume(STANDARD_PRESSURE, temperature_here)
         free_volume += wp.float64(moles * throttled(of_air, STANDARD_PRESSURE, pressure, gamma))
     elif moles < 0.0:
         free_volume *= amount / wp.max(gas[0], wp.float64(1.0e-20))

@@ -9,14 +9,15 @@ a shell is that of von Karman's spectrum,
 
 L the length over which gusts belong together, the integral scale; beyond it is Kolmogorov's k^(-5/3). The seed
 draws the phases. They are carried along by the mean wind and do not change on the way (Taylor's hypothesis).
+
+The waves stand in a table, which a loop goes through: written out one by one they took a compiler a minute. On a CPU
+eight of them share its vector registers.
 """
 
 import math
 import random
 
 import warp as wp
-
-from balloon_warp.kernels.written import function_from
 
 SHELLS = 12
 OCTAVES = 8.4
@@ -29,19 +30,8 @@ SQUARED_WAVE = 0.50033
 """mean of the square of `wave`"""
 
 
-@wp.func
-def wave(turns: float):
-    """About sin(2 pi turns), to 0.001, without a sine: with few operations, alike on every device."""
-    part = turns - wp.floor(turns) - 0.5
-    arch = part * (16.0 * wp.abs(part) - 8.0)
-    return arch * (0.775 + 0.225 * wp.abs(arch))
-
-
-@wp.func
-def phase(seed: wp.int32, number: wp.int32):
-    """Of a wave, from 0 to 1."""
-    state = wp.rand_init(seed, number)
-    return wp.randf(state)
+AT_ONCE = 8
+"""waves that a CPU adds up at once"""
 
 
 def _turned(draw: random.Random) -> list[tuple[float, float, float]]:
@@ -72,14 +62,84 @@ def _waves() -> list[tuple[list[float], list[float]]]:
     return waves
 
 
+def _listed(numbers: list[float]) -> str:
+    return ", ".join(f"{number!r}f" for number in numbers)
+
+
+def _table_by_wave() -> str:
+    return _listed([number for k, a in _waves() for number in (*k, *a)])
+
+
+def _table_by_number() -> str:
+    """The same with each number of all waves side by side, filled up to whole vectors."""
+    waves = _waves()
+    rows = [[wave[which][axis] for wave in waves] for which in range(2) for axis in range(3)]
+    return _listed([number for row in rows for number in (*row, *[0.0] * (-len(row) % AT_ONCE))])
+
+
+def _hash(state: int) -> int:
+    """Warp's `rand_pcg`."""
+    mixed = (state * 747796405 + 2891336453) % 2**32
+    mixed = ((mixed >> ((mixed >> 28) + 4)) ^ mixed) * 277803737 % 2**32
+    return (mixed >> 22) ^ mixed
+
+
 def _written() -> str:
-    lines = ["def gusts(place: wp.vec3, seed: wp.int32):", "    sum_of_waves = wp.vec3()"]
-    for number, (k, a) in enumerate(_waves()):
-        turns = " + ".join(f"({part!r}) * place[{axis}]" for axis, part in enumerate(k))
-        along = ", ".join(f"{part!r}" for part in a)
-        lines.append(f"    sum_of_waves += wave({turns} + phase(seed, {number})) * wp.vec3({along})")
-    return "\n".join([*lines, "    return sum_of_waves\n"])
+    """What sums the waves, in C++. A wave is about sin(2 pi turns), to 0.001, without a sine: with few operations,
+    alike on every device. Its phase is `randf` of `rand_init(seed, number)`, from 0 to 1."""
+    count, vectors = 3 * SHELLS, -(-3 * SHELLS // AT_ONCE)
+    hashes = ", ".join(f"{_hash(number)}u" for number in range(AT_ONCE * vectors))
+    return f"""
+#if defined(__CUDA_ARCH__)
+    static constexpr float waves[{6 * count}] = {{{_table_by_wave()}}};
+    wp::vec3 sum;
+    #pragma unroll 1
+    for (int number = 0; number < {count}; ++number) {{
+        const float* w = waves + 6 * number;
+        wp::uint32 state = wp::rand_init(seed, number);
+        const float turns = w[0] * place[0] + w[1] * place[1] + w[2] * place[2] + wp::randf(state);
+        const float part = turns - floorf(turns) - 0.5f;
+        const float arch = part * (16.0f * fabsf(part) - 8.0f);
+        const float wave = arch * (0.775f + 0.225f * fabsf(arch));
+        sum += wp::vec3(wave * w[3], wave * w[4], wave * w[5]);
+    }}
+    return sum;
+#else
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    typedef float four __attribute__((vector_size(16)));
+    typedef wp::uint32 bits __attribute__((vector_size(32), aligned(4)));
+    static constexpr float waves[{6 * AT_ONCE * vectors}] = {{{_table_by_number()}}};
+    static constexpr wp::uint32 hashes[{AT_ONCE * vectors}] = {{{hashes}}};
+    const eight* w = reinterpret_cast<const eight*>(waves);
+    eight sums[3] = {{}};
+    for (int number = 0; number < {vectors}; ++number) {{
+        const eight* k = w + number;
+        bits state = wp::uint32(seed) + reinterpret_cast<const bits*>(hashes)[number];
+        for (int draw = 0; draw < 2; ++draw) {{
+            state = state * 747796405u + 2891336453u;
+            state = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+            state = (state >> 22u) ^ state;
+        }}
+        const eight phase = __builtin_convertvector(state >> 8u, eight) * 0x1p-24f;
+        const eight turns = k[0] * place[0] + k[{vectors}] * place[1] + k[{2 * vectors}] * place[2] + phase;
+        const eight part = turns - __builtin_elementwise_floor(turns) - 0.5f;
+        const eight arch = part * (16.0f * __builtin_elementwise_abs(part) - 8.0f);
+        const eight wave = arch * (0.775f + 0.225f * __builtin_elementwise_abs(arch));
+        for (int axis = 0; axis < 3; ++axis)
+            sums[axis] += wave * k[(3 + axis) * {vectors}];
+    }}
+    wp::vec3 sum;
+    for (int axis = 0; axis < 3; ++axis) {{
+        const eight s = sums[axis];
+        const four half = __builtin_shufflevector(s, s, 0, 1, 2, 3) + __builtin_shufflevector(s, s, 4, 5, 6, 7);
+        sum[axis] = (half[0] + half[2]) + (half[1] + half[3]);
+    }}
+    return sum;
+#endif
+"""
 
 
-gusts = function_from("gusts", _written(), {"wave": wave, "phase": phase})
-"""(place over L, seed): velocity over the root mean square of each of its components"""
+@wp.func_native(_written())
+def gusts(place: wp.vec3, seed: wp.int32) -> wp.vec3:
+    """Velocity over the root mean square of each of its components, at a place over L."""
+    ...

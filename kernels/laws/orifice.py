@@ -17,13 +17,15 @@ import math
 import warp as wp
 
 from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS, density_of_air, molar_volume
-from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, throttled
+from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, throttled, volume_at
 from balloon_warp.kernels.laws.law import FAR, Parameter
 
 LEAST_FLOW = 1.0e-30
 """what is divided by where nothing flows"""
 NEVER = 1.0e9
 """[s]"""
+SHARP_EDGE = wp.constant(math.pi / (math.pi + 2.0))
+"""C_d of a hole with one"""
 PARAMETERS = (
     Parameter(
         "neck_diameter",
@@ -121,7 +123,7 @@ def vent_flow(
     leaving = float(0.0)
     after = float(0.0)
     if alone > 0.0:
-        volume = taken * wp.pow(STANDARD_PRESSURE / here, 1.0 / gamma)  # of a mole
+        volume = volume_at(taken, here, gamma)  # of a mole
         density = wp.max(molar_mass, THINNEST * DRY_AIR_MOLAR_MASS) / wp.max(volume, LEAST_FLOW)
         leaving = orifice_flow(opening, density, volume, alone, slope * taken, step_seconds)
         after = leaving * taken

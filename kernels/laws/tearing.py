@@ -6,13 +6,14 @@ unstretched material, 0.955 root(mu / rho) (Rayleigh's, of what is incompressibl
 one tear; above it tears branch, and it bursts to pieces (Moulinet and Adda-Bedia 2015, Popping balloons: a case study
 of dynamical fragmentation, PRL 115, 184301). A face that is torn pulls no more and bears no pressure.
 
-The gas leaves through the hole as through an orifice: by Bernoulli and Torricelli the flow is C A root(2 p / rho), and
-with gamma p_air / V as what the pressure falls by, its root falls by a steady amount in each second and square meter.
+The gas leaves through the hole as through any that has a sharp edge, see `laws.orifice`, by the pressure, density and
+volume that it had: a burst is too quick for heat, and for the volume to follow.
 """
 
 import warp as wp
 
 from balloon_warp.kernels.laws.law import FAR, TINY, Parameter
+from balloon_warp.kernels.laws.orifice import SHARP_EDGE, orifice_flow
 
 NEVER = 1.0e9
 """[s]"""
@@ -20,8 +21,6 @@ RAYLEIGH = 0.955
 """speed of waves on a surface over that of shear waves inside, of what is incompressible"""
 TEARING, BRANCHING = 0.1, 0.5
 """of the strength are the stress that a tear needs to go on, and that from which on it branches, where nobody says"""
-DISCHARGE = wp.constant(0.6)
-"""of a hole with a sharp edge: what flows over what would without narrowing"""
 AIR_GAMMA = wp.constant(1.4)
 WHOLE = wp.constant(-1.0)
 """of a face, instead of how far a tear may have run from it"""
@@ -44,11 +43,20 @@ def true_stress(by_trace: float, by_det: float, major: float, minor: float):
 
 
 @wp.func
-def leaking(volume: float, pressure: float, air_density: float):
-    """By how much the root of the pressure falls in each second and square meter of hole [Pa^(1/2)/(s m^2)].
+def softness_of_gas(volume: float, pressure: float, density: float, gamma: float):
+    """By how much the pressure of a gas falls with each cubic meter that leaves without heat, over the root of its
+    density [Pa/m^3 (kg/m^3)^(-1/2)].
 
     Args:
         pressure: in full [Pa].
+        gamma: of the gas, or 1 where heat passes at other times.
     """
-    flow = DISCHARGE * wp.sqrt(2.0 / wp.max(air_density, 1.0e-3))
-    return 0.5 * AIR_GAMMA * pressure * flow / wp.max(volume, 1.0e-12)
+    without_heat = wp.where(gamma == 1.0, AIR_GAMMA, gamma)
+    return without_heat * pressure / (wp.max(volume, 1.0e-12) * wp.sqrt(wp.max(density, 1.0e-3)))
+
+
+@wp.func
+def pressure_beside_hole(pressure: float, softness: float, hole: float, step_seconds: float):
+    """What of a pressure above the air's [Pa] is left after a step beside a hole of an area [m^2]."""
+    by_root_of_density = orifice_flow(SHARP_EDGE * hole, 1.0, 1.0, pressure, softness, step_seconds)
+    return wp.max(pressure - softness * step_seconds * by_root_of_density, 0.0)

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.compose import call_of, function_from
-from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws.air import STATE_OF_AIR
 from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
 from balloon_warp.kernels.laws.gas import (
     STANDARD_PRESSURE,
@@ -15,9 +15,11 @@ from balloon_warp.kernels.laws.gas import (
     molar_free_volume,
     pumped_gas,
     tube_flow,
+    volume_at,
 )
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.laws.orifice import thrust, vent_flow
+from balloon_warp.kernels.loops.airs import air_function, warmth_function
 from balloon_warp.kernels.loops.jets import opening_function
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
@@ -41,15 +43,17 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
 
 
 @cache
-def fill_function(columns: Columns) -> Any:
+def fill_function(traits: Traits) -> Any:
     """The function that gives what is blown into a balloon in a substep, beside what is pumped."""
+    columns = traits.columns
     gamma_column = columns.places["gamma"]
-    pressure_column = columns.places["air_pressure"]
+    air_at, as_warm_there = air_function(traits), warmth_function(traits)
     told = {"blown_in": blown_in, "breath_in": breath_in, "up_to": up_to}
+    air = ["air_pressure", "air_temperature"]
     given = {
-        "blown_in": ["time", "step_seconds"],
-        "breath_in": ["step_seconds"],
-        "up_to": ["moles", "pressure", "volume"],
+        "blown_in": ["time", "step_seconds", *air],
+        "breath_in": ["step_seconds", *air],
+        "up_to": ["moles", "pressure", "volume", *air],
     }
     functions = {}
     for name, function in told.items():
@@ -77,18 +81,20 @@ def fill_function(columns: Columns) -> Any:
     def fill(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, pumped: float, time: float):
         """[mol]"""
         n = read_numbers(t, world, balloon)
+        air = air_at(t, state, world, balloon)
         pressure = state.pressures[world, balloon]
-        here = wp.max(n[pressure_column] + pressure, THINNEST * STANDARD_PRESSURE)
-        volume = float(state.free_volumes[world, balloon]) * wp.pow(STANDARD_PRESSURE / here, 1.0 / n[gamma_column])
-        moles = pumped + blown_in_here(time, t.step_seconds, n)
+        here = wp.max(air[0] + pressure, THINNEST * STANDARD_PRESSURE)
+        free_volume = as_warm_there(t, world, balloon, float(state.free_volumes[world, balloon]), air)
+        volume = volume_at(free_volume, here, n[gamma_column])
+        moles = pumped + blown_in_here(time, t.step_seconds, air[0], air[1], n)
         curved = t.pumps.has[balloon] > 0
         if curved:
             moles += t.step_seconds * curve_flow(t, balloon, pressure)
         ends = n[to_pressure_column] > 0.0 or n[to_diameter_column] > 0.0
         if ends and not curved and pumped == 0.0:
-            moles += breath_in_here(t.step_seconds, n)
+            moles += breath_in_here(t.step_seconds, air[0], air[1], n)
         if ends and moles > 0.0:
-            moles = up_to_here(moles, pressure, volume, n)
+            moles = up_to_here(moles, pressure, volume, air[0], air[1], n)
         return moles
 
     return fill
@@ -99,10 +105,9 @@ def pump_function(traits: Traits) -> Any:
     """The function that pumps gas, or lets it out."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
-    pressure_column, temperature_column = (
-        columns.places[name] - columns.balloon_width for name in ("air_pressure", "air_temperature")
-    )
-    fill = fill_function(columns) if traits.fills else None
+    temperature_column = columns.places["air_temperature"] - columns.balloon_width
+    air_at = air_function(traits)
+    fill = fill_function(traits) if traits.fills else None
 
     @wp.func
     def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
@@ -115,11 +120,11 @@ def pump_function(traits: Traits) -> Any:
                 moles = t.step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * t.step_seconds))
                 if wp.static(fill is not None):
                     moles = fill(t, state, world, balloon, moles, time)
-                pressure = t.world_numbers[of_world, pressure_column] + state.pressures[world, balloon]
+                air = air_at(t, state, world, balloon)
                 gas = pumped_gas(
-                    gas_in(state, world, balloon), moles, pressure,
+                    gas_in(state, world, balloon), moles, air[0] + state.pressures[world, balloon],
                     t.balloon_numbers[of_balloons, balloon, gamma_column],
-                    t.world_numbers[of_world, temperature_column],
+                    t.world_numbers[of_world, temperature_column], air[1],
                 )  # fmt: skip
                 put_gas(state, world, balloon, gas)
 
@@ -136,14 +141,16 @@ def raise_pressure(state: WorldState, world: wp.int32, balloon: wp.int32, free_v
 
 
 @cache
-def vent_function(columns: Columns) -> tuple[Any, Any]:
+def vent_function(traits: Traits) -> tuple[Any, Any]:
     """The functions that let gas flow out of a balloon, or air in: that find how much, once the pressures are known
     that were without, and that take it."""
-    gamma_column, leak_column, pressure_column, temperature_column = (
-        columns.places[name] for name in ("gamma", "leak", "air_pressure", "air_temperature")
+    columns = traits.columns
+    gamma_column, leak_column, temperature_column = (
+        columns.places[name] for name in ("gamma", "leak", "air_temperature")
     )
+    air_at, as_warm_there = air_function(traits), warmth_function(traits)
     read_numbers, opening_of_neck = numbers_reader(columns), opening_function(columns)
-    given = ["flow", "pressure", "taken", "slope", "step_seconds", "opening"]
+    given = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", *(row.name for row in STATE_OF_AIR)]
     arguments = ", ".join([*(f"{name}: float" for name in given), "n: Any"])
     call = call_of(vent_flow, "vent_flow", given, columns)
     source = f"def flow_of_vent({arguments}):\n    return {call}\n"
@@ -153,10 +160,12 @@ def vent_function(columns: Columns) -> tuple[Any, Any]:
     def find_vent(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
         """By the pressure at the end of the substep, which changes by that."""
         n = read_numbers(t, world, balloon)
+        air = air_at(t, state, world, balloon)
+        a_mole = as_warm_there(t, world, balloon, molar_free_volume(gas_in(state, world, balloon)), air)
         flow_and_more = flow_of_vent(
-            state.vent_flows[world, balloon], state.pressures[world, balloon],
-            molar_free_volume(gas_in(state, world, balloon)), state.pressure_slopes[world, balloon], t.step_seconds,
-            opening_of_neck(time, n) + n[leak_column], n,
+            state.vent_flows[world, balloon], state.pressures[world, balloon], a_mole,
+            state.pressure_slopes[world, balloon], t.step_seconds, opening_of_neck(time, n) + n[leak_column],
+            air[0], air[1], air[2], n,
         )  # fmt: skip
         state.vent_flows[world, balloon] = flow_and_more[0]
         raise_pressure(state, world, balloon, -t.step_seconds * flow_and_more[1])
@@ -165,10 +174,11 @@ def vent_function(columns: Columns) -> tuple[Any, Any]:
     def take_vented(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
         """Of the balloon's gas; and what its jet pushes with."""
         n = read_numbers(t, world, balloon)
+        air = air_at(t, state, world, balloon)
         state.thrusts[world, balloon] = thrust(opening_of_neck(time, n), state.pressures[world, balloon])
         gas = pumped_gas(
             gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon],
-            n[pressure_column] + state.pressures[world, balloon], n[gamma_column], n[temperature_column],
+            air[0] + state.pressures[world, balloon], n[gamma_column], n[temperature_column], air[1],
         )  # fmt: skip
         put_gas(state, world, balloon, gas)
 
@@ -180,8 +190,8 @@ def flows_function(traits: Traits) -> Any:
     """The function that lets gas flow through tubes and out of balloons, once the loads are known that were without."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
-    pressure_column = columns.places["air_pressure"] - columns.balloon_width
-    find_vent, take_vented = vent_function(columns) if traits.vents else (None, None)
+    air_at, as_warm_there = air_function(traits), warmth_function(traits)
+    find_vent, take_vented = vent_function(traits) if traits.vents else (None, None)
 
     @wp.func
     def find_flow(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32, tube: wp.int32):
@@ -191,12 +201,14 @@ def flows_function(traits: Traits) -> Any:
         difference = state.pressures[world, first] - state.pressures[world, second]
         source = wp.where(difference > 0.0, first, second)
         a_mole = molar_free_volume(gas_in(state, world, source))
-        softness = a_mole * (state.pressure_slopes[world, first] + state.pressure_slopes[world, second])
+        of_first = as_warm_there(t, world, first, a_mole, air_at(t, state, world, first))
+        of_second = as_warm_there(t, world, second, a_mole, air_at(t, state, world, second))
+        softness = of_first * state.pressure_slopes[world, first] + of_second * state.pressure_slopes[world, second]
         flow = state.tube_flows[world, tube]
         more = tube_flow(t.tubes.conductance[conductances, tube], flow, difference, softness, t.step_seconds)
         state.tube_flows[world, tube] = flow + more
-        raise_pressure(state, world, first, -t.step_seconds * more * a_mole)
-        raise_pressure(state, world, second, t.step_seconds * more * a_mole)
+        raise_pressure(state, world, first, -t.step_seconds * more * of_first)
+        raise_pressure(state, world, second, t.step_seconds * more * of_second)
 
     @wp.func
     def find_flows(t: Tables, state: WorldState, world: wp.int32, time: float):
@@ -221,15 +233,12 @@ def flows_function(traits: Traits) -> Any:
         """Pressures, loads and gases of a substep with what flows in it."""
         find_flows(t, state, world, time)
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
-        of_world = row_of_world(world, t.world_numbers.shape[0])
-        air_pressure = t.world_numbers[of_world, pressure_column]
         for tube in range(t.tubes.balloons.shape[0]):
             moles = t.step_seconds * state.tube_flows[world, tube]
             source = t.tubes.balloons[tube][wp.where(moles > 0.0, 0, 1)]
             sink = t.tubes.balloons[tube][wp.where(moles > 0.0, 1, 0)]
-            pressures = wp.vec2(
-                air_pressure + state.pressures[world, source], air_pressure + state.pressures[world, sink]
-            )
+            air = wp.vec2(air_at(t, state, world, source)[0], air_at(t, state, world, sink)[0])
+            pressures = air + wp.vec2(state.pressures[world, source], state.pressures[world, sink])
             left, gained = gas_through_tube(
                 gas_in(state, world, source), gas_in(state, world, sink), wp.abs(moles), pressures,
                 t.balloon_numbers[of_balloons, source, gamma_column],

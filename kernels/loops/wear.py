@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.algebra import number_in
 from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws
 from balloon_warp.kernels.laws.softening import softened
 from balloon_warp.kernels.laws.tearing import true_stress
@@ -15,30 +16,26 @@ from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def wear_function(traits: Traits) -> Any:
+def wear_of_triangle(traits: Traits) -> Any:
     """The function that finds what is left of a triangle's tension, the greatest energy density that it ever had, of
-    that until now, and its larger true stress."""
+    that until now, and its larger true stress; of the products of its edges, as `loops.membranes` has its tensions."""
     energy_of_law = choice_of_energies(traits.membranes, traits.columns)
     slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
-    material_of = material_reader(traits)
     wrinkling = traits.columns.places["wrinkling"]
 
     @wp.func
-    def wear(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, peak: float, n: Any):
+    def wear(
+        t: Tables, world: wp.int32, balloon: wp.int32, material: wp.int32, metric: wp.vec3, rest: wp.vec4, peak: float,
+        n: Any, lane: wp.int32,
+    ):  # fmt: skip
         """Of 1, [Pa] and [Pa]."""
-        corners = t.membranes.corners[triangle]
-        balloon = t.particles.balloon[corners[0]]
-        material = material_of(t.membranes, balloon)
-        d1 = points[corners[1]] - points[corners[0]]
-        d2 = points[corners[2]] - points[corners[0]]
-        metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
-        trace, area_squared, spread = invariants_of(mixed_stretch(metric, t.membranes.corner_rests[triangle]))
+        trace, area_squared, spread = invariants_of(mixed_stretch(metric, rest))
         det = wp.max(area_squared, LEAST_DET)
         major = 0.5 * (trace + spread)
         stretched = wp.max(major, 1.0)
         stretch = wp.sqrt(stretched)
         across = 1.0 / stretch
-        wrinkles = n[wrinkling]
+        wrinkles = number_in(n, wrinkling, lane)
         taut = is_taut(det, stretch, wrinkles)
         law_trace = wp.where(taut, trace, stretched + across)
         law_det = wp.where(taut, det, stretch)
@@ -47,7 +44,7 @@ def wear_function(traits: Traits) -> Any:
         greatest = float(0.0)
         stress = float(0.0)
         if wp.static(traits.softens):
-            energy = wp.max(energy_of_law(law_trace, law_det, law_spread, material, n), 0.0)
+            energy = wp.max(energy_of_law(law_trace, law_det, law_spread, material, n, lane), 0.0)
             greatest = wp.max(peak, energy)
             table = t.membranes.wear
             left = softened(
@@ -57,12 +54,38 @@ def wear_function(traits: Traits) -> Any:
                 of_balloon(table.softening_share, world, balloon),
             )  # fmt: skip
         if wp.static(traits.bursts):
-            by_trace, by_det = slopes_of_law(law_trace, law_det, law_spread, material, n, 0)
+            by_trace, by_det = slopes_of_law(law_trace, law_det, law_spread, material, n, lane)
             by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
             stress = left * true_stress(by_trace, by_det, major, major - spread)
         return left, greatest, stress
 
     return wear
+
+
+@cache
+def wear_function(traits: Traits, at: Any) -> Any:
+    """The same of where a world's points are.
+
+    Args:
+        at: the function that reads a point.
+    """
+    wear = wear_of_triangle(traits)
+    material_of = material_reader(traits)
+
+    @wp.func
+    def wear_of_points(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, peak: float, n: Any):
+        """Of 1, [Pa] and [Pa]."""
+        corners = t.membranes.corners[triangle]
+        balloon = t.particles.balloon[corners[0]]
+        d1 = at(points, corners[1]) - at(points, corners[0])
+        d2 = at(points, corners[2]) - at(points, corners[0])
+        metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
+        left, greatest, stress = wear(
+            t, world, balloon, material_of(t.membranes, balloon), metric, t.membranes.corner_rests[triangle], peak, n, 0
+        )
+        return left, greatest, stress
+
+    return wear_of_points
 
 
 @wp.func

@@ -18,3 +18,14 @@ def pick_healthy_worlds(
     world = chosen[place]
     if healthy[world] == 1:
         picked[place, item] = every[world, item]
+
+
+@wp.kernel(enable_backward=False)
+def pick_torn_faces(
+    torn: wp.array2d[float], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.int8]
+):
+    """A thread a (chosen world, face): 1 where it is torn, as above."""
+    place, face = wp.tid()
+    world = chosen[place]
+    if healthy[world] == 1:
+        picked[place, face] = wp.where(torn[world, face] >= 0.0, wp.int8(1), wp.int8(0))

@@ -32,6 +32,24 @@ class BalloonSums:
     """[J]"""
 
 
+@wp.func
+def is_torn(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
+    """Whether a face is, where any may be."""
+    found = bool(False)
+    if torn.shape[1] > 0:
+        found = torn[world, face] >= 0.0
+    return found
+
+
+@wp.func
+def is_torn_triangle(torn: wp.array2d[float], faces: wp.array[wp.int32], world: wp.int32, triangle: wp.int32):
+    """Whether a triangle's face is, where any may be."""
+    found = bool(False)
+    if torn.shape[1] > 0:
+        found = torn[world, faces[triangle]] >= 0.0
+    return found
+
+
 @wp.kernel(enable_backward=False)
 def sum_balloons(
     # model
@@ -47,13 +65,16 @@ def sum_balloons(
     spring_rest_length: wp.array[float],
     membrane_corners: wp.array[wp.vec3i],
     membrane_rests: wp.array[wp.vec4],
+    triangle_faces: wp.array[wp.int32],
     # state in
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
+    torn: wp.array2d[float],
     # out
     sums: wp.array3d[BalloonSums],
 ):
-    """A thread a (world, balloon, thread). The `balloon_` arrays say where each balloon's items begin and end."""
+    """A thread a (world, balloon, thread). The `balloon_` arrays say where each balloon's items begin and end. Faces
+    that are torn have no area, and their triangles no stretch."""
     world, balloon, thread = wp.tid()
     threads = sums.shape[2]
     part = BalloonSums()
@@ -71,9 +92,10 @@ def sum_balloons(
             next_arm = points[world, face_particles[corner]] - origin - center
             area_vector += 0.5 * wp.cross(arm, next_arm)
             arm = next_arm
-        part.volume += wp.dot(center, area_vector) / 3.0
-        part.area += wp.length(area_vector)
-        part.area_vector += area_vector
+        if not is_torn(torn, world, face):
+            part.volume += wp.dot(center, area_vector) / 3.0
+            part.area += wp.length(area_vector)
+            part.area_vector += area_vector
         part.corners += corners
     for spring in range(balloon_springs[balloon] + thread, balloon_springs[balloon + 1], threads):
         ends = spring_particles[spring]
@@ -81,6 +103,8 @@ def sum_balloons(
         if spring_rest_length[spring] > 0.0:
             part.stretch = wp.max(part.stretch, length / spring_rest_length[spring])
     for triangle in range(balloon_triangles[balloon] + thread, balloon_triangles[balloon + 1], threads):
+        if is_torn_triangle(torn, triangle_faces, world, triangle):
+            continue
         p = membrane_corners[triangle]
         d1 = points[world, p[1]] - points[world, p[0]]
         d2 = points[world, p[2]] - points[world, p[0]]
@@ -185,7 +209,7 @@ def measure_worlds(
 
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
-    left the finite numbers the last good measures stay.
+    left the finite numbers the last good measures stay. A balloon that burst encloses nothing.
     """
     world = wp.tid()
     volume = float(0.0)
@@ -203,7 +227,8 @@ def measure_worlds(
         corner_count = face_offsets[balloon_faces[balloon + 1]] - first
         center = total.corners / float(corner_count)
         balloon_mass = mass[world % mass.shape[0], balloon]
-        volume += total.volume - wp.dot(center, total.area_vector) / 3.0
+        if burst_column < 0 or bursts[world, balloon][0] < 0.0:
+            volume += total.volume - wp.dot(center, total.area_vector) / 3.0
         area += total.area
         if inflation_kind[balloon] == NORMAL_FORCE:
             time = float(frame[0]) * frame_seconds

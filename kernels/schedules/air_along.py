@@ -1,4 +1,5 @@
-"""The air that moves along with balloons: weighed as a frame begins, since a balloon's volume hardly changes in one."""
+"""The air at balloons, and what of it moves along with them: found as a frame begins, since neither a balloon's height
+nor its volume changes much in one."""
 
 from functools import cache
 from typing import Any
@@ -7,21 +8,25 @@ import warp as wp
 
 from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.added_mass import air_along
-from balloon_warp.kernels.laws.columns import Columns
+from balloon_warp.kernels.laws.air import air_of_height
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def air_kernel(columns: Columns) -> Any:
-    """The kernel that weighs it."""
-    read_numbers = numbers_reader(columns)
-    call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], columns)
+def air_kernel(traits: Traits) -> Any:
+    """The kernel that finds it."""
+    read_numbers = numbers_reader(traits.columns)
+    call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], traits.columns)
     source = f"def air_of(height: float, pressure: float, free_volume: float, n: Any):\n    return {call}\n"
     air_of = function_from("air_of", source, {"air_along": air_along})
+    there = call_of(air_of_height, "air_of_height", ["height"], traits.columns)
+    source = f"def air_at_height(height: float, n: Any):\n    return {there}\n"
+    air_at_height = function_from("air_at_height", source, {"air_of_height": air_of_height})
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def weigh_air(
@@ -36,7 +41,10 @@ def air_kernel(columns: Columns) -> Any:
             free_volume = float(state.free_volumes[world, balloon])
             numbers = read_numbers(t, world, balloon)
             height = wp.dot(state.points[world, volume_origin(t, balloon)], t.up)
-            air = air_of(height, state.pressures[world, balloon], free_volume, numbers)
-            state.air_along[world, balloon] = air
+            if wp.static(traits.takes_air_along):
+                along = air_of(height, state.pressures[world, balloon], free_volume, numbers)
+                state.air_along[world, balloon] = along
+            if wp.static(traits.gas_meets_air):
+                state.airs[world, balloon] = air_at_height(height, numbers)
 
     return weigh_air

@@ -56,6 +56,8 @@ class BlockMemory:
     other_velocities: wp.array2d[wp.vec3]
     """where neighbors look at them: a substep reads one buffer and writes the other"""
     inflations: wp.array2d[wp.vec3]
+    peaks: wp.array2d[float]
+    """the state's, as they are in this frame, which may have to be simulated once more"""
     frame: wp.array[wp.int32]
     """as it was when the frame began, where a law asks for the time: the state's is counted while blocks still read"""
     free: FreeFrames
@@ -218,6 +220,12 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
             return seat_member(t, slots, state, seat, place)
 
     return Member, seat_member, seat_beside
+
+
+@wp.func
+def no_springs(t: Tables, slots: wp.int32, own: Any):
+    """Of a particle whose springs are read every substep, nothing is kept of them."""
+    return own.number
 
 
 def velocity_functions(layout: Layout) -> tuple[Any, Any]:

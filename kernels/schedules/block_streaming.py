@@ -22,6 +22,7 @@ from balloon_warp.kernels.schedules.block_memory import (
     beginning_of_frame,
     frame_functions,
     member_functions,
+    no_springs,
     take_seat,
     velocity_functions,
 )
@@ -30,16 +31,11 @@ from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_solids import solids_of
 from balloon_warp.kernels.schedules.block_turns import touching_in_turns, turns_of
+from balloon_warp.kernels.schedules.block_wear import wear_in_block
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
-
-
-@wp.func
-def no_springs(t: Tables, slots: wp.int32, own: Any):
-    """Nothing is kept of a particle's springs."""
-    return own.number
 
 
 @cache
@@ -55,6 +51,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     begins = beginning_of_frame(traits)
     is_due, squared_speed, ends_well, count_frame = frame_functions(traits)
     presses = presses_of(traits, layout) if traits.touches else None
+    wear = wear_in_block(traits) if traits.softens else None
     velocity_at, put_velocity = velocity_functions(layout)
     threads, capacity = layout.threads, layout.capacity
     touch_all = touching_in_turns(traits, pieces, board, turns, seat_member, layout)
@@ -132,8 +129,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         velocities: Any,
         new_velocities: Any,
     ):
-        """Every particle through the rest of the substep, which without gas is all of it. The highest
-        speed of this thread's, squared [m^2/s^2]."""
+        """Every particle through the rest of the substep; the highest speed of this thread's, squared [m^2/s^2]."""
         fastest = float(0.0)
         for turn in range(rounds):
             member = turns.member(t, state, memory, seat, first, turn, source, velocities)
@@ -192,6 +188,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         squared [m^2/s^2]."""
         if wp.static(traits.touches):
             presses.press(t, state, memory, seat, velocities)
+        if wp.static(wear is not None):
+            wear.find(t, state, memory, seat, source)
         rounds = (seat.count + threads - 1) // threads
         area = float(0.0)
         if wp.static(traits.aims):
@@ -285,6 +283,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 end_world(t, state, memory, seat, odd, other_velocities)
             else:
                 end_world(t, state, memory, seat, even, velocities)
+            if wp.static(wear is not None):
+                wear.end(t, state, memory, seat)
             if wp.static(traits.spheres > 0):
                 board.end(t, state, world, thread, t.substeps - 1)
 

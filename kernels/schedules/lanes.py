@@ -25,6 +25,7 @@ from balloon_warp.kernels.schedules.lanes_roll import roll_function
 from balloon_warp.kernels.schedules.lanes_state import read_function, write_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.lanes_touch import touch_function
+from balloon_warp.kernels.schedules.lanes_wear import peaks_functions
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, one_of_item, put_item
 from balloon_warp.kernels.substep import drift_of, inflation_of, kick
 from balloon_warp.kernels.tables import WorldState
@@ -203,6 +204,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
     correct = correct_function(traits, layout) if traits.corrected else None
     touch = touch_function(traits, layout) if traits.impulses else None
     leave_all = leave_all_function(traits, layout) if traits.leaves_together else None
+    read_peaks, write_peaks = peaks_functions(traits, layout) if traits.softens else (None, None)
     any_free, _, note_hurried_worlds = free_functions(traits, layout)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -220,6 +222,8 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
             if not any_free(t, lanes, group):
                 return
         read_lanes(t, state, lanes, group)
+        if wp.static(read_peaks is not None):
+            read_peaks(t, state, lanes, group)
         points = lanes.points[group]
         new_points = lanes.other_points[group]
         for substep in range(t.all.substeps):
@@ -256,5 +260,7 @@ def lanes_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.frames == "free"):
             note_hurried_worlds(t, lanes, group)
         write_lanes(t, state, lanes, group, new_points)
+        if wp.static(write_peaks is not None):
+            write_peaks(t, state, lanes, group)
 
     return advance_lanes

@@ -19,6 +19,7 @@ from balloon_warp.kernels.algebra import (
 from balloon_warp.kernels.laws.tension_field import how_surely_taut
 from balloon_warp.kernels.loops.membranes import material_reader, taut_tension_function, tension_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
+from balloon_warp.kernels.schedules.lanes_wear import wear_quad_function
 from balloon_warp.kernels.schedules.layouts import Layout, entry_at, near
 from balloon_warp.kernels.traits import Traits
 
@@ -107,11 +108,15 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
             surely = surely and not any_negative(excess)
         return surely
 
+    wear_quad = wear_quad_function(traits, layout) if traits.softens else None
     pull, pull_taut = (pull_function(traits, layout, surely_taut) for surely_taut in (False, True))
 
     @wp.func
     def stretch_quad(
         t: LaneTables,
+        lanes: LaneState,
+        group: wp.int32,
+        balloon: wp.int32,
         entry: wp.int32,
         material: wp.int32,
         n: Any,
@@ -167,6 +172,8 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
                 pull_taut(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
             else:
                 pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
+        if wp.static(wear_quad is not None):
+            wear_quad(t, lanes, group, balloon, entry, d11, d12, along, mixed, back)
         # what the ends of each edge do to each other
         by_ab = scaled(ab, along[0] + back[0]) - scaled(da, mixed[0]) - scaled(bc, mixed[1])
         by_bc = scaled(bc, along[1] + back[1]) - scaled(ab, mixed[1]) - scaled(cd, mixed[2])
@@ -187,6 +194,6 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
             material = material_of(t.all.membranes, balloon)
             n = lanes.numbers[group, balloon]
             for entry in range(t.quad_offsets[balloon], t.quad_offsets[balloon + 1]):
-                stretch_quad(t, entry, material, n, points, velocities, forces)
+                stretch_quad(t, lanes, group, balloon, entry, material, n, points, velocities, forces)
 
     return stretch

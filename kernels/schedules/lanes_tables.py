@@ -81,6 +81,8 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         """at how many of their corners they have a triangle: all, or the first alone"""
         quad_rests: wp.array[Four]
         """what the triangles at their corners are at rest, four each, see `kernels.tables.MembraneTable`"""
+        quad_numbers: wp.array[Index]
+        """of the triangles at their corners, four each, below 0 where there is none; empty unless rubber softens"""
         fans: LaneFans
         faces: LaneFaces
         hinge_forces: wp.array2d[Vector]
@@ -108,6 +110,8 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         balloon_areas: wp.array2d[Lanes]
         numbers: wp.array3d[Lanes]
         """the parameters of balloons and worlds, see `laws.columns`"""
+        peaks: wp.array2d[Lanes]
+        """of the triangles at the corners of quads, see `State`, four each; empty unless rubber softens"""
         ramp_begins: wp.array2d[Lanes]
         ramp_slopes: wp.array2d[Lanes]
         loads: wp.array2d[Lanes]

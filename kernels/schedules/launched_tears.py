@@ -6,21 +6,22 @@ marks another, and those that are marked tear in a launch of their own: no order
 
 import warp as wp
 
-from balloon_warp.kernels.laws.air import density_of_air
+from balloon_warp.kernels.laws.air import air_of_height
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
-from balloon_warp.kernels.laws.tearing import SPENT, leaking
+from balloon_warp.kernels.laws.tearing import SPENT, pressure_beside_hole, softness_of_gas
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.loops.wear import of_balloon
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.substep import ramp_at, time_of
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.substep import ramp_at, time_of, volume_origin
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 
 wp.set_module_options(OPTIONS)
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))
 """of a square meter"""
+GasColumns = wp.types.vector(length=7, dtype=wp.int32)
 center_of_face, area_vector_of_face = face_measures(vector_at)
 
 
@@ -182,12 +183,39 @@ def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
     return volume
 
 
+@wp.func
+def softness_in(
+    t: Tables,
+    state: WorldState,
+    world: wp.int32,
+    balloon: wp.int32,
+    columns: GasColumns,
+    volume: float,
+    height: float,
+    pressure: float,
+):
+    """Of what is in a balloon of a volume [m^3] at a height [m], at a pressure above the air's there [Pa]: a gas, or
+    air."""
+    of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
+    of_balloon = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon]
+    air = air_of_height(
+        height, of_world[columns[0]], of_world[columns[1]], of_world[columns[2]], of_world[columns[3]],
+        of_world[columns[4]],
+    )  # fmt: skip
+    density = air[2]
+    gamma = float(1.0)
+    if t.inflation_kind[balloon] == GAS:
+        density = float(state.gas_amounts[world, balloon]) * of_balloon[columns[5]] / wp.max(volume, 1.0e-12)
+        gamma = of_balloon[columns[6]]
+    return softness_of_gas(volume, air[0] + pressure, density, gamma)
+
+
 @wp.kernel(enable_backward=False)
 def let_gas_out(
     # model
     t: Tables,
     time_in_frame: float,
-    air_columns: wp.vec3i,
+    columns: GasColumns,
     # state in and out
     state: WorldState,
     points: wp.array2d[wp.vec3],
@@ -196,7 +224,8 @@ def let_gas_out(
     """A thread a (world, balloon): it bursts, and its pressure falls.
 
     Args:
-        air_columns: of the world's numbers: pressure, temperature and density of the air.
+        columns: of the world's numbers: pressure, temperature, density and lapse of the air, and gravity; of the
+            balloon's: molar mass and gamma of its gas.
     """
     world, balloon = wp.tid()
     tears = t.membranes.wear.tears
@@ -207,16 +236,14 @@ def let_gas_out(
         pressure = state.pressures[world, balloon]
         if t.inflation_kind[balloon] != GAS:
             pressure = ramp_at(state, world, balloon, time_in_frame)
-        row = wp.where(t.world_numbers.shape[0] == 1, 0, world)
-        air_pressure = t.world_numbers[row, air_columns[0]]
-        air = density_of_air(air_pressure, t.world_numbers[row, air_columns[1]], t.world_numbers[row, air_columns[2]])
-        burst = wp.vec4(
-            time_of(t, state.frame, time_in_frame), wp.sqrt(wp.max(pressure, 0.0)),
-            leaking(enclosed(t, points[world], balloon), air_pressure + pressure, air), unpacked(weakest),
-        )  # fmt: skip
+        height = wp.dot(points[world, volume_origin(t, balloon)], t.up)
+        volume = enclosed(t, points[world], balloon)
+        softness = softness_in(t, state, world, balloon, columns, volume, height, pressure)
+        began = time_of(t, state.frame, time_in_frame)
+        burst = wp.vec4(began, wp.max(pressure, 0.0), softness, unpacked(weakest))
     if burst[0] >= 0.0:
         hole = float(wp.float64(hole_areas[world, balloon]) / SQUARE_MICROMETERS)
-        burst[1] = wp.max(burst[1] - burst[2] * hole * t.step_seconds, 0.0)
+        burst[1] = pressure_beside_hole(burst[1], burst[2], hole, t.step_seconds)
         state.bursts[world, balloon] = burst
 
 
@@ -231,7 +258,7 @@ def note_bursts(
     world, balloon = wp.tid()
     burst = state.bursts[world, balloon]
     if burst[0] >= 0.0 and inflation_kind[balloon] != NORMAL_FORCE:
-        pressure = burst[1] * burst[1]
+        pressure = burst[1]
         state.pressures[world, balloon] = pressure
         state.inflation_loads[world, balloon] = wp.vec2(pressure, 0.0)
         if pressure == 0.0:

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.wear import wear_function
+from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables
@@ -20,7 +21,7 @@ def wear_kernel(traits: Traits, keeps: bool = True) -> Any:
         keeps: whether it notes the greatest energy densities in the state.
     """
     read_numbers = numbers_reader(traits.columns)
-    wear = wear_function(traits)
+    wear = wear_function(traits, vector_at)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def wear_membranes(

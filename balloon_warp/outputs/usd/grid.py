@@ -101,10 +101,12 @@ class GridWriter:
         points: NDArray[np.float32],
         sphere_positions: NDArray[np.float32],
         body_poses: NDArray[np.float32],
+        torn: NDArray[np.int8],
         places: Sequence[int] | None = None,
     ) -> None:
-        """Author a frame of one group: arrays of shape (chosen, particle_count, 3), (chosen, sphere_count, 3) and
-        (chosen, body_count, 7). It follows the one before it, whose velocities are known then.
+        """Author a frame of one group: arrays of shape (chosen, particle_count, 3), (chosen, sphere_count, 3),
+        (chosen, body_count, 7) and (chosen, face_count), or (chosen, 0). It follows the one before it, whose
+        velocities are known then.
 
         Args:
             places: of the worlds that the arrays are of, among the group's; all of them, when missing.
@@ -112,7 +114,7 @@ class GridWriter:
         worlds = self._worlds[group]
         with Sdf.ChangeBlock():
             for row, world in enumerate(worlds if places is None else [worlds[place] for place in places]):
-                world.write(number, points[row], sphere_positions[row], body_poses[row])
+                world.write(number, points[row], sphere_positions[row], body_poses[row], torn[row])
                 self._write_velocities_before(world, number)
         self._last = number
         self._end_frame(number, 2 * points.nbytes)
@@ -122,6 +124,11 @@ class GridWriter:
         assert self._last is not None
         world = self._worlds[group][place]
         return [world.points(self._layer, number) for number in (self._last - 1, self._last)]
+
+    def last_torn(self, group: int, place: int) -> list[NDArray[np.bool_]]:
+        """Of a chosen world in its last frame, as `Frame.torn`."""
+        assert self._last is not None
+        return self._worlds[group][place].torn(self._layer, self._last)
 
     def last_obstacle_poses(self, group: int, place: int) -> NDArray[np.float64]:
         """Of a chosen world in its last frame, as `Frame.obstacle_poses`, shape (obstacle_count, 7)."""

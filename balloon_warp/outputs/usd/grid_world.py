@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Tf, UsdGeom, Vt
 
+from balloon_warp.mesh.corners import corner_faces, corners_beside
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.body import inertia_of
 from balloon_warp.outputs.usd.grid_obstacles import PLACE, TURN, GridObstacles, values_over_time
@@ -58,6 +59,12 @@ class GridWorld:
             )
             for number, name in enumerate(names)
         ]
+        self._corners = []
+        """of balloons that may burst, whose faces may vanish: their numbers, and the paths of the corners"""
+        for number, (path, _, _) in enumerate(self._balloons):
+            if plan.scene.balloon[number].material.strength is not None:
+                prim = self.layer.GetPrimAtPath(path.GetPrimPath())
+                self._corners += [(number, *_animated(prim, {"faceVertexIndices": Types.IntArray}))]
         self._spheres = []
         for number, path in enumerate(prototypes.spheres):
             sphere = _referring(world, path.name, path)
@@ -108,9 +115,10 @@ class GridWorld:
         points: NDArray[np.float32],
         sphere_positions: NDArray[np.float32],
         body_poses: NDArray[np.float32],
+        torn: NDArray[np.int8],
     ) -> None:
-        """Author a frame's samples, from arrays of shape (particle_count, 3), (sphere_count, 3) and (body_count, 7);
-        velocities follow, see `write_velocities`."""
+        """Author a frame's samples, from arrays of shape (particle_count, 3), (sphere_count, 3), (body_count, 7) and
+        (face_count,), or (0,); velocities follow, see `write_velocities`."""
         begin = 0
         for shape, (point_path, _, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
             own = slice(begin, begin + shape.mesh.vertex_count)
@@ -118,6 +126,9 @@ class GridWorld:
             self.layer.SetTimeSample(point_path, time, places)
             self.layer.SetTimeSample(extent_path, time, UsdGeom.PointBased.ComputeExtent(places))
             begin = own.stop
+        for number, path in self._corners:
+            corners = corners_beside(self.plan.shapes[number].mesh, self._of_faces(torn, number) == 1)
+            self.layer.SetTimeSample(path, time, Vt.IntArray.FromNumpy(corners))
         for path, position in zip(self._spheres, sphere_positions.tolist(), strict=True):
             self.layer.SetTimeSample(path, time, Gf.Vec3d(*position))
         for paths, pose in zip(self._bodies, body_poses, strict=True):
@@ -138,6 +149,20 @@ class GridWorld:
         """Of each balloon in a frame that stands in `source`, shape (particle_count, 3)."""
         return [np.array(source.QueryTimeSample(path, time)) for path, _, _ in self._balloons]
 
+    def torn(self, source: Sdf.Layer, time: int) -> list[NDArray[np.bool_]]:
+        """Of each balloon in a frame that stands in `source`, as `Frame.torn`."""
+        found = [np.zeros(shape.mesh.face_count, dtype=bool) for shape in self.plan.shapes] if self._corners else []
+        for number, path in self._corners:
+            mesh = self.plan.shapes[number].mesh
+            moved = np.array(source.QueryTimeSample(path, time)) != mesh.face_vertex_indices
+            found[number] = np.bincount(corner_faces(mesh), moved, mesh.face_count) > 0
+        return found
+
+    def _of_faces(self, values: NDArray, number: int) -> NDArray:
+        """What is a balloon's of values of all faces."""
+        first = sum(shape.mesh.face_count for shape in self.plan.shapes[:number])
+        return values[first : first + self.plan.shapes[number].mesh.face_count]
+
     def write_velocities(self, time: int, source: Sdf.Layer) -> None:
         """Those of a frame, from the points that stand in `source`, a layer of the same worlds."""
         for point_path, velocity_path, _ in self._balloons:
@@ -148,7 +173,8 @@ class GridWorld:
         balloons = ((points, extent) for points, _, extent in self._balloons)
         balloons, strings, bodies = (chain.from_iterable(paths) for paths in (balloons, self._strings, self._bodies))
         lasting = (path for path, _ in self._lasting)
-        for path in chain(balloons, self._spheres, bodies, strings, self.obstacles.paths, lasting):
+        corners = (path for _, path in self._corners)
+        for path in chain(balloons, corners, self._spheres, bodies, strings, self.obstacles.paths, lasting):
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
     def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:

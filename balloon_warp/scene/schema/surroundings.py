@@ -23,7 +23,7 @@ class Box(Table):
 
 
 class Atmosphere(Table):
-    """The air around the balloons, alike everywhere unless it has a `lapse`, `shear` or `gusts`."""
+    """The air around the balloons, alike everywhere unless it has a `lapse`, `shear`, `roughness` or `gusts`."""
 
     pressure: float = field_of("air_pressure")
     temperature: float = field_of("air_temperature")
@@ -32,6 +32,7 @@ class Atmosphere(Table):
     wind: Vector = field_of("wind")
     shear: float = field_of("wind_shear")
     wind_height: float = field_of("wind_height")
+    roughness: float = field_of("wind_roughness")
     gusts: float = field_of("gusts")
     gust_length: float = field_of("gust_length")
     gust_seed: int = field_of("gust_seed")
