@@ -17,9 +17,10 @@ class Finish:
     roughness: float = 0.5
     opacity: float = 1.0
     clearcoat: float = 0.0
+    metallic: float = 0.0
 
-    def as_row(self) -> tuple[float, float, float]:
-        return self.roughness, self.opacity, self.clearcoat
+    def as_row(self) -> tuple[float, float, float, float]:
+        return self.roughness, self.opacity, self.clearcoat, self.metallic
 
 
 def read_finish(prim: Usd.Prim) -> Finish:
@@ -27,7 +28,7 @@ def read_finish(prim: Usd.Prim) -> Finish:
     surface = _surface(prim)
     if surface is None:
         return Finish()
-    values = {name: _constant(surface, name) for name in ("roughness", "opacity", "clearcoat")}
+    values = {name: _constant(surface, name) for name in ("roughness", "opacity", "clearcoat", "metallic")}
     return Finish(**{name: float(value) for name, value in values.items() if value is not None})
 
 

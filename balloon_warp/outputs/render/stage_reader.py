@@ -152,7 +152,7 @@ class RenderStage:
                 self._camera = camera
         elif _is_drawn(prim, moment.time):
             if UsdGeom.Mesh(prim):
-                mesh = MeshPrim(prim, moment)
+                mesh = MeshPrim(prim, moment, Moment(self._stage, self.first_frame))
                 if len(mesh.surface.triangles) == 0:
                     return
                 points = mesh.points(moment)

@@ -18,7 +18,12 @@ LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.
 
 
 def paint(
-    gprim: UsdGeom.Gprim, color: Color, roughness: float = 0.5, opacity: float = 1.0, clearcoat: float = 0.0
+    gprim: UsdGeom.Gprim,
+    color: Color,
+    roughness: float = 0.5,
+    opacity: float = 1.0,
+    clearcoat: float = 0.0,
+    metallic: float = 0.0,
 ) -> UsdShade.Material:
     """Give a gprim its color and a material of its own, under the stage's /World/Looks."""
     gprim.CreateDisplayColorAttr([Gf.Vec3f(*color)])
@@ -30,7 +35,10 @@ def paint(
     shader = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Surface"))
     shader.CreateIdAttr("UsdPreviewSurface")
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-    for name, value in (("roughness", roughness), ("opacity", opacity), ("clearcoat", clearcoat)):
+    finish = {"roughness": roughness, "opacity": opacity, "clearcoat": clearcoat}
+    if metallic:
+        finish["metallic"] = metallic
+    for name, value in finish.items():
         shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
     material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
     UsdShade.MaterialBindingAPI.Apply(gprim.GetPrim()).Bind(material)
