@@ -35,6 +35,7 @@ class RayCaster:
         samples: rays a pixel.
         device: a Warp device; the GPU where there is one, when missing.
         threads: CPU threads; all cores when missing. The picture does not depend on it.
+        transparent: leave out backdrop, ground and water; pictures say how opaque they are then.
 
     Raises:
         InputError: there is no such device.
@@ -49,9 +50,12 @@ class RayCaster:
         samples: int,
         device: str | None = None,
         threads: int | None = None,
+        *,
+        transparent: bool = False,
     ):
         self._stage, self._center, self._size, self._samples = stage, center, size, samples
         self._width, self._height = picture_size
+        self._transparent = transparent
         self.device = pick_device(device)
         self._bands = 1 if self.device.is_cuda else min(threads or os.cpu_count() or 1, self._height)
         self._mesh: wp.Mesh | None = None
@@ -60,8 +64,12 @@ class RayCaster:
         self._upload_fixed()
         self._allocate()
 
-    def place(self, frame: int, least_radius: float) -> None:
-        """Move everything to where it is at a frame. Lines are at least `least_radius` thick, in the stage's unit."""
+    def place(self, frame: float, least_radius: float) -> None:
+        """Move everything to where it is at a frame, or between two.
+
+        Args:
+            least_radius: of lines, in the stage's unit.
+        """
         reaches = [0.0]
         if self._stage.meshes:
             reaches.append(self._place_meshes(self._stage.points(frame), self._stage.gone(frame)))
@@ -72,13 +80,15 @@ class RayCaster:
         self._shapes.ground_height, self._shapes.water_height = heights.tolist()
 
     def picture(self, camera: Camera) -> NDArray[np.uint8]:
-        """sRGB bytes of what the camera sees, shape (height, width, 3)."""
+        """sRGB bytes of what the camera sees, shape (height, width, 3); with opacity (height, width, 4)."""
         lens = raycast.Camera()
         lens.eye = wp.vec3(*self._local(camera.eye))
         right, up, backward = camera.axes
         lens.forward = wp.vec3(*-backward)
         lens.right = wp.vec3(*(camera.half_width * right))
         lens.up = wp.vec3(*(camera.half_height * up))
+        lens.aperture, lens.focus = 0.5 * camera.aperture / self._size, camera.focus / self._size
+        lens.transparent = self._transparent
         studio = light_studio(camera)
         noisy, smooth, surface = self._shares[:2], self._shares[2:], [self._places, self._normals]
         light = [self._plain, self._key, self._sky]
@@ -123,12 +133,12 @@ class RayCaster:
             finishes = [np.tile(shape.finish.as_row(), (shape.segment_count, 1)) for shape in shapes]
             self._shapes.capsule_finishes = self._array(np.concatenate(finishes), wp.vec4)
         ground = self._stage.ground
-        self._shapes.has_ground = int(ground is not None)
+        self._shapes.has_ground = int(ground is not None and not self._transparent)
         self._shapes.ground_color = wp.vec3(0.5)
         if ground is not None:
             self._shapes.ground_color = wp.vec3(*ground.color.tolist())
         water = self._stage.water
-        self._shapes.has_water = int(water is not None)
+        self._shapes.has_water = int(water is not None and not self._transparent)
         if water is not None:
             self._shapes.water_color = wp.vec3(*water.color.tolist())
 
@@ -139,7 +149,7 @@ class RayCaster:
             self._plain, self._key, self._sky, self._places, self._normals = vectors
             self._shares = [wp.zeros(shape, dtype=wp.vec4) for _ in range(4)]
             self._backdrops = wp.zeros(shape, dtype=float)
-            self._picture = wp.zeros((*shape, 3), dtype=wp.uint8)
+            self._picture = wp.zeros((*shape, 4 if self._transparent else 3), dtype=wp.uint8)
             self._pixel_samples = wp.array(spread_points(self._samples), dtype=wp.vec2)
             self._lens_samples = wp.array(disc_points(self._samples), dtype=wp.vec2)
             self._disc_samples = wp.array(disc_points((self._samples + 1) // 2), dtype=wp.vec2)
