@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from balloon_warp.kernels.pictures.printed import Prints, printed_color
+
 
 @wp.struct
 class Shapes:
@@ -19,6 +21,8 @@ class Shapes:
     """area about a vertex before over that now, one a vertex"""
     finishes: wp.array[wp.vec4]
     """roughness, opacity, clearcoat and metallic, one a triangle"""
+    prints: Prints
+    """images on triangles, in place of colors"""
     capsules: wp.uint64
     """the boxes of the capsules; 0 where there are none"""
     begins: wp.array[wp.vec3]
@@ -140,6 +144,10 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
             corner = 3 * query.face
             hit.color = query.u * shapes.colors[corner] + query.v * shapes.colors[corner + 1]
             hit.color += w * shapes.colors[corner + 2]
+            if shapes.prints.of_triangle.shape[0] > 0 and shapes.prints.of_triangle[query.face] >= 0:
+                place = query.u * shapes.prints.places[corner] + query.v * shapes.prints.places[corner + 1]
+                place += w * shapes.prints.places[corner + 2]
+                hit.color = printed_color(shapes.prints, shapes.prints.of_triangle[query.face], place)
             hit.finish = shapes.finishes[query.face]
             hit.shrunk = query.u * shapes.shrunk[a] + query.v * shapes.shrunk[b] + w * shapes.shrunk[c]
             smooth = query.u * shapes.normals[a] + query.v * shapes.normals[b] + w * shapes.normals[c]

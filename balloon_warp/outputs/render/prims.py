@@ -8,8 +8,9 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.render.appearance import read_colors, read_corner_colors, read_finish
+from balloon_warp.outputs.render.appearance import bound_surface, read_colors, read_corner_colors, read_finish
 from balloon_warp.outputs.render.moment import Moment
+from balloon_warp.outputs.render.printed import read_print
 from balloon_warp.outputs.render.surface import SmoothSurface
 
 
@@ -61,6 +62,10 @@ class MeshPrim:
         creased = not self.soft or self.finish.metallic > 0.0
         self.surface = SmoothSurface(PolygonMesh(sharp, counts[seen], indices[whole]), creased)
         self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
+        self.printed = read_print(self._mesh, bound_surface(prim), indices)
+        """an image on it, if there is one"""
+        self.places = self.surface.spread(self.printed.places[whole]) if self.printed else None
+        """where in it the corners of the surface's triangles are, three each"""
         self._first_areas = self.surface.vertex_areas(self.points(start)) if self.soft else None
 
     def shrunk(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -93,6 +98,7 @@ class CubePrim:
 
     point_count = 8
     soft = False
+    printed, places = None, None
     used = np.arange(8)
 
     def __init__(self, prim: Usd.Prim, moment: Moment):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.pictures import raycast
+from balloon_warp.kernels.pictures.printed import Prints
 from balloon_warp.kernels.pictures.shapes import Shapes
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.prims import Capsules
@@ -126,6 +127,7 @@ class RayCaster:
             self._corners = np.concatenate(corners)
             self._shapes.corners = self._array(self._corners.ravel(), wp.int32)
             self._shapes.colors = self._array(np.concatenate([mesh.colors for mesh in meshes]))
+            self._shapes.prints = self._prints()
             finishes = [np.tile(mesh.finish.as_row(), (len(mesh.surface.triangles), 1)) for mesh in meshes]
             self._shapes.finishes = self._array(np.concatenate(finishes), wp.vec4)
         if shapes:
@@ -141,6 +143,23 @@ class RayCaster:
         self._shapes.has_water = int(water is not None and not self._transparent)
         if water is not None:
             self._shapes.water_color = wp.vec3(*water.color.tolist())
+
+    def _prints(self) -> Any:
+        """The images that are on meshes."""
+        prints, meshes = Prints(), self._stage.meshes
+        images = [mesh.printed.texels for mesh in meshes if mesh.printed]
+        if images:
+            starts = np.cumsum([0, *(image.shape[0] * image.shape[1] for image in images)])
+            rows = [(start, image.shape[1], image.shape[0]) for start, image in zip(starts, images, strict=False)]
+            prints.texels = self._array(np.concatenate([image.reshape(-1, 3) for image in images]))
+            prints.images = self._array(np.array(rows), wp.vec3i)
+            numbers = np.cumsum([mesh.printed is not None for mesh in meshes]) - 1
+            counts = [len(mesh.surface.triangles) for mesh in meshes]
+            own = [number if mesh.printed else -1 for number, mesh in zip(numbers, meshes, strict=True)]
+            prints.of_triangle = self._array(np.repeat(own, counts), wp.int32)
+            places = [np.zeros((3 * len(m.surface.triangles), 2)) if m.places is None else m.places for m in meshes]
+            prints.places = self._array(np.concatenate(places), wp.vec2)
+        return prints
 
     def _allocate(self) -> None:
         shape = (self._height, self._width)

@@ -26,7 +26,7 @@ def one_over_the_other(pictures: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint
     several = list(pictures)
     total = np.zeros(1)
     for picture in several:
-        light = _LIGHT[picture[..., :3]]
+        light = LINEAR[picture[..., :3]]
         cover = picture[..., 3:] / 255.0 if picture.shape[2] == 4 else np.ones((1, 1, 1))
         total = total + np.concatenate([light * cover, np.broadcast_to(cover, (*light.shape[:2], 1))], axis=2)
     light = total[..., :3] / np.maximum(total[..., 3:], 1e-9)
@@ -41,5 +41,6 @@ def _linear(encoded: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-_LIGHT = _linear(np.arange(256) / 255.0)
+LINEAR = _linear(np.arange(256) / 255.0)
+"""light of each byte of sRGB"""
 _STEPS = _linear((np.arange(255) + 0.5) / 255.0)
