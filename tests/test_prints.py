@@ -1,17 +1,32 @@
-"""Images that a stage's materials have, in its pictures."""
+"""Images on balloons: of any stage's materials, and of a scene's prints."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils
+from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils, UsdValidation
 from render_stages import add_camera, add_mesh, new_stage
 
+from balloon_warp import animate, load_scene
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.outputs.render import render_stage
+from balloon_warp.scene.write import write_scene
+from balloon_warp.scenes.model_print import dots
 
 WHITE, RED, GREEN, BLUE = (255, 255, 255), (200, 10, 10), (10, 180, 10), (10, 10, 200)
+CLOTH = """
+v -1 -1 0
+v 1 -1 0
+v 1 1 0
+v -1 1 0
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+f 1/1 2/2 3/3 4/4
+"""
 
 
 def square(path: Path, image: str, interpolation: str = "faceVarying") -> Usd.Stage:
@@ -84,3 +99,56 @@ def test_what_is_no_image_gets_a_sentence(tmp_path: Path):
     square(tmp_path / "stage.usda", "image.png")
     with pytest.raises(InputError, match=r"/World/Square: its texture .*image\.png cannot be read; expected an image"):
         quadrants(tmp_path / "stage.usda")
+
+
+def printed_scene(folder: Path, image: str = "image.png") -> Path:
+    """A scene file of a square of cloth with an image beside it."""
+    (folder / "cloth.obj").write_text(CLOTH)
+    scene = folder / "scene.toml"
+    scene.write_text(f'frames = 1\ngravity = 0.0\n[[balloon]]\nmesh = "cloth.obj"\nprint = "{image}"\n')
+    return scene
+
+
+def test_a_balloon_is_printed_as_its_scene_says(image: Path, tmp_path: Path):
+    animate(load_scene(printed_scene(tmp_path)), tmp_path / "out.usdc", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    render_stage(tmp_path / "out.usdc", tmp_path / "out.png", size=(200, 200), azimuth=0.0, elevation=0.0, device="cpu")
+    seen = np.asarray(Image.open(tmp_path / "out.png")).astype(int)
+    _, red, green, blue = (seen[row, column] for row in (60, 140) for column in (60, 140))
+    assert (red.argmax(), green.argmax(), blue.argmax()) == (0, 1, 2)
+
+
+def test_prints_that_cannot_be_get_a_sentence(image: Path, tmp_path: Path):
+    with pytest.raises(InputError, match=r"none\.png: no such file; expected an image to print on cloth"):
+        animate(load_scene(printed_scene(tmp_path, "none.png")), tmp_path / "out.usdc", device="cpu")
+    scene = printed_scene(tmp_path)
+    (tmp_path / "cloth.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"cloth\.obj: has no texture coordinates, which say where image\.png is"):
+        animate(load_scene(scene), tmp_path / "out.usdc", device="cpu")
+
+
+def test_a_scene_is_copied_with_its_print(tmp_path: Path):
+    bundled = load_scene("pillow_on_water").balloon[0].print
+    assert bundled is not None
+    written = write_scene(load_scene("pillow_on_water"), tmp_path / "mine.toml")
+    assert [path.name for path in written] == ["mine.toml", "pillow.obj", "pillow.png"]
+    assert load_scene(tmp_path / "mine.toml").balloon[0].print == tmp_path / "pillow.png"
+    assert (tmp_path / "pillow.png").read_bytes() == bundled.read_bytes()
+
+
+def test_the_bundled_print_is_what_the_script_makes():
+    kept = load_scene("pillow_on_water").balloon[0].print
+    assert kept is not None
+    # Other machines round square roots their own way.
+    assert np.abs(np.asarray(Image.open(kept)).astype(int) - dots()).max() <= 2
+
+
+def test_texture_coordinates_are_written(tmp_path: Path):
+    (tmp_path / "cloth.obj").write_text(CLOTH)
+    mesh = read_obj(tmp_path / "cloth.obj")
+    write_obj(tmp_path / "again.obj", mesh)
+    again = read_obj(tmp_path / "again.obj")
+    np.testing.assert_array_equal(again.texture_coordinates, mesh.texture_coordinates)
+    np.testing.assert_array_equal(again.points, mesh.points)

@@ -72,7 +72,8 @@ def _places(mesh: UsdGeom.Mesh, name: str, indices: NDArray[np.int32]) -> NDArra
 
 def _texels(path: str, raw: bool, prim: Usd.Prim) -> NDArray[np.float32]:
     try:
-        asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
+        resolver: Any = Ar.GetResolver()
+        asset = resolver.OpenAsset(Ar.ResolvedPath(path))
         with Image.open(io.BytesIO(bytes(asset.GetBuffer()))) as image:
             image.thumbnail((LARGEST, LARGEST))
             pixels = np.asarray(image.convert("RGB"))

@@ -8,7 +8,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.deformable import define_deformable
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, offer_latex, paint
+from balloon_warp.outputs.usd.material import BALLOON_COLORS, offer_latex, paint, print_on
 from balloon_warp.outputs.usd.velocities import author_velocities
 from balloon_warp.scene import Balloon
 
@@ -34,11 +34,14 @@ def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: 
         st.Set(Vt.Vec2fArray.FromNumpy(mesh.texture_coordinates))
     own = balloon.color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
     if balloon.looks_like == "foil":
-        paint(prim, own, roughness=0.12, metallic=1.0)
+        material = paint(prim, own, roughness=0.12, metallic=1.0)
     else:
         # Of springs it is blown up from the start; rubber is thick until it is.
         opacity = 0.92 if balloon.material.law == "springs" else 0.97
-        offer_latex(paint(prim, own, roughness=0.2, opacity=opacity, clearcoat=1.0), own)
+        material = paint(prim, own, roughness=0.2, opacity=opacity, clearcoat=1.0)
+        offer_latex(material, own)
+    if balloon.print is not None:
+        print_on(material, balloon.print)
     return prim
 
 

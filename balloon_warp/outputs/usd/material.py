@@ -1,5 +1,7 @@
 """Materials and colors: every gprim gets a display color, and a bound UsdPreviewSurface of the same color."""
 
+from pathlib import Path
+
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 Color = tuple[float, float, float]
@@ -43,6 +45,24 @@ def paint(
     material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
     UsdShade.MaterialBindingAPI.Apply(gprim.GetPrim()).Bind(material)
     return material
+
+
+def print_on(material: UsdShade.Material, image: Path) -> None:
+    """Put an image in place of the color, where the primvar `st` says. It is named by its whole path."""
+    stage, path = material.GetPrim().GetStage(), material.GetPath()
+    places = UsdShade.Shader.Define(stage, path.AppendChild("Places"))
+    places.CreateIdAttr("UsdPrimvarReader_float2")
+    places.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    texture = UsdShade.Shader.Define(stage, path.AppendChild("Print"))
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(image.resolve().as_posix())
+    for name in ("wrapS", "wrapT"):
+        texture.CreateInput(name, Sdf.ValueTypeNames.Token).Set("repeat")
+    here = places.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(here)
+    color = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    surface = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild("Surface")))
+    surface.GetInput("diffuseColor").ConnectToSource(color)
 
 
 def offer_latex(material: UsdShade.Material, color: Color) -> None:

@@ -108,6 +108,9 @@ class Balloon(Table):
     look: Literal["latex", "foil"] | None = None
     """what it is drawn as, thin rubber that light shines through or foil, which mirrors; when missing, latex, but foil
     where the material's preset is foil or nylon"""
+    print: Path | None = None
+    """an image, such as a .png, sought beside the scene file: it is printed on the balloon, in place of its color,
+    where the mesh's texture coordinates say"""
     law: LawTables = {}
     """parameters of laws of one's own that are the balloon's, by law and name"""
 
