@@ -76,6 +76,7 @@ def animate(
     provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
+    view: Mapping[str, Any] | None = None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
@@ -89,7 +90,7 @@ def animate(
         scene: what to simulate: a scene, or what `load_scene` makes one of.
         output: what to write: a stage, .usdc, .usda or .usd; or what `export_stage` makes of one, such as .glb.
         name: what the summary calls the scene.
-        picture: an image to render from the stage; .png, .gif or .mp4.
+        picture, view: an image of the stage, .png, .webp, .gif or .mp4, and options of `render_stage` for it.
         save_points: an .h5 file to write the points into, too, as arrays.
         lights, ground: whether the stage has lights and a camera, and the scene's ground.
         device: a Warp device; the GPU where there is one, when missing.
@@ -115,7 +116,7 @@ def animate(
     began = time.perf_counter()
     scene = scene_of(scene)
     check_policy(on_blowup)
-    with Wanted.of(output, picture, save_points, lights, ground).checked(scene) as wanted:
+    with Wanted.of(output, picture, save_points, lights, ground, view).checked(scene) as wanted:
         simulator = _first_simulator(scene, device, schedule, laws, on_warning)
         folder, again = partial_path(wanted.output), resume and on_blowup == "restart"
         restarts = halvings_until(folder, simulator.model.substeps) if again else 0

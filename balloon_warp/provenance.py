@@ -54,6 +54,8 @@ def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
             if "mesh" in table:
                 hashes[f"{name}.{number}.mesh"] = description["meshes"][table["mesh"]]
                 table["mesh"] = Path(table["mesh"]).name
+            if table.get("print"):
+                table["print"] = Path(table["print"]).name
         if name in scene:
             scene[name] = tables
     return {**description, "scene": scene, "meshes": hashes}

@@ -1,4 +1,4 @@
-"""Makes the README's pictures again: python -m balloon_warp.scenes.gallery docs/pictures"""
+"""Makes the pictures of docs/ again: python -m balloon_warp.scenes.gallery docs/pictures"""
 
 import sys
 from pathlib import Path
@@ -10,6 +10,8 @@ from balloon_warp import animate, bundled_scenes, compare, load_scene, render_st
 
 SIZE = (640, 360)
 SAMPLES = 16
+MOVING = {"foil_letters": {"frames": (0, 119), "frames_per_second": 20.0}}
+"""scenes of which there is an animation, too, and which part of them it shows"""
 
 
 def main(folder: Path) -> None:
@@ -20,6 +22,8 @@ def main(folder: Path) -> None:
             stage = Path(stages) / f"{name}.usdc"
             animate(load_scene(name), stage)
             render_stage(stage, folder / f"{name}.png", size=SIZE, samples=SAMPLES)
+            if name in MOVING:
+                render_stage(stage, folder / f"{name}.webp", size=SIZE, **MOVING[name])
             print(f"wrote {folder / name}.png", flush=True)
         compare(load_scene("turtle_provot"), {"correction": ["none", "provot"]}, folder / "correction.png")
         inflation = np.linspace(0.5, 8.0, 9)

@@ -13,7 +13,10 @@ PULLED_IN = 0.09
 
 
 def pillow() -> PolygonMesh:
-    """A cushion 1 m wide and 0.25 m thick: two square sheets of quads, and a band of quads as its seam."""
+    """A cushion 1 m wide and 0.25 m thick: two square sheets of quads, and a band of quads as its seam.
+
+    Each sheet shows all of an image, as it is seen from above.
+    """
     steps = QUADS_A_SIDE + 1
     u, v = np.meshgrid(*[np.linspace(-1.0, 1.0, steps)] * 2, indexing="ij")
     # The middle of each side is pulled in, so that the corners point.
@@ -28,10 +31,13 @@ def pillow() -> PolygonMesh:
     after = np.roll(seam, -1)
     band = np.stack([seam, after, after + steps * steps, seam + steps * steps], axis=1)
     quads = np.concatenate([_sheet(top.T), _sheet(bottom), band]).astype(np.int32)
+    above_places = 0.5 + 0.5 * np.stack([u, -v], axis=-1).reshape(-1, 2)
+    places = np.concatenate([above_places, above_places]).astype(np.float32)
     return PolygonMesh(
         points=np.concatenate([above, above * [1.0, -1.0, 1.0]]),
         face_vertex_counts=np.full(len(quads), 4, dtype=np.int32),
         face_vertex_indices=quads.ravel(),
+        texture_coordinates=places[quads.ravel()],
     )
 
 

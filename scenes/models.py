@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
+from PIL import Image
 
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -13,6 +14,7 @@ from balloon_warp.scenes.model_bead import bead
 from balloon_warp.scenes.model_bowl import bowl
 from balloon_warp.scenes.model_knot import knot
 from balloon_warp.scenes.model_pillow import pillow
+from balloon_warp.scenes.model_print import SIZE, dots
 from balloon_warp.scenes.model_slot import slot
 from balloon_warp.scenes.model_squirrel import squirrel
 from balloon_warp.scenes.model_table import table
@@ -44,12 +46,15 @@ def make_model(name: str) -> PolygonMesh:
 
 
 def main() -> None:
-    """Write every model beside this file."""
+    """Write every model beside this file, and the pillow's print."""
     for name in MODELS:
         path = Path(__file__).parent / f"{name}.obj"
         mesh = make_model(name)
         write_obj(path, mesh)
         print(f"{path}: {mesh.vertex_count} vertices, {mesh.face_count} quads")
+    image = Path(__file__).parent / "pillow.png"
+    Image.fromarray(dots()).save(image, optimize=True)
+    print(f"{image}: {SIZE} pixels to a side")
 
 
 if __name__ == "__main__":

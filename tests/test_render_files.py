@@ -133,7 +133,7 @@ def test_a_folder_that_takes_no_files_is_refused_before_any_work(stage: Path):
 @pytest.mark.parametrize(
     ("output", "options", "sentence"),
     [
-        ("a.jpg", {}, r"a\.jpg: cannot write \.jpg; expected \.png, \.gif, \.mp4"),
+        ("a.jpg", {}, r"a\.jpg: cannot write \.jpg; expected \.png, \.webp, \.gif, \.mp4"),
         ("none/a.png", {}, "none does not exist"),
         ("a.png", {"frame": 48}, r"frame: 48 is not in .*stage\.usda; expected 0 to 47"),
         ("a.gif", {"frame": 3}, r"frame: 3 for a \.gif, which shows all frames; expected a \.png"),

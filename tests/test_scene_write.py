@@ -23,6 +23,7 @@ def without_meshes(scene: Scene) -> Scene:
         name: [table.model_copy(update={"mesh": table.mesh and Path()}) for table in getattr(scene, name)]
         for name in MESHED
     }
+    tables["balloon"] = [table.model_copy(update={"print": table.print and Path()}) for table in tables["balloon"]]
     return scene.model_copy(update=tables)
 
 
@@ -52,7 +53,7 @@ def test_a_copy_of_the_mesh_stays_and_another_file_is_not_replaced(tmp_path: Pat
     assert write_scene(load_scene("helium_rise"), path) == [path]
     before = path.read_bytes()
     (tmp_path / "ball.obj").write_text("of my own")
-    with pytest.raises(InputError, match=r"/ball\.obj: is there already, and is not the scene's mesh of that name; "):
+    with pytest.raises(InputError, match=r"/ball\.obj: is there already, and is not the scene's file of that name; "):
         write_scene(load_scene("two_balloons"), path)
     assert (path.read_bytes(), (tmp_path / "ball.obj").read_text()) == (before, "of my own")
 

@@ -83,6 +83,38 @@ def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(stage: 
     assert np.ptp(still[:, 1]) < 0.1
 
 
+def test_a_stage_says_from_where_its_picture_is_taken_unless_one_asks(stage: RenderStage, tmp_path: Path):
+    """Garbage is passed over. Who follows something goes wherever it goes."""
+    plain = cameras(stage)[0]
+    said = {"azimuth": 70.0, "elevation": 40, "zoom": 3.0, "look_at": Gf.Vec3d(1.0, 2.0, 3.0)}
+    stage.stage.GetRootLayer().customLayerData = {"balloonWarp": {"pictureView": said | {"other": 1.0}}}
+    try:
+        asked = cameras(stage, azimuth=70.0, elevation=40.0, zoom=3.0, look_at=(1.0, 2.0, 3.0))[0]
+        as_said, turned, followed = cameras(stage)[0], cameras(stage, azimuth=10.0)[0], cameras(stage, follow=True)[0]
+        np.testing.assert_allclose([as_said.eye, *as_said.axes], [asked.eye, *asked.axes])
+        assert as_said.half_width == asked.half_width == turned.half_width
+        assert not np.allclose(turned.axes, asked.axes)
+        assert followed.half_width == plain.half_width
+        for garbage in ("text", {"zoom": "large", "look_at": 3.0}):
+            stage.stage.GetRootLayer().customLayerData = {"balloonWarp": {"pictureView": garbage}}
+            np.testing.assert_array_equal(cameras(stage)[0].eye, plain.eye)
+    finally:
+        stage.stage.GetRootLayer().customLayerData = {}
+
+
+def test_a_lens_is_focused_on_what_is_named(stage: RenderStage):
+    up = UsdGeom.GetStageUpAxis(stage.stage)
+    for named, place in (
+        ("ball", (3.0, 0.0, 0.0)),
+        ((1.0, 2.0, 3.0), (1.0, 2.0, 3.0) if up == "Y" else (1.0, 3.0, -2.0)),
+    ):
+        camera = cameras(stage, aperture=0.1, focus=named)[0]
+        assert camera.aperture == 0.1
+        assert camera.focus == pytest.approx((camera.eye - place) @ camera.axes[2])
+    middle = cameras(stage, aperture=0.1, look_at="ball")[0]
+    assert middle.focus == pytest.approx((middle.eye - [3.0, 0.0, 0.0]) @ middle.axes[2])
+
+
 @pytest.mark.parametrize(
     ("how", "complaint"),
     [
@@ -90,6 +122,11 @@ def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(stage: 
         ({"zoom": float("nan")}, "zoom: nan; expected"),
         ({"look_at": "nobody"}, "look-at: 'nobody' is nothing to be seen in .*; expected a prim's name"),
         ({"look_at": (1.0, 2.0, 3.0), "follow": True}, "follow: a point does not move"),
+        ({"aperture": -1.0}, "aperture: -1; expected the lens's diameter, 0 or more"),
+        ({"focus": "ball"}, "focus: everything is sharp; expected aperture, too"),
+        ({"focus": "nobody", "aperture": 0.1}, "focus: 'nobody' is nothing to be seen"),
+        ({"shutter": 1.5}, "shutter: 1.5; expected 0 to 1 of a frame"),
+        ({"transparent": True}, r"transparent: out\.gif has no transparency; expected \.png or \.webp"),
         ({"frames": (5, 99)}, "frames: 5:99 is not in .*; expected some of 0:20"),
         ({"frames": (9, 5)}, "frames: 9:5 is not in"),
         ({"frames_per_second": 0.0}, r"fps: 0; expected 0\.01 to 1000"),
@@ -116,6 +153,22 @@ def test_a_part_at_another_rate_keeps_its_speed(stage: RenderStage, tmp_path: Pa
     with Image.open(tmp_path / "out.gif") as picture:
         assert (picture.n_frames, picture.info["duration"]) == (5, 100)
     assert _choose_frames(stage, ".mp4", None, (None, 2), 80.0) == ([0, 0, 1, 2, 2], 1.0 / 80.0)
+
+
+def test_webp_moves_at_the_stages_speed_and_one_frame_is_a_picture(stage: RenderStage, tmp_path: Path):
+    small = {"size": (64, 36), "samples": 1, "device": "cpu"}
+    assert render_stage(stage.path, tmp_path / "a.webp", frames_per_second=RATE, **small) == list(range(FRAMES + 1))
+    with Image.open(tmp_path / "a.webp") as animation:
+        assert (animation.format, animation.size) == ("WEBP", (64, 36))
+        milliseconds = 0
+        for number in range(animation.n_frames):  # of pictures that are the same, one is kept, as long as all of them
+            animation.seek(number)
+            animation.load()
+            milliseconds += animation.info["duration"]
+    assert milliseconds == (FRAMES + 1) * 1000 / RATE
+    render_stage(stage.path, tmp_path / "one.webp", frames=(3, 3), **small)
+    with Image.open(tmp_path / "one.webp") as picture:
+        assert getattr(picture, "n_frames", 1) == 1
 
 
 def test_words_of_the_command_line():

@@ -9,6 +9,19 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.cli.camera import (
+    Aperture,
+    Asked,
+    Azimuth,
+    Elevation,
+    Focus,
+    Follow,
+    LookAt,
+    Shutter,
+    Transparent,
+    Zoom,
+    asked_of,
+)
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.command import command_line
 from balloon_warp.cli.options import (
@@ -29,6 +42,7 @@ from balloon_warp.cli.options import (
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import first_line, note, opened_by, warn
 from balloon_warp.cli.words import counted, played
+from balloon_warp.errors import InputError
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
 
@@ -92,7 +106,7 @@ Checkpoint = Annotated[
     ),
 ]
 
-WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json")
+WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json", *Asked.__annotations__)
 """parameters that do not change what is in the stage"""
 
 
@@ -102,6 +116,15 @@ def run(
     *,
     output: Output = None,
     picture: Picture = False,
+    azimuth: Azimuth = None,
+    elevation: Elevation = None,
+    zoom: Zoom = None,
+    look_at: LookAt = None,
+    follow: Follow = False,
+    aperture: Aperture = 0.0,
+    focus: Focus = None,
+    shutter: Shutter = 0.0,
+    transparent: Transparent = False,
     save_points: SavePoints = None,
     no_lights: NoLights = False,
     no_ground: NoGround = False,
@@ -122,6 +145,10 @@ def run(
 
     Try `balloon-warp run squirrel_tether --picture`, then `balloon-warp run YOUR_MESH.obj --picture`.
     """
+    asked = asked_of(locals())
+    if any(asked.values()) and not picture:
+        name = next(name for name, value in asked.items() if value)
+        raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
     loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
@@ -146,6 +173,7 @@ def run(
             provenance={"command": command_line(context, WHERE_TO)},
             checkpoint_seconds=checkpoint,
             resume=resume,
+            view=asked,
             on_frame=on_frame,
             on_note=on_note,
             on_warning=on_warning,

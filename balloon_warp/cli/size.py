@@ -30,7 +30,7 @@ def parse_frames(text: str) -> tuple[int | None, int | None]:
     return first, last
 
 
-def parse_place(text: str) -> str | tuple[float, float, float]:
+def parse_place(text: str, option: str = "look-at") -> str | tuple[float, float, float]:
     """A point of `X,Y,Z`, or what else is a name.
 
     Raises:
@@ -41,5 +41,5 @@ def parse_place(text: str) -> str | tuple[float, float, float]:
     try:
         x, y, z = map(float, text.split(","))
     except ValueError:
-        raise InputError(f"--look-at {text[:40]}: expected X,Y,Z in the stage's unit, or a prim's name") from None
+        raise InputError(f"--{option} {text[:40]}: expected X,Y,Z in the stage's unit, or a prim's name") from None
     return x, y, z

@@ -94,17 +94,22 @@ LOADERS = {".obj": read_obj}
 
 
 def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
-    """Write vertices and polygons. Reading them gives the same float64 points. The file appears whole or not at all.
+    """Write vertices and polygons, with texture coordinates where there are some. Reading them gives the same float64
+    points. The file appears whole or not at all.
 
     Raises:
         InputError: the file cannot be written.
     """
     path = Path(path)
     lines = [f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.points.tolist()]
-    corners = (mesh.face_vertex_indices + 1).tolist()
+    corners = list(map(str, (mesh.face_vertex_indices + 1).tolist()))
+    if mesh.texture_coordinates is not None:
+        places, numbers = np.unique(mesh.texture_coordinates, axis=0, return_inverse=True)
+        lines += [f"vt {u:.7g} {v:.7g}\n" for u, v in places.tolist()]
+        corners = [f"{corner}/{number}" for corner, number in zip(corners, numbers.ravel() + 1, strict=True)]
     begin = 0
     for end in np.cumsum(mesh.face_vertex_counts).tolist():
-        lines.append(f"f {' '.join(map(str, corners[begin:end]))}\n")
+        lines.append(f"f {' '.join(corners[begin:end])}\n")
         begin = end
     with whole_file(path) as temporary:
         temporary.write_text("".join(lines), encoding="ascii", newline="\n")

@@ -181,6 +181,11 @@ def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
     else:
         mesh, source = balloon.mesh, balloon.mesh.name
         check_mesh(mesh, source, least_corners=2)
+    if balloon.print is not None:
+        if not balloon.print.is_file():
+            raise InputError(f"{balloon.print}: no such file; expected an image to print on {mesh.name}")
+        if mesh.texture_coordinates is None:
+            raise InputError(f"{source}: has no texture coordinates, which say where {balloon.print.name} is printed")
     return prepared(mesh, source, balloon.treatment), source
 
 

@@ -1,6 +1,6 @@
 """What a run is to leave behind: a stage, what is made of it, and a picture."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +29,8 @@ class Wanted:
     """whether the stage has lights and a camera"""
     ground: bool = True
     """whether it has the scene's ground"""
+    view: Mapping[str, Any] = field(default_factory=dict)
+    """options of `render_stage` for the picture"""
     _folder: TemporaryDirectory[str] | None = field(default=None, init=False)
 
     @classmethod
@@ -39,10 +41,11 @@ class Wanted:
         points: str | Path | None = None,
         lights: bool = True,
         ground: bool = True,
+        view: Mapping[str, Any] | None = None,
     ) -> Self:
         """What is wanted, with files as text or paths."""
         others = (Path(path) if path else None for path in (picture, points))
-        return cls(Path(output), *others, lights=lights, ground=ground)
+        return cls(Path(output), *others, lights=lights, ground=ground, view=view or {})
 
     @property
     def left_out(self) -> dict[str, str]:
@@ -70,8 +73,10 @@ class Wanted:
         check_export(self.output)
         if self.picture:
             from balloon_warp.outputs.render.files import PICTURE_SUFFIXES
+            from balloon_warp.outputs.render.view import check_view
 
             check_writable(self.picture, PICTURE_SUFFIXES)
+            check_view(self.picture, **self.view)
         if self.points:
             if self.points.suffix.lower() not in HDF5_SUFFIXES:
                 raise InputError(f"{self.points}: cannot hold points; expected {' or '.join(HDF5_SUFFIXES)}")
@@ -115,7 +120,7 @@ class Wanted:
             from balloon_warp.outputs.render import render_stage
 
             picture = self.picture
-            self._make(picture, lambda: render_stage(self.stage, picture, device=device))
+            self._make(picture, lambda: render_stage(self.stage, picture, device=device, **self.view))
 
     def _make(self, path: Path, make: Callable[[], Any]) -> None:
         try:

@@ -22,6 +22,8 @@ from balloon_warp.scene.schema import Balloon, Body, Obstacle, Scene
 SceneLike: TypeAlias = Scene | str | Path | MeshLike
 """a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh, in a file or not"""
 Meshed = TypeVar("Meshed", Balloon, Obstacle, Body)
+FILES = ("mesh", "print")
+"""fields that name files"""
 LARGEST_FILE = 1 << 24
 """bytes of a scene file"""
 
@@ -108,7 +110,7 @@ def _pairs(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override]:
     """
     given = cast("Iterable[Override]", overrides.items() if isinstance(overrides, Mapping) else overrides)
     try:
-        return [(place, _mesh_beside(value) if place.endswith("mesh") else value) for place, value in given]
+        return [(place, _mesh_beside(value) if place.endswith(FILES) else value) for place, value in given]
     except (TypeError, ValueError, AttributeError):
         raise InputError(
             f'overrides: must be dotted paths and values, as in {{"balloon.mass": 2.0}} (got {str(overrides)[:60]})'
@@ -172,7 +174,7 @@ def _complaint(table: dict[str, Any], overrides: Sequence[Override] = ()) -> str
 
 
 def _mesh_beside(value: Any) -> Any:
-    """A mesh that an override names is sought in the current folder first, then beside the scene's file."""
+    """A file that an override names is sought in the current folder first, then beside the scene's file."""
     return Path(value).resolve() if isinstance(value, str) and Path(value).is_file() else value
 
 
@@ -196,8 +198,11 @@ def check_scene(table: dict[str, Any], path: Path) -> Scene:
 
 
 def _beside(meshed: Meshed, path: Path) -> Meshed:
-    """A balloon, obstacle or body whose mesh file is named from where the scene's file is."""
-    return meshed.model_copy(update={"mesh": path.parent / meshed.mesh}) if isinstance(meshed.mesh, Path) else meshed
+    """A balloon, obstacle or body whose files are named from where the scene's file is."""
+    files = {name: getattr(meshed, name, None) for name in FILES}
+    return meshed.model_copy(
+        update={name: path.parent / file for name, file in files.items() if isinstance(file, Path)}
+    )
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

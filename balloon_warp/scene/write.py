@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
-from balloon_warp.scene.load import bundled_scenes
+from balloon_warp.scene.load import FILES, bundled_scenes
 from balloon_warp.scene.reference import default_of, first_line, meaning_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
 from balloon_warp.scene.toml import toml_value
@@ -27,17 +27,17 @@ LONGEST_COMMENT = 100
 def write_scene(scene: Scene, path: Path) -> list[Path]:
     """Write a scene as a file that runs wherever it is taken with what is beside it; returns the files written.
 
-    Meshes of bundled scenes are copied beside it. Others are named from where it is.
+    Meshes and prints of bundled scenes are copied beside it. Others are named from where it is.
 
     Raises:
         InputError: a file cannot be written, or another mesh is where one is to be copied to.
     """
     check_writable(path, (".toml",))
-    copies = {mesh: path.parent / mesh.name for mesh in dict.fromkeys(_meshes(scene)) if _is_bundled(mesh)}
+    copies = {mesh: path.parent / mesh.name for mesh in dict.fromkeys(_files(scene)) if _is_bundled(mesh)}
     missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
     moved = {
         name: [
-            each.model_copy(update={"mesh": copies.get(mesh, mesh)}) if (mesh := _path_of(each)) else each
+            each.model_copy(update={field: copies.get(file, file) for field, file in _files_of(each).items()})
             for each in getattr(scene, name)
         ]
         for name in MESHED
@@ -58,19 +58,19 @@ def scene_toml(scene: Scene, folder: Path) -> str:
     table = scene.model_dump(mode="json", exclude_defaults=True, exclude=WITHOUT_MESHES)
     for name in MESHED:
         for number, each in enumerate(getattr(scene, name)):
-            if mesh := _path_of(each):
-                table[name][number] = {"mesh": _named_from(mesh, folder), **table[name][number]}
+            files = {field: _named_from(file, folder) for field, file in _files_of(each).items()}
+            table[name][number] = files | {k: v for k, v in table[name][number].items() if k not in files}
     return HEADER + "\n".join(_lines(scene, table)) + "\n"
 
 
-def _meshes(scene: Scene) -> list[Path]:
-    paths = (_path_of(each) for name in MESHED for each in getattr(scene, name))
-    return [path for path in paths if path]
+def _files(scene: Scene) -> list[Path]:
+    return [file for name in MESHED for each in getattr(scene, name) for file in _files_of(each).values()]
 
 
-def _path_of(meshed: Balloon | Body | Obstacle) -> Path | None:
-    """The file of its mesh."""
-    return None if meshed.mesh is None else Path(os.path.abspath(str(meshed.mesh)))
+def _files_of(meshed: Balloon | Body | Obstacle) -> dict[str, Path]:
+    """Those of its mesh and its print, by the fields that name them."""
+    named = {field: getattr(meshed, field, None) for field in FILES}
+    return {field: Path(os.path.abspath(str(file))) for field, file in named.items() if file is not None}
 
 
 def _is_bundled(mesh: Path) -> bool:
@@ -87,7 +87,7 @@ def _is_copied(mesh: Path, copy: Path) -> bool:
         return False
     if copy.is_file() and copy.read_bytes() == mesh.read_bytes():
         return True
-    raise InputError(f"{copy}: is there already, and is not the scene's mesh of that name; expected another folder")
+    raise InputError(f"{copy}: is there already, and is not the scene's file of that name; expected another folder")
 
 
 def _named_from(mesh: Path, folder: Path) -> str:

@@ -13,62 +13,40 @@ import warp as wp
 
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
-from balloon_warp.kernels.pictures.shapes import GROUND, LINE, NOTHING, SURFACE, Hit, Shapes, first_hit, water_before
-from balloon_warp.kernels.pictures.studio import Studio, backdrop, luminance
-from balloon_warp.kernels.pictures.surface import (
-    EPSILON,
-    FAR,
-    Answer,
-    ground_answer,
-    ground_fade,
-    key_share,
-    line_answer,
-    sky_share,
-    surface_answer,
-    water_answer,
-)
+from balloon_warp.kernels.pictures.shapes import Shapes
+from balloon_warp.kernels.pictures.sight import look_along
+from balloon_warp.kernels.pictures.studio import Studio, backdrop
 
 wp.set_module_options({**OPTIONS, "enable_backward": False, "fast_math": True})
-
-LAYERS = wp.constant(3)
-"""how many translucent walls one looks through"""
 
 
 @wp.struct
 class Camera:
-    """A pinhole. `right` and `up` reach from the middle of the picture to its edges at distance one."""
+    """A pinhole, or a thin lens. `right` and `up` reach from the middle of the picture to its edges at distance one."""
 
     eye: wp.vec3
     forward: wp.vec3
     right: wp.vec3
     up: wp.vec3
+    aperture: float
+    """the lens's radius; 0 of a pinhole"""
+    focus: float
+    """how far away everything is sharp"""
+    transparent: wp.bool
+    """whether there is no backdrop"""
 
 
 @wp.func
-def with_one(share: wp.vec3):
-    """A share and its weight, to be summed."""
-    return wp.vec4(share[0], share[1], share[2], 1.0)
+def lens_place(camera: Camera, disc: wp.vec2):
+    """A place on the lens."""
+    across = disc[0] * wp.normalize(camera.right) + disc[1] * wp.normalize(camera.up)
+    return camera.eye + camera.aperture * across
 
 
 @wp.func
 def mean_share(summed: wp.vec4):
     """The share from a weighted sum of shares and weights."""
     return wp.vec3(summed[0], summed[1], summed[2]) / wp.max(summed[3], 1.0e-9)
-
-
-@wp.func
-def answer_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
-    """What a thing of any kind does with the light."""
-    answer = Answer()
-    if hit.kind == SURFACE:
-        answer = surface_answer(hit, studio, direction, ground_color)
-    elif hit.kind == LINE:
-        answer = line_answer(hit, studio, direction, ground_color)
-    elif hit.kind == GROUND:
-        answer = ground_answer(hit, studio)
-    else:
-        answer = water_answer(hit, studio, direction, ground_color)
-    return answer
 
 
 @wp.kernel
@@ -78,6 +56,7 @@ def cast_pixels(
     camera: Camera,
     pixel_samples: wp.array[wp.vec2],
     disc_samples: wp.array2d[wp.vec2],
+    lens_samples: wp.array2d[wp.vec2],
     band: int,
     band_count: int,
     # out
@@ -88,6 +67,7 @@ def cast_pixels(
     sky_shares: wp.array2d[wp.vec4],
     places: wp.array2d[wp.vec3],
     normals: wp.array2d[wp.vec3],
+    backdrops: wp.array2d[float],
 ):
     """A thread a (row of the band, column)."""
     band_row, column = wp.tid()
@@ -100,55 +80,40 @@ def cast_pixels(
     sum_sky = wp.vec3()
     sum_key_share = wp.vec4()
     sum_sky_share = wp.vec4()
+    sum_backdrop = wp.float32(0.0)
     for sample in range(pixel_samples.shape[0]):
         offset = pixel_samples[sample]
         x = 2.0 * (float(column) + offset[0]) / float(width) - 1.0
         y = 1.0 - 2.0 * (float(row) + offset[1]) / float(height)
-        direction = wp.normalize(camera.forward + x * camera.right + y * camera.up)
-        behind = backdrop(y, x)
-        disc = disc_samples[sample, tile]
+        toward = camera.forward + x * camera.right + y * camera.up
         origin = camera.eye
-        weight = wp.vec3(1.0)
-        layer = wp.int32(0)
-        while layer < LAYERS:
-            hit = water_before(shapes, origin, direction, first_hit(shapes, origin, direction, FAR))
-            if sample == 0 and layer == 0:
-                places[row, column] = hit.point
-                normals[row, column] = hit.normal
-            if hit.kind == NOTHING:
-                sum_plain += wp.cw_mul(weight, behind)
-                break
-            answer = answer_of(hit, studio, direction, shapes.ground_color)
-            if hit.kind != SURFACE and hit.kind != LINE:
-                fade = ground_fade(hit.point)
-                sum_plain += fade * wp.cw_mul(weight, behind)
-                weight *= 1.0 - fade
-            key = wp.cw_mul(weight, answer.key)
-            sky = wp.cw_mul(weight, answer.sky)
-            sum_plain += wp.cw_mul(weight, answer.lights)
-            if layer == 0:
-                sum_key += key
-                sum_sky += sky
-                bright = luminance(key)
-                if bright > 1.0e-4:
-                    sum_key_share += bright * with_one(key_share(shapes, studio, hit, disc))
-                bright = luminance(sky)
-                if bright > 1.0e-4:
-                    sum_sky_share += bright * with_one(sky_share(shapes, hit, disc))
-            else:
-                # Behind a wall nobody will miss a shadow: what is there gets a share of the light.
-                sum_plain += 0.7 * sky + 0.4 * key
-            weight = wp.cw_mul(weight, answer.through)
-            if luminance(weight) < 0.03:
-                break
-            origin = hit.point + EPSILON * direction
-            layer += 1
+        if camera.aperture > 0.0:
+            origin = lens_place(camera, lens_samples[sample, tile])
+            toward = camera.eye + camera.focus * toward - origin
+        behind = backdrop(y, x)
+        if camera.transparent:
+            behind = wp.vec3()
+        # Shares of light are blurred: every other ray's are enough of each.
+        disc = disc_samples[sample / 2, tile]
+        asks_key = sample % 2 == 0
+        asks_sky = sample % 2 == 1 or pixel_samples.shape[0] == 1
+        seen = look_along(shapes, studio, origin, wp.normalize(toward), behind, disc, asks_key, asks_sky)
+        sum_plain += seen.plain
+        sum_key += seen.key
+        sum_sky += seen.sky
+        sum_key_share += seen.key_share
+        sum_sky_share += seen.sky_share
+        sum_backdrop += seen.backdrop
+        if sample == 0:
+            places[row, column] = seen.place
+            normals[row, column] = seen.normal
     scale = 1.0 / float(pixel_samples.shape[0])
     plain[row, column] = scale * sum_plain
     key_light[row, column] = scale * sum_key
     sky_light[row, column] = scale * sum_sky
     key_shares[row, column] = scale * sum_key_share
     sky_shares[row, column] = scale * sum_sky_share
+    backdrops[row, column] = scale * sum_backdrop
 
 
 @wp.kernel
@@ -199,17 +164,22 @@ def develop(
     sky_light: wp.array2d[wp.vec3],
     key_shares: wp.array2d[wp.vec4],
     sky_shares: wp.array2d[wp.vec4],
+    backdrops: wp.array2d[float],
     band: int,
     band_count: int,
     # out
     picture: wp.array3d[wp.uint8],
 ):
-    """A thread a (row of the band, column): light together, tone curve, sRGB bytes."""
+    """A thread a (row of the band, column): light together, tone curve, sRGB bytes; opacity last where it is wanted."""
     band_row, column = wp.tid()
     row = band + band_row * band_count
     light = plain[row, column]
     light += wp.cw_mul(key_light[row, column], mean_share(key_shares[row, column]))
     light += wp.cw_mul(sky_light[row, column], mean_share(sky_shares[row, column]))
+    if picture.shape[2] == 4:
+        cover = wp.clamp(1.0 - backdrops[row, column], 0.0, 1.0)
+        light /= wp.max(cover, 1.0e-3)
+        picture[row, column, 3] = wp.uint8(255.0 * cover + 0.5)
     shown = tone(light)
     picture[row, column, 0] = srgb_byte(shown[0])
     picture[row, column, 1] = srgb_byte(shown[1])

@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from balloon_warp.kernels.pictures.printed import Prints, printed_color
+
 
 @wp.struct
 class Shapes:
@@ -15,15 +17,21 @@ class Shapes:
     """unit normals, one a vertex"""
     colors: wp.array[wp.vec3]
     """linear RGB, one a corner: faces that share a vertex may differ there"""
-    finishes: wp.array[wp.vec3]
-    """roughness, opacity and clearcoat, one a triangle"""
+    shrunk: wp.array[float]
+    """area about a vertex before over that now, one a vertex"""
+    finishes: wp.array[wp.vec4]
+    """roughness, opacity, clearcoat and metallic, one a triangle"""
+    prints: Prints
+    """images on triangles, in place of colors"""
     capsules: wp.uint64
     """the boxes of the capsules; 0 where there are none"""
     begins: wp.array[wp.vec3]
     ends: wp.array[wp.vec3]
     radii: wp.array[float]
     capsule_colors: wp.array[wp.vec3]
-    capsule_finishes: wp.array[wp.vec3]
+    capsule_finishes: wp.array[wp.vec4]
+    reach: float
+    """how far from the origin triangles and capsules are"""
     has_ground: wp.int32
     ground_height: float
     ground_color: wp.vec3
@@ -34,14 +42,15 @@ class Shapes:
 
 @wp.struct
 class Hit:
-    """Where a ray ends first. `color` and `finish` are those of the material there."""
+    """Where a ray ends first. `color`, `finish` and `shrunk` are those of the material there."""
 
     kind: wp.int32
     distance: float
     point: wp.vec3
     normal: wp.vec3
     color: wp.vec3
-    finish: wp.vec3
+    finish: wp.vec4
+    shrunk: float
 
 
 NOTHING = wp.constant(0)
@@ -120,7 +129,10 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
     hit = Hit()
     hit.kind = NOTHING
     hit.distance = reach
-    if shapes.mesh != wp.uint64(0):
+    # Most rays of the ground's shadows go nowhere near anything.
+    beside = wp.max(-wp.dot(origin, direction), 0.0)
+    near = wp.length_sq(origin + beside * direction) < shapes.reach * shapes.reach
+    if near and shapes.mesh != wp.uint64(0):
         query = wp.mesh_query_ray(shapes.mesh, origin, direction, reach)
         if query.result:
             hit.kind = SURFACE
@@ -132,7 +144,12 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
             corner = 3 * query.face
             hit.color = query.u * shapes.colors[corner] + query.v * shapes.colors[corner + 1]
             hit.color += w * shapes.colors[corner + 2]
+            if shapes.prints.of_triangle.shape[0] > 0 and shapes.prints.of_triangle[query.face] >= 0:
+                place = query.u * shapes.prints.places[corner] + query.v * shapes.prints.places[corner + 1]
+                place += w * shapes.prints.places[corner + 2]
+                hit.color = printed_color(shapes.prints, shapes.prints.of_triangle[query.face], place)
             hit.finish = shapes.finishes[query.face]
+            hit.shrunk = query.u * shapes.shrunk[a] + query.v * shapes.shrunk[b] + w * shapes.shrunk[c]
             smooth = query.u * shapes.normals[a] + query.v * shapes.normals[b] + w * shapes.normals[c]
             facing = query.normal
             if wp.dot(facing, direction) > 0.0:
@@ -144,7 +161,10 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
             if away > 0.0:
                 smooth -= 1.01 * away * direction
             hit.normal = wp.normalize(smooth)
-    capsule, distance = nearest_capsule(shapes, origin, direction, hit.distance)
+    capsule = wp.int32(-1)
+    distance = float(0.0)
+    if near:
+        capsule, distance = nearest_capsule(shapes, origin, direction, hit.distance)
     if capsule >= 0:
         is_ball = shapes.begins[capsule] == shapes.ends[capsule]
         hit.kind = wp.where(is_ball, SURFACE, LINE)
@@ -152,6 +172,7 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
         hit.normal = capsule_normal(shapes, capsule, origin + distance * direction)
         hit.color = shapes.capsule_colors[capsule]
         hit.finish = shapes.capsule_finishes[capsule]
+        hit.shrunk = 1.0
     if shapes.has_ground != 0 and direction[1] * (origin[1] - shapes.ground_height) < 0.0:
         t = (shapes.ground_height - origin[1]) / direction[1]
         if t < hit.distance:
@@ -159,7 +180,7 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
             hit.distance = t
             hit.normal = wp.vec3(0.0, wp.where(direction[1] < 0.0, 1.0, -1.0), 0.0)
             hit.color = shapes.ground_color
-            hit.finish = wp.vec3(1.0, 1.0, 0.0)
+            hit.finish = wp.vec4(1.0, 1.0, 0.0, 0.0)
     hit.point = origin + hit.distance * direction
     return hit
 

@@ -63,18 +63,37 @@ def panel(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half
 
 
 @wp.func
+def softbox(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half: wp.vec2, blur: float):
+    """A panel whose cloth is brightest where the lamp behind it is, and whose frame has a bar across the middle."""
+    light = panel(direction, toward, right, up, half, blur)
+    if light > 0.0:
+        ahead = wp.max(wp.dot(direction, toward), 0.05)
+        x = wp.dot(direction, right) / (ahead * half[0])
+        y = wp.dot(direction, up) / (ahead * half[1])
+        bar = 0.035 / half[1]
+        soft = bar + 1.5 * blur / half[1]
+        across = 1.0 - bar / soft * (1.0 - wp.smoothstep(0.5 * soft, soft, wp.abs(y)))
+        light *= across * (1.12 - 0.3 * wp.min(x * x + y * y, 1.5))
+    return light
+
+
+@wp.func
 def mirrored_room(direction: wp.vec3, roughness: float, ground_color: wp.vec3):
-    """What a surface of some roughness mirrors from a direction, the lights apart."""
-    floor = mix(0.34 * ground_color, 0.7 * ground_color, wp.smoothstep(-0.7, 0.0, direction[1]))
-    sky = mix(wp.vec3(0.60, 0.59, 0.58), wp.vec3(0.85, 0.88, 0.92), wp.smoothstep(0.0, 0.9, direction[1]))
-    soft = 0.12 + 0.5 * roughness
-    return mix(floor, sky, wp.smoothstep(-soft, soft, direction[1]))
+    """What a surface of some roughness mirrors from a direction, the lights apart.
+
+    A floor that is bright near by, a wall that is dark where it meets the floor, and a large white cloth overhead.
+    """
+    soft = 0.04 + 0.6 * roughness
+    floor = mix(0.45 * ground_color, 0.8 * ground_color, wp.smoothstep(-0.9, -0.1, direction[1]))
+    wall = mix(wp.vec3(0.30, 0.29, 0.29), wp.vec3(0.62, 0.64, 0.68), wp.smoothstep(-0.05, 0.55, direction[1]))
+    above = mix(wall, wp.vec3(1.25, 1.25, 1.25), wp.smoothstep(0.72 - soft, 0.72 + soft, direction[1]))
+    return mix(floor, above, wp.smoothstep(-soft, soft, direction[1]))
 
 
 @wp.func
 def mirrored_lights(studio: Studio, direction: wp.vec3, roughness: float):
     """What a surface of some roughness mirrors of the two lights."""
-    blur = 0.07 + 0.9 * roughness * roughness
-    key = panel(direction, studio.key, studio.key_right, studio.key_up, wp.vec2(0.30, 0.42), blur)
+    blur = 0.03 + 0.9 * roughness * roughness
+    key = softbox(direction, studio.key, studio.key_right, studio.key_up, wp.vec2(0.34, 0.44), blur)
     rim = panel(direction, studio.rim, studio.rim_right, studio.rim_up, wp.vec2(0.14, 0.70), blur)
-    return key * wp.vec3(30.0, 29.3, 28.2) + rim * wp.vec3(8.0, 8.3, 8.8)
+    return key * wp.vec3(28.0, 27.4, 26.4) + rim * wp.vec3(8.0, 8.3, 8.8)

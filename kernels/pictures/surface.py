@@ -2,8 +2,16 @@
 
 import warp as wp
 
-from balloon_warp.kernels.pictures.shapes import GROUND, NOTHING, Hit, Shapes, first_hit
-from balloon_warp.kernels.pictures.studio import Studio, mirrored_lights, mirrored_room, mix, sky_irradiance
+from balloon_warp.kernels.pictures.rubber import glow, passes, thickness_of, wall_of
+from balloon_warp.kernels.pictures.shapes import GROUND, NOTHING, SURFACE, Hit, Shapes, first_hit
+from balloon_warp.kernels.pictures.studio import (
+    Studio,
+    luminance,
+    mirrored_lights,
+    mirrored_room,
+    mix,
+    sky_irradiance,
+)
 
 FAR = wp.constant(1.0e4)
 EPSILON = wp.constant(1.0e-3)
@@ -12,6 +20,8 @@ MURK = wp.constant(0.3)
 """the part of the light that water sends back"""
 REACH = wp.constant(0.7)
 """how far away a thing can be that still dims the sky's light"""
+WALLS = wp.constant(4)
+"""how many walls of rubber the key light's rays go through"""
 
 
 @wp.struct
@@ -25,13 +35,9 @@ class Answer:
     lights: wp.vec3
     """mirror images of the lights"""
     through: wp.vec3
-    """the share, by color, of what is behind it"""
-
-
-@wp.func
-def translucency(finish: wp.vec3):
-    """How much a wall acts as thin rubber, 0 to 1, from its opacity."""
-    return wp.clamp(8.0 * (1.0 - finish[1]), 0.0, 1.0)
+    """the share, by color, of what is behind it, or of what it mirrors"""
+    mirrors: wp.bool
+    """whether the ray goes on where a mirror sends it"""
 
 
 @wp.func
@@ -80,45 +86,106 @@ def line_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.v
 
 
 @wp.func
-def surface_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
-    """A dyed body under a clear gloss; with some opacity missing, a thin wall of rubber.
+def is_film(hit: Hit):
+    """Whether it is a wall that lets light through."""
+    return hit.kind == SURFACE and hit.finish[1] < 1.0 and hit.finish[3] == 0.0
+
+
+@wp.func
+def film_at(hit: Hit, direction: wp.vec3):
+    """The wall that a ray has hit."""
+    thickness = thickness_of(hit.finish[1], hit.shrunk)
+    return wall_of(hit.color, thickness, wp.abs(wp.dot(hit.normal, direction)))
+
+
+@wp.func
+def film_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
+    """A wall of dyed rubber with light on both sides.
 
     Args:
         direction: of the ray that hit.
+        inside: whether it came from within the balloon.
     """
     answer = Answer()
-    rubber = translucency(hit.finish)
-    facing = -wp.dot(hit.normal, direction)
+    wall = film_at(hit, direction)
+    shut = glow(wall, studio.key_radiance)
     toward_key = wp.dot(hit.normal, studio.key)
-    # Schlick's approximation for an index of 1.5, held back where the room's mirror image would outline the silhouette.
-    fresnel = 0.04 + 0.5 * wp.pow(1.0 - facing, 5.0)
-    # At the silhouette light has crossed more of the dyed rubber.
-    dye = mix(hit.color, wp.cw_mul(hit.color, hit.color), 0.8 * rubber * (1.0 - facing) * (1.0 - facing))
-    answer.key = wp.max(toward_key, 0.0) * wp.cw_mul(dye, studio.key_radiance)
-    answer.sky = wp.cw_mul(dye, sky_irradiance(hit.normal, ground_color))
-    # Light that entered the rubber elsewhere leaves it everywhere, most of it right opposite the key light.
-    inner = rubber * (0.16 + 0.26 * wp.smoothstep(0.2, -1.0, toward_key))
-    answer.sky += inner * wp.cw_mul(wp.cw_mul(dye, studio.key_radiance), mix(wp.vec3(1.0), dye, 0.4))
-    seen_through = 0.55 * rubber * facing
-    answer.through = seen_through * mix(wp.vec3(1.0), dye, 0.9)
-    answer.key *= (1.0 - fresnel) * (1.0 - 0.5 * seen_through)
-    answer.sky *= (1.0 - fresnel) * (1.0 - 0.5 * seen_through)
-    gloss = fresnel * wp.max(hit.finish[2], 1.0 - hit.finish[0])
-    roughness = hit.finish[0] * (1.0 - 0.9 * hit.finish[2])
-    mirrored = direction + 2.0 * facing * hit.normal
-    answer.sky += gloss * mirrored_room(mirrored, roughness, ground_color)
-    answer.lights = gloss * mirrored_lights(studio, mirrored, roughness)
+    front, behind = wp.max(toward_key, 0.0), wp.max(-toward_key, 0.0)
+    if inside:
+        came_in = front * wp.cw_mul(wall.back, passes(wall)) + behind * wall.forth
+        answer.key = wp.cw_mul(came_in, studio.key_radiance)
+        answer.sky = wp.cw_mul(wall.forth, sky_irradiance(-hit.normal, ground_color)) + wp.cw_mul(wall.back, shut)
+    else:
+        # What comes from behind has crossed the far wall, too: the shadow's ray finds how much does.
+        answer.key = wp.cw_mul(front * wall.back + behind * wall.forth, studio.key_radiance)
+        answer.sky = wp.cw_mul(wall.back, sky_irradiance(hit.normal, ground_color)) + wp.cw_mul(wall.forth, shut)
+    answer.through = wall.clear
+    return answer
+
+
+@wp.func
+def metal_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
+    """A tinted mirror, which is a little dull."""
+    answer = Answer()
+    grazing = 1.0 + wp.dot(hit.normal, direction)
+    dull = 0.1 * hit.color
+    answer.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(dull, studio.key_radiance)
+    answer.sky = wp.cw_mul(dull, sky_irradiance(hit.normal, ground_color))
+    answer.through = 0.9 * mix(hit.color, wp.vec3(1.0), wp.pow(grazing, 5.0))
+    answer.mirrors = True
+    return answer
+
+
+@wp.func
+def surface_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
+    """A dyed body under a clear gloss, a thin wall of rubber under one, or metal.
+
+    Args:
+        direction: of the ray that hit.
+        inside: whether it came from within a balloon.
+    """
+    answer = Answer()
+    if hit.finish[3] > 0.0:
+        answer = metal_answer(hit, studio, direction, ground_color)
+    else:
+        facing = -wp.dot(hit.normal, direction)
+        # Schlick's approximation for an index of 1.5, held back where it would outline the silhouette.
+        fresnel = 0.04 + 0.5 * wp.pow(1.0 - facing, 5.0)
+        gloss = fresnel * wp.max(hit.finish[2], 1.0 - hit.finish[0])
+        if is_film(hit):
+            answer = film_answer(hit, studio, direction, ground_color, inside)
+            answer.through *= 1.0 - fresnel
+            gloss *= wp.where(inside, 0.5 * luminance(answer.through) + 0.1, 1.0)
+        else:
+            answer.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
+            answer.sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, ground_color))
+        roughness = hit.finish[0] * (1.0 - 0.9 * hit.finish[2])
+        mirrored = direction + 2.0 * facing * hit.normal
+        answer.key *= 1.0 - fresnel
+        answer.sky = (1.0 - fresnel) * answer.sky + gloss * mirrored_room(mirrored, roughness, ground_color)
+        answer.lights = gloss * mirrored_lights(studio, mirrored, roughness)
     return answer
 
 
 @wp.func
 def key_share(shapes: Shapes, studio: Studio, hit: Hit, disc: wp.vec2):
-    """The share of the key light, by color, that comes through from one point of it."""
+    """The share of the key light, by color, that comes through from one point of it, to the side that it is on."""
     across = studio.key_spread * (disc[0] * studio.key_right + disc[1] * studio.key_up)
-    blocker = first_hit(shapes, hit.point + EPSILON * hit.normal, wp.normalize(studio.key + across), FAR)
-    if blocker.kind == NOTHING:
-        return wp.vec3(1.0)
-    return 0.3 * translucency(blocker.finish) * blocker.color
+    direction = wp.normalize(studio.key + across)
+    side = wp.where(wp.dot(hit.normal, studio.key) < 0.0, -EPSILON, EPSILON)
+    origin = hit.point + side * hit.normal
+    share = wp.vec3(1.0)
+    walls = wp.int32(0)
+    while walls < WALLS:
+        blocker = first_hit(shapes, origin, direction, FAR)
+        if blocker.kind == NOTHING:
+            return share
+        if not is_film(blocker):
+            return wp.vec3(0.0)
+        share = wp.cw_mul(share, passes(film_at(blocker, direction)))
+        origin = blocker.point + EPSILON * direction
+        walls += 1
+    return share
 
 
 @wp.func
@@ -141,4 +208,6 @@ def sky_share(shapes: Shapes, hit: Hit, disc: wp.vec2):
     bounce = 0.45 * blocker.color
     if blocker.kind == GROUND:
         bounce = 0.35 * blocker.color
+    elif is_film(blocker):
+        bounce += 0.35 * passes(film_at(blocker, direction))
     return mix(bounce, wp.vec3(1.0), blocker.distance / REACH)

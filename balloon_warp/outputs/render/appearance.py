@@ -17,17 +17,18 @@ class Finish:
     roughness: float = 0.5
     opacity: float = 1.0
     clearcoat: float = 0.0
+    metallic: float = 0.0
 
-    def as_row(self) -> tuple[float, float, float]:
-        return self.roughness, self.opacity, self.clearcoat
+    def as_row(self) -> tuple[float, float, float, float]:
+        return self.roughness, self.opacity, self.clearcoat, self.metallic
 
 
 def read_finish(prim: Usd.Prim) -> Finish:
     """The finish of a prim's bound UsdPreviewSurface, or the fallback where it has none."""
-    surface = _surface(prim)
+    surface = bound_surface(prim)
     if surface is None:
         return Finish()
-    values = {name: _constant(surface, name) for name in ("roughness", "opacity", "clearcoat")}
+    values = {name: _constant(surface, name) for name in ("roughness", "opacity", "clearcoat", "metallic")}
     return Finish(**{name: float(value) for name, value in values.items() if value is not None})
 
 
@@ -71,7 +72,7 @@ def read_corner_colors(
 
 def _authored_colors(gprim: UsdGeom.Gprim) -> tuple[NDArray[np.float32], str]:
     """The material's color or else the display colors, shape (n, 3), and how they are laid out."""
-    surface = _surface(gprim.GetPrim())
+    surface = bound_surface(gprim.GetPrim())
     diffuse = _constant(surface, "diffuseColor") if surface is not None else None
     if diffuse is not None:
         return np.asarray([diffuse], np.float32), UsdGeom.Tokens.constant
@@ -86,7 +87,8 @@ def _one_color(colors: NDArray[np.float32]) -> NDArray[np.float32]:
     return (colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)).astype(np.float32)
 
 
-def _surface(prim: Usd.Prim) -> UsdShade.Shader | None:
+def bound_surface(prim: Usd.Prim) -> UsdShade.Shader | None:
+    """The UsdPreviewSurface that a prim's material has."""
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
     shader = material.ComputeSurfaceSource()[0] if material else None
     return shader if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface" else None

@@ -27,6 +27,10 @@ class Camera:
     """half the picture's width at distance one"""
     half_height: float
     """half the picture's height at distance one"""
+    aperture: float = 0.0
+    """diameter of the lens; 0 of a pinhole"""
+    focus: float = 1.0
+    """how far ahead everything is sharp"""
 
     def pixel_size(self, place: NDArray[np.float64], height: int) -> float:
         """How large a pixel is at a place, in a picture `height` pixels high."""

@@ -1,4 +1,4 @@
-"""Picture files: PNG for one frame, GIF and MP4 for many."""
+"""Picture files: PNG for one frame, WebP, GIF and MP4 for many."""
 
 from collections.abc import Callable, Iterable
 from importlib import import_module
@@ -10,13 +10,15 @@ from PIL import Image
 
 from balloon_warp.errors import MissingExtraError
 
-PICTURE_SUFFIXES = (".png", ".gif", ".mp4")
+PICTURE_SUFFIXES = (".png", ".webp", ".gif", ".mp4")
 DITHER = 6.0
 """8-bit steps that a color is moved by, at most half of it up or down, before it gets the palette's nearest"""
+WEBP_QUALITY = 82
+"""of 100: what 640x360 pixels of a balloon take is some 10 kB a frame"""
 GIF_LONGEST = 655_350
 """milliseconds that a GIF can show a picture for"""
 Picture = NDArray[np.uint8]
-"""sRGB, shape (height, width, 3)"""
+"""sRGB, shape (height, width, 3), or with opacity (height, width, 4)"""
 _BAYER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) + 0.5) / 16.0
 
 
@@ -39,6 +41,14 @@ def write_gif(path: Path, pictures: Iterable[Picture], frame_seconds: float) -> 
         loop=0,
         optimize=False,
     )
+
+
+def write_webp(path: Path, pictures: Iterable[Picture], frame_seconds: float) -> None:
+    """Write an endless animation, or one picture, with all of its colors."""
+    first, *others = map(Image.fromarray, pictures)
+    milliseconds = max(1, round(1000 * frame_seconds))
+    many = {"save_all": True, "append_images": others, "duration": milliseconds, "loop": 0} if others else {}
+    first.save(path, format="WEBP", quality=WEBP_QUALITY, method=4, **many)
 
 
 def _common_palette(pictures: list[Picture]) -> Image.Image:

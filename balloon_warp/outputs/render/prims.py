@@ -8,8 +8,9 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.render.appearance import read_colors, read_corner_colors, read_finish
+from balloon_warp.outputs.render.appearance import bound_surface, read_colors, read_corner_colors, read_finish
 from balloon_warp.outputs.render.moment import Moment
+from balloon_warp.outputs.render.printed import read_print
 from balloon_warp.outputs.render.surface import SmoothSurface
 
 
@@ -30,11 +31,15 @@ SIDES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2,
 """the corners of each, as they go around it seen from outside"""
 
 
+SHRUNK = (0.02, 4.0)
+"""least and most of the area before over the area now that shows"""
+
+
 class MeshPrim:
     """A UsdGeom.Mesh of fixed topology, but for faces whose corners come to be all at one vertex: these are not
     drawn."""
 
-    def __init__(self, prim: Usd.Prim, moment: Moment):
+    def __init__(self, prim: Usd.Prim, moment: Moment, start: Moment):
         self._mesh = UsdGeom.Mesh(prim)
         points = _points(self._mesh, moment)
         counts, indices = (
@@ -51,9 +56,25 @@ class MeshPrim:
         # What bends sharply in one frame is smooth in the next.
         self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
         """whether its points move"""
-        self.surface = SmoothSurface(PolygonMesh(points, counts[seen], indices[whole]), creased=not self.soft)
-        self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
         self.finish = read_finish(prim)
+        # Foil is two flat sheets at first: where they are joined, its seam is sharp ever after.
+        sharp = self.points(start) if self.soft and self.finish.metallic > 0.0 else points
+        creased = not self.soft or self.finish.metallic > 0.0
+        self.surface = SmoothSurface(PolygonMesh(sharp, counts[seen], indices[whole]), creased)
+        self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
+        self.printed = read_print(self._mesh, bound_surface(prim), indices)
+        """an image on it, if there is one"""
+        self.places = self.surface.spread(self.printed.places[whole]) if self.printed else None
+        """where in it the corners of the surface's triangles are, three each"""
+        self._first_areas = self.surface.vertex_areas(self.points(start)) if self.soft else None
+
+    def shrunk(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How many times as large the area about each of the surface's vertices was at the start."""
+        if self._first_areas is None:
+            return np.ones(self.surface.vertex_count)
+        areas = self.surface.vertex_areas(points)
+        known = (areas > 0.0) & (self._first_areas > 0.0)
+        return np.clip(np.divide(self._first_areas, areas, out=np.ones_like(areas), where=known), *SHRUNK)
 
     def gone(self, moment: Moment) -> NDArray[np.bool_] | None:
         """Which of the surface's triangles are not there; None where all always are."""
@@ -77,6 +98,7 @@ class CubePrim:
 
     point_count = 8
     soft = False
+    printed, places = None, None
     used = np.arange(8)
 
     def __init__(self, prim: Usd.Prim, moment: Moment):
@@ -86,6 +108,10 @@ class CubePrim:
         color = read_colors(self._cube, np.ones(1, np.int32))
         self.colors = self.surface.spread(np.tile(color, (len(indices), 1)))
         self.finish = read_finish(prim)
+
+    def shrunk(self, _: NDArray[np.float64]) -> NDArray[np.float64]:
+        """It does not stretch."""
+        return np.ones(self.surface.vertex_count)
 
     def points(self, moment: Moment) -> NDArray[np.float64]:
         """Its corners, shape (8, 3)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.pictures import raycast
+from balloon_warp.kernels.pictures.printed import Prints
 from balloon_warp.kernels.pictures.shapes import Shapes
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.prims import Capsules
@@ -35,6 +36,7 @@ class RayCaster:
         samples: rays a pixel.
         device: a Warp device; the GPU where there is one, when missing.
         threads: CPU threads; all cores when missing. The picture does not depend on it.
+        transparent: leave out backdrop, ground and water; pictures say how opaque they are then.
 
     Raises:
         InputError: there is no such device.
@@ -49,9 +51,12 @@ class RayCaster:
         samples: int,
         device: str | None = None,
         threads: int | None = None,
+        *,
+        transparent: bool = False,
     ):
         self._stage, self._center, self._size, self._samples = stage, center, size, samples
         self._width, self._height = picture_size
+        self._transparent = transparent
         self.device = pick_device(device)
         self._bands = 1 if self.device.is_cuda else min(threads or os.cpu_count() or 1, self._height)
         self._mesh: wp.Mesh | None = None
@@ -60,32 +65,40 @@ class RayCaster:
         self._upload_fixed()
         self._allocate()
 
-    def place(self, frame: int, least_radius: float) -> None:
-        """Move everything to where it is at a frame. Lines are at least `least_radius` thick, in the stage's unit."""
+    def place(self, frame: float, least_radius: float) -> None:
+        """Move everything to where it is at a frame, or between two.
+
+        Args:
+            least_radius: of lines, in the stage's unit.
+        """
+        reaches = [0.0]
         if self._stage.meshes:
-            self._place_meshes(self._stage.points(frame), self._stage.gone(frame))
+            reaches.append(self._place_meshes(self._stage.points(frame), self._stage.gone(frame)))
         if self._stage.rounds:
-            self._place_capsules(self._stage.capsules(frame), least_radius)
+            reaches.append(self._place_capsules(self._stage.capsules(frame), least_radius))
+        self._shapes.reach = 1.001 * max(reaches)
         heights = (np.array(self._stage.heights(frame)) - self._center[1]) / self._size
         self._shapes.ground_height, self._shapes.water_height = heights.tolist()
 
     def picture(self, camera: Camera) -> NDArray[np.uint8]:
-        """sRGB bytes of what the camera sees, shape (height, width, 3)."""
+        """sRGB bytes of what the camera sees, shape (height, width, 3); with opacity (height, width, 4)."""
         lens = raycast.Camera()
         lens.eye = wp.vec3(*self._local(camera.eye))
         right, up, backward = camera.axes
         lens.forward = wp.vec3(*-backward)
         lens.right = wp.vec3(*(camera.half_width * right))
         lens.up = wp.vec3(*(camera.half_height * up))
+        lens.aperture, lens.focus = 0.5 * camera.aperture / self._size, camera.focus / self._size
+        lens.transparent = self._transparent
         studio = light_studio(camera)
         noisy, smooth, surface = self._shares[:2], self._shares[2:], [self._places, self._normals]
         light = [self._plain, self._key, self._sky]
         radius = max(2, round(WIDEST_BLUR * min(1.0, (4.0 / self._samples) ** 0.5)))
-        inputs = [self._shapes, studio, lens, self._pixel_samples, self._disc_samples]
-        self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface])
+        inputs = [self._shapes, studio, lens, self._pixel_samples, self._disc_samples, self._lens_samples]
+        self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface, self._backdrops])
         self._launch(raycast.smooth_light, [*noisy, *surface, radius, 0, 1], smooth)
         self._launch(raycast.smooth_light, [*smooth, *surface, radius, 1, 0], noisy)
-        self._launch(raycast.develop, [*light, *noisy], [self._picture])
+        self._launch(raycast.develop, [*light, *noisy, self._backdrops], [self._picture])
         return np.array(self._picture.numpy(), np.uint8)  # a copy: on the CPU the next picture would change a view
 
     def _launch(self, kernel: Any, inputs: list, outputs: list) -> None:
@@ -114,21 +127,39 @@ class RayCaster:
             self._corners = np.concatenate(corners)
             self._shapes.corners = self._array(self._corners.ravel(), wp.int32)
             self._shapes.colors = self._array(np.concatenate([mesh.colors for mesh in meshes]))
+            self._shapes.prints = self._prints()
             finishes = [np.tile(mesh.finish.as_row(), (len(mesh.surface.triangles), 1)) for mesh in meshes]
-            self._shapes.finishes = self._array(np.concatenate(finishes))
+            self._shapes.finishes = self._array(np.concatenate(finishes), wp.vec4)
         if shapes:
             self._shapes.capsule_colors = self._array(np.concatenate([shape.colors for shape in shapes]))
             finishes = [np.tile(shape.finish.as_row(), (shape.segment_count, 1)) for shape in shapes]
-            self._shapes.capsule_finishes = self._array(np.concatenate(finishes))
+            self._shapes.capsule_finishes = self._array(np.concatenate(finishes), wp.vec4)
         ground = self._stage.ground
-        self._shapes.has_ground = int(ground is not None)
+        self._shapes.has_ground = int(ground is not None and not self._transparent)
         self._shapes.ground_color = wp.vec3(0.5)
         if ground is not None:
             self._shapes.ground_color = wp.vec3(*ground.color.tolist())
         water = self._stage.water
-        self._shapes.has_water = int(water is not None)
+        self._shapes.has_water = int(water is not None and not self._transparent)
         if water is not None:
             self._shapes.water_color = wp.vec3(*water.color.tolist())
+
+    def _prints(self) -> Any:
+        """The images that are on meshes."""
+        prints, meshes = Prints(), self._stage.meshes
+        images = [mesh.printed.texels for mesh in meshes if mesh.printed]
+        if images:
+            starts = np.cumsum([0, *(image.shape[0] * image.shape[1] for image in images)])
+            rows = [(start, image.shape[1], image.shape[0]) for start, image in zip(starts, images, strict=False)]
+            prints.texels = self._array(np.concatenate([image.reshape(-1, 3) for image in images]))
+            prints.images = self._array(np.array(rows), wp.vec3i)
+            numbers = np.cumsum([mesh.printed is not None for mesh in meshes]) - 1
+            counts = [len(mesh.surface.triangles) for mesh in meshes]
+            own = [number if mesh.printed else -1 for number, mesh in zip(numbers, meshes, strict=True)]
+            prints.of_triangle = self._array(np.repeat(own, counts), wp.int32)
+            places = [np.zeros((3 * len(m.surface.triangles), 2)) if m.places is None else m.places for m in meshes]
+            prints.places = self._array(np.concatenate(places), wp.vec2)
+        return prints
 
     def _allocate(self) -> None:
         shape = (self._height, self._width)
@@ -136,16 +167,22 @@ class RayCaster:
             vectors = [wp.zeros(shape, dtype=wp.vec3) for _ in range(5)]
             self._plain, self._key, self._sky, self._places, self._normals = vectors
             self._shares = [wp.zeros(shape, dtype=wp.vec4) for _ in range(4)]
-            self._picture = wp.zeros((*shape, 3), dtype=wp.uint8)
+            self._backdrops = wp.zeros(shape, dtype=float)
+            self._picture = wp.zeros((*shape, 4 if self._transparent else 3), dtype=wp.uint8)
             self._pixel_samples = wp.array(spread_points(self._samples), dtype=wp.vec2)
-            self._disc_samples = wp.array(disc_points(self._samples), dtype=wp.vec2)
+            self._lens_samples = wp.array(disc_points(self._samples), dtype=wp.vec2)
+            self._disc_samples = wp.array(disc_points((self._samples + 1) // 2), dtype=wp.vec2)
             wp.load_module(raycast, device=self.device)
         self._pool = ThreadPoolExecutor(self._bands)
 
-    def _place_meshes(self, points: list[NDArray[np.float64]], gone: NDArray[np.bool_] | None) -> None:
+    def _place_meshes(self, points: list[NDArray[np.float64]], gone: NDArray[np.bool_] | None) -> float:
+        """Tells how far from the origin they are."""
         placed = [mesh.surface.place(each) for mesh, each in zip(self._stage.meshes, points, strict=True)]
-        vertices = self._array(self._local(np.concatenate([vertices for vertices, _ in placed])))
+        local = self._local(np.concatenate([vertices for vertices, _ in placed]))
+        vertices = self._array(local)
         self._shapes.normals = self._array(np.concatenate([normals for _, normals in placed]))
+        shrunk = [mesh.shrunk(each) for mesh, each in zip(self._stage.meshes, points, strict=True)]
+        self._shapes.shrunk = self._array(np.concatenate(shrunk), wp.float32)
         if gone is not None:  # what is gone has no width
             self._mesh = None
             corners = np.where(gone[:, None], self._corners[:, :1], self._corners)
@@ -156,8 +193,10 @@ class RayCaster:
         else:
             wp.copy(self._mesh.points, vertices)
             self._mesh.refit()
+        return float(np.linalg.norm(local, axis=1).max())
 
-    def _place_capsules(self, capsules: Capsules, least_radius: float) -> None:
+    def _place_capsules(self, capsules: Capsules, least_radius: float) -> float:
+        """Tells how far from the origin they are."""
         begins, ends = self._local(capsules.begins), self._local(capsules.ends)
         radii = np.maximum(capsules.radii, least_radius) / self._size
         lowers = self._array(np.minimum(begins, ends) - radii[:, None])
@@ -171,6 +210,7 @@ class RayCaster:
             wp.copy(self._bvh.lowers, lowers)
             wp.copy(self._bvh.uppers, uppers)
             self._bvh.refit()
+        return float((np.linalg.norm([begins, ends], axis=2) + radii).max())
 
     def _local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         return (points - self._center) / self._size

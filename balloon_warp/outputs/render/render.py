@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
+from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.files import (
     PICTURE_SUFFIXES,
     Picture,
@@ -13,12 +15,16 @@ from balloon_warp.outputs.render.files import (
     write_gif,
     write_mp4,
     write_png,
+    write_webp,
 )
+from balloon_warp.outputs.render.shutter import moments, one_over_the_other
 from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.outputs.render.view import View
+from balloon_warp.outputs.render.view import View, check_view
 
-GIF_FRAMES_PER_SECOND = 20.0
-GIF_MOST_FRAMES = 120
+MOST_RATE = {".gif": 20.0, ".webp": 30.0}
+"""pictures a second that such an animation has at most, unless a rate is asked for"""
+MOST_PICTURES = 120
+"""that it has then"""
 MOST_FRAMES = 1_000_000
 """in the time that an animation shows"""
 FRAMES_PER_SECOND = (0.01, 1_000.0)
@@ -28,6 +34,20 @@ MOST_PIXELS = 8_192
 MOST_SAMPLES = 4_096
 LEAST_LINE_PIXELS = 1.3
 """lines are drawn no thinner than this in the middle of the action, or they would break up"""
+
+
+@dataclass(frozen=True)
+class Film:
+    """What a picture is taken on, and for how long."""
+
+    size: tuple[int, int]
+    """width and height in pixels"""
+    samples: int
+    """rays a pixel, in each moment"""
+    shutter: float
+    """how long it is open, in frames"""
+    transparent: bool
+    """whether there is no backdrop"""
 
 
 def render_stage(
@@ -41,13 +61,17 @@ def render_stage(
     elevation: float | None = None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
     *,
-    zoom: float = 1.0,
+    zoom: float | None = None,
     look_at: str | tuple[float, float, float] | None = None,
     follow: bool = False,
+    aperture: float = 0.0,
+    focus: str | tuple[float, float, float] | None = None,
+    shutter: float = 0.0,
+    transparent: bool = False,
     frames: tuple[int | None, int | None] | None = None,
     frames_per_second: float | None = None,
 ) -> list[int]:
-    """Make a picture (.png) or an animation (.gif, .mp4) of a stage. The file appears whole or not at all.
+    """Make a picture (.png) or an animation (.webp, .gif, .mp4) of a stage. The file appears whole or not at all.
 
     Args:
         path: any USD stage with meshes, spheres or linear curves.
@@ -61,7 +85,10 @@ def render_stage(
         elevation: from level toward above, 0 to 90 [degrees]; `ELEVATION` when missing. With both missing a camera of
             the stage comes first.
         on_frame: told how many frames are done, and of how many, after each.
-        zoom, look_at, follow: as `View` has them.
+        zoom, look_at, follow, aperture, focus: as `View` has them. What is not asked for is as the stage says, if it
+            says from where its picture is taken.
+        shutter: how long it is open, in frames, 0 to 1: what moves is blurred. It takes `MOMENTS` times as long.
+        transparent: leave out backdrop, ground and water, for a .png or .webp that is laid over something else.
         frames: the first and the last of an animation; when missing, the stage's.
         frames_per_second: of an animation, which keeps its true speed; the stage's when missing.
 
@@ -76,18 +103,29 @@ def render_stage(
     suffix = output.suffix.lower()
     check_writable(output, PICTURE_SUFFIXES)
     _check_request(suffix, frame, size, samples)
-    view = View(azimuth, elevation, zoom, look_at, follow)
-    view.check()
+    view = check_view(
+        output,
+        shutter,
+        transparent,
+        azimuth=azimuth,
+        elevation=elevation,
+        zoom=zoom,
+        look_at=look_at,
+        follow=follow,
+        aperture=aperture,
+        focus=focus,
+    )
     if suffix == ".png" and (frames or frames_per_second) is not None:
-        raise InputError(f"{output}: one picture has no frames and no rate; expected a .gif or an .mp4, or --frame")
+        raise InputError(f"{output}: one picture has no frames and no rate; expected a .webp, .gif or .mp4, or --frame")
     stage = RenderStage(path)
     chosen, frame_seconds = _choose_frames(stage, suffix, frame, frames, frames_per_second)
-    pictures = _pictures(stage, chosen, size, samples, device, view, on_frame)
+    film = Film(size, samples, shutter, transparent)
+    pictures = _pictures(stage, chosen, film, device, view, on_frame)
     with whole_file(output) as temporary:
         if suffix == ".png":
             write_png(temporary, next(pictures))
-        elif suffix == ".gif":
-            write_gif(temporary, pictures, frame_seconds)
+        elif suffix in MOST_RATE:
+            (write_gif if suffix == ".gif" else write_webp)(temporary, pictures, frame_seconds)
         else:
             write_mp4(temporary, pictures, 1.0 / frame_seconds)
     return chosen
@@ -147,9 +185,9 @@ def _choose_frames(
             raise InputError(f"fps: {rate:g} makes {count:,} pictures; expected at most {MOST_FRAMES:,}")
         return [first + round(number * stage.frames_per_second / rate) for number in range(count)], 1.0 / rate
     step = 1
-    if suffix == ".gif":
-        too_fast = stage.frames_per_second / GIF_FRAMES_PER_SECOND
-        too_many = (last - first + 1) / GIF_MOST_FRAMES
+    if suffix in MOST_RATE:
+        too_fast = stage.frames_per_second / MOST_RATE[suffix]
+        too_many = (last - first + 1) / MOST_PICTURES
         step = max(1, math.ceil(too_fast - 1e-9), math.ceil(too_many))
     return list(range(first, last + 1, step)), step / stage.frames_per_second
 
@@ -157,8 +195,7 @@ def _choose_frames(
 def _pictures(
     stage: RenderStage,
     frames: list[int],
-    size: tuple[int, int],
-    samples: int,
+    film: Film,
     device: str | None,
     view: View,
     on_frame: Callable[[int, int], None],
@@ -166,10 +203,19 @@ def _pictures(
     from balloon_warp.outputs.render.raycaster import RayCaster  # loads Warp: only once the stage is known to be good
 
     stage.read_prims(frames[0])
-    framing, camera_of = view.cameras(stage, frames, size[0] / size[1])
-    caster = RayCaster(stage, framing.center, framing.size, size, samples, device)
+    width, height = film.size
+    framing, camera_of = view.cameras(stage, frames, width / height)
+    caster = RayCaster(
+        stage, framing.center, framing.size, film.size, film.samples, device, transparent=film.transparent
+    )
+
+    def picture(moment: float, camera: Camera) -> Picture:
+        caster.place(moment, 0.5 * LEAST_LINE_PIXELS * camera.pixel_size(framing.center, height))
+        return caster.picture(camera)
+
     for done, frame in enumerate(frames, start=1):
         camera = camera_of(frame)
-        caster.place(frame, 0.5 * LEAST_LINE_PIXELS * camera.pixel_size(framing.center, size[1]))
-        yield caster.picture(camera)
+        open_at = moments(frame, film.shutter, stage.last_frame)
+        pictures = (picture(moment, camera) for moment in open_at)
+        yield next(pictures) if len(open_at) == 1 else one_over_the_other(pictures)
         on_frame(done, len(frames))

@@ -67,16 +67,33 @@ class RenderStage:
     @property
     def picture_frame(self) -> int:
         """The frame for a single picture: the one that the stage names, or the last where there is none so late."""
-        ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
-        named = ours.get("pictureFrame") if isinstance(ours, dict) else None
+        named = self._said("pictureFrame")
         return min(named, self.last_frame) if isinstance(named, int) else self.last_frame
+
+    @property
+    def picture_view(self) -> dict[str, float | tuple[float, float, float]]:
+        """From where a picture is taken, by the names of a scene's fields, where the stage says it."""
+        said = self._said("pictureView")
+        view: dict[str, float | tuple[float, float, float]] = {}
+        for name, value in said.items() if isinstance(said, dict) else ():
+            if name == "look_at" and isinstance(value, Gf.Vec3d):
+                x, y, z = np.array(value).tolist()
+                view[name] = (x, y, z)
+            elif name in ("azimuth", "elevation", "zoom") and isinstance(value, float | int):
+                view[name] = float(value)
+        return view
+
+    def _said(self, name: str):
+        """What a stage of ours says of itself."""
+        ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
+        return ours.get(name) if isinstance(ours, dict) else None
 
     @property
     def stage(self) -> Usd.Stage:
         """what USD has opened"""
         return self._stage
 
-    def read_prims(self, frame: int) -> None:
+    def read_prims(self, frame: float) -> None:
         """Find what is drawn, as it is at a frame.
 
         Raises:
@@ -95,12 +112,12 @@ class RenderStage:
                 f"{self.path}: has no visible mesh, cube, sphere, capsule or linear curves to draw at frame {frame}"
             )
 
-    def points(self, frame: int) -> list[NDArray[np.float64]]:
+    def points(self, frame: float) -> list[NDArray[np.float64]]:
         """The points of each mesh and cube, shape (point_count, 3) each."""
         moment = Moment(self._stage, frame)
         return [mesh.points(moment) for mesh in self.meshes]
 
-    def gone(self, frame: int) -> NDArray[np.bool_] | None:
+    def gone(self, frame: float) -> NDArray[np.bool_] | None:
         """Which triangles of all meshes are not there; None where all always are."""
         moment = Moment(self._stage, frame)
         each = [mesh.gone(moment) if isinstance(mesh, MeshPrim) else None for mesh in self.meshes]
@@ -109,13 +126,13 @@ class RenderStage:
         pairs = zip(self.meshes, each, strict=True)
         return np.concatenate([np.zeros(len(m.surface.triangles), bool) if g is None else g for m, g in pairs])
 
-    def heights(self, frame: int) -> tuple[float, float]:
+    def heights(self, frame: float) -> tuple[float, float]:
         """Of the ground and the water; minus infinity without one."""
         moment = Moment(self._stage, frame)
         ground, water = (plane.height(moment) if plane else -math.inf for plane in (self.ground, self.water))
         return ground, water
 
-    def capsules(self, frame: int) -> Capsules:
+    def capsules(self, frame: float) -> Capsules:
         """The spheres, the capsules and all curves' segments."""
         moment = Moment(self._stage, frame)
         each = [
@@ -124,7 +141,7 @@ class RenderStage:
         ]
         return Capsules(*(np.concatenate(arrays) for arrays in zip(*each, strict=True)))
 
-    def camera(self, frame: int, aspect: float) -> Camera | None:
+    def camera(self, frame: float, aspect: float) -> Camera | None:
         """The stage's first perspective camera, its view widened to a picture of this aspect; None without one.
 
         Raises:
@@ -153,7 +170,7 @@ class RenderStage:
                 self._camera = camera
         elif _is_drawn(prim, moment.time):
             if UsdGeom.Mesh(prim):
-                mesh = MeshPrim(prim, moment)
+                mesh = MeshPrim(prim, moment, Moment(self._stage, self.first_frame))
                 if len(mesh.surface.triangles) == 0:
                     return
                 points = mesh.points(moment)

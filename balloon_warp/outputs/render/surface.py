@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.geometry import triangulate, vertex_normals
+from balloon_warp.mesh.geometry import face_vector_areas, triangulate, vertex_normals
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
 
@@ -32,6 +32,7 @@ class SmoothSurface:
     def __init__(self, mesh: PolygonMesh, creased: bool = False):
         corner_vertices, self._source, sharp = cut_at_creases(mesh) if creased else leave_whole(mesh)
         self._mesh = replace(mesh, points=mesh.points[self._source], face_vertex_indices=corner_vertices)
+        self._creased = creased
         self.triangles, self._faces = triangulate(self._mesh)
         corner_numbers = np.arange(len(corner_vertices), dtype=np.int32)
         self._corners = triangulate(replace(self._mesh, face_vertex_indices=corner_numbers))[0]
@@ -62,10 +63,31 @@ class SmoothSurface:
             spread = np.concatenate([spread, middles], axis=1)[:, QUARTERS].reshape(-1, 3, values.shape[1])
         return spread.reshape(-1, values.shape[1])
 
+    def _evened(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Normals of vertices, each turned toward those about it as the limit of subdivision turns them: a highlight
+        shows where they change at once. Those at creases stay."""
+        if self._creased:
+            return normals
+        counts, corners = self._mesh.face_vertex_counts, self._mesh.face_vertex_indices
+        sides = np.repeat(np.add.reduceat(normals[corners], np.cumsum(counts) - counts) / counts[:, None], counts, 0)
+        sums = np.stack([np.bincount(corners, side, len(normals)) for side in sides.T], axis=1)
+        length = np.linalg.norm(sums, axis=1, keepdims=True)
+        return np.divide(sums, length, out=normals.copy(), where=length > 1e-12)
+
+    def vertex_areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of all vertices the area of the mesh's faces about them, that of new ones as between old ones."""
+        mesh = replace(self._mesh, points=points[self._source])
+        counts = mesh.face_vertex_counts
+        shares = np.repeat(np.linalg.norm(face_vector_areas(mesh), axis=1) / counts, counts)
+        areas = np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count).astype(np.float64)
+        for edges in self._edges:
+            areas = np.concatenate([areas, areas[edges].mean(axis=1)])
+        return areas
+
     def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """All vertices for the mesh's points, and their unit normals, each of shape (vertex_count, 3)."""
         points = points[self._source]
-        normals = vertex_normals(replace(self._mesh, points=points))
+        normals = self._evened(vertex_normals(replace(self._mesh, points=points)))
         for edges, straight in zip(self._edges, self._straight, strict=True):
             begin, end = points[edges[:, 0]], points[edges[:, 1]]
             normal_begin, normal_end = normals[edges[:, 0]], normals[edges[:, 1]]

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,8 @@ from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 Point = tuple[float, float, float]
+CLEAR = (".png", ".webp")
+"""what can be transparent"""
 ZOOM = (0.01, 100.0)
 """least and most"""
 
@@ -27,12 +31,16 @@ class View:
     """from the front, +Z, or -Y where Z is up, toward +X [degrees]; `AZIMUTH` when missing"""
     elevation: float | None = None
     """from level toward above [degrees]; `ELEVATION` when missing"""
-    zoom: float = 1.0
-    """how many times as large everything is"""
+    zoom: float | None = None
+    """how many times as large everything is; 1 when missing"""
     look_at: str | Point | None = None
     """a prim's name, or a point of the stage, that is in the middle; when missing, the middle of the action is"""
     follow: bool = False
     """whether the camera goes along with what it looks at, which are the balloons when nothing is named"""
+    aperture: float = 0.0
+    """the lens's diameter, in the stage's unit: what is nearer or farther than `focus` is blurred; 0 of a pinhole"""
+    focus: str | Point | None = None
+    """a prim's name, or a point of the stage, that is sharp; when missing, what is in the middle"""
 
     def check(self) -> None:
         """Raises:
@@ -42,13 +50,19 @@ class View:
             raise InputError(f"azimuth: {self.azimuth:g} degrees; expected a finite angle")
         if self.elevation is not None and not 0.0 <= self.elevation <= 90.0:
             raise InputError(f"elevation: {self.elevation:g} degrees; expected 0 to 90")
-        if not ZOOM[0] <= self.zoom <= ZOOM[1]:
+        if self.zoom is not None and not ZOOM[0] <= self.zoom <= ZOOM[1]:
             raise InputError(f"zoom: {self.zoom:g}; expected {ZOOM[0]:g} to {ZOOM[1]:g}")
         if isinstance(self.look_at, tuple):
             if not all(map(math.isfinite, self.look_at)):
                 raise InputError(f"look-at: {self.look_at}; expected finite numbers")
             if self.follow:
                 raise InputError("follow: a point does not move; expected look-at to name a prim, or nothing")
+        if not 0.0 <= self.aperture < math.inf:
+            raise InputError(f"aperture: {self.aperture:g}; expected the lens's diameter, 0 or more")
+        if isinstance(self.focus, tuple) and not all(map(math.isfinite, self.focus)):
+            raise InputError(f"focus: {self.focus}; expected finite numbers")
+        if self.focus is not None and self.aperture == 0.0:
+            raise InputError("focus: everything is sharp; expected aperture, too")
 
     @property
     def from_own_place(self) -> bool:
@@ -63,53 +77,91 @@ class View:
         Raises:
             InputError: everything is in one point, or there is nothing of that name.
         """
+        own_first = not self.from_own_place
+        return self._over(stage.picture_view)._cameras(stage, frames, aspect, own_first)
+
+    def _over(self, said: dict[str, Any]) -> "View":
+        """With what a stage says, where nothing is asked. Who follows something goes wherever it goes."""
+        names = ("azimuth", "elevation") if self.follow else ("azimuth", "elevation", "zoom", "look_at")
+        return replace(self, **{name: said[name] for name in names if name in said and getattr(self, name) is None})
+
+    def _cameras(
+        self, stage: RenderStage, frames: Sequence[int], aspect: float, own_first: bool
+    ) -> tuple[Framing, Callable[[int], Camera]]:
         azimuth = AZIMUTH if self.azimuth is None else self.azimuth
         elevation = ELEVATION if self.elevation is None else self.elevation
         framing = frame_action([(stage, frame) for frame in frames], aspect, azimuth, elevation)
         if self.follow:
             fit = CameraFit(aspect, azimuth, elevation)
             for frame in frames:
-                subject = self._subject(stage, frame)
+                subject = self._subject(stage, frame, self.look_at)
                 fit.include(subject - _middle(subject))
             fitted = fit.camera()
 
             def camera(frame: int) -> Camera:
-                return replace(fitted, eye=fitted.eye + _middle(self._subject(stage, frame)))
+                return replace(fitted, eye=fitted.eye + _middle(self._subject(stage, frame, self.look_at)))
         else:
             moved = framing.camera
             if self.look_at is not None:
                 backward = moved.axes[2]
                 distance = float((moved.eye - framing.center) @ backward)
-                moved = replace(moved, eye=_middle(self._subject(stage, frames[0])) + distance * backward)
+                looked_at = _middle(self._subject(stage, frames[0], self.look_at))
+                moved = replace(moved, eye=looked_at + distance * backward)
 
             def camera(frame: int) -> Camera:
-                own = None if self.from_own_place else stage.camera(frame, aspect)
+                own = stage.camera(frame, aspect) if own_first else None
                 return own or moved
 
-        return framing, lambda frame: self._zoomed(camera(frame))
+        return framing, lambda frame: self._with_lens(self._zoomed(camera(frame)), stage, frame, framing)
 
     def _zoomed(self, camera: Camera) -> Camera:
-        wide, high = camera.half_width / self.zoom, camera.half_height / self.zoom
-        return replace(camera, half_width=wide, half_height=high)
+        zoom = self.zoom or 1.0
+        return replace(camera, half_width=camera.half_width / zoom, half_height=camera.half_height / zoom)
 
-    def _subject(self, stage: RenderStage, frame: int) -> NDArray[np.float64]:
-        """Points of what is looked at, Y up, shape (n, 3)."""
-        if self.look_at is None:
+    def _with_lens(self, camera: Camera, stage: RenderStage, frame: int, framing: Framing) -> Camera:
+        if self.aperture == 0.0:
+            return camera
+        named = self.look_at if self.focus is None else self.focus
+        sharp = framing.center if named is None else _middle(self._subject(stage, frame, named))
+        return replace(camera, aperture=self.aperture, focus=float((camera.eye - sharp) @ camera.axes[2]))
+
+    def _subject(self, stage: RenderStage, frame: int, named: str | Point | None) -> NDArray[np.float64]:
+        """Points of what is named, Y up, shape (n, 3); of the balloons if nothing is."""
+        if named is None:
             shapes = zip(stage.points(frame), stage.meshes, strict=True)
             soft = [points[mesh.used] for points, mesh in shapes if mesh.soft]
             if not soft:
                 raise InputError(f"{stage.path}: has no balloon to follow; expected look-at to name a prim")
             return np.concatenate(soft)
         turn = Z_TO_Y_UP if UsdGeom.GetStageUpAxis(stage.stage) == UsdGeom.Tokens.z else np.eye(3)
-        if not isinstance(self.look_at, str):
-            return np.array([self.look_at]) @ turn
-        named = [prim for prim in stage.stage.Traverse() if prim.GetName() == self.look_at]
+        if not isinstance(named, str):
+            return np.array([named]) @ turn
+        prims = [prim for prim in stage.stage.Traverse() if prim.GetName() == named]
         bounds = UsdGeom.BBoxCache(Usd.TimeCode(frame), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
-        boxes = [bounds.ComputeWorldBound(prim).ComputeAlignedRange() for prim in named]
+        boxes = [bounds.ComputeWorldBound(prim).ComputeAlignedRange() for prim in prims]
         boxes = [box for box in boxes if not box.IsEmpty()]
         if not boxes:
-            raise InputError(f"look-at: {self.look_at!r} is nothing to be seen in {stage.path}; expected a prim's name")
+            place = "look-at" if named == self.look_at else "focus"
+            raise InputError(f"{place}: {named!r} is nothing to be seen in {stage.path}; expected a prim's name")
         return np.array([boxes[0].GetCorner(corner) for corner in range(8)]) @ turn
+
+
+def check_view(output: Path, shutter: float = 0.0, transparent: bool = False, **asked: Any) -> View:
+    """What is asked of the camera of a picture, once it is known to make sense.
+
+    Args:
+        asked: fields of a `View`.
+
+    Raises:
+        InputError: it does not.
+    """
+    view = View(**asked)
+    view.check()
+    if not 0.0 <= shutter <= 1.0:
+        raise InputError(f"shutter: {shutter:g}; expected 0 to 1 of a frame")
+    if transparent and output.suffix.lower() not in CLEAR:
+        raise InputError(f"transparent: {output.name} has no transparency; expected {' or '.join(CLEAR)}")
+    return view
 
 
 def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,8 +8,9 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.deformable import define_deformable
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, Color, offer_latex, paint
+from balloon_warp.outputs.usd.material import BALLOON_COLORS, offer_latex, paint, print_on
 from balloon_warp.outputs.usd.velocities import author_velocities
+from balloon_warp.scene import Balloon
 
 MEASURES = ("volume", "area", "pressure", "stretch")
 """per-frame attributes under `userProperties:`, in m^3, m^2 and Pa; the last is the mean over the start"""
@@ -17,10 +18,8 @@ OF_GAS = ("moles", "thrust")
 """the same of balloons with gas, in mol, and in N that of the jet"""
 
 
-def define_balloon(
-    stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: int, color: Color | None
-) -> UsdGeom.Mesh:
-    """The mesh's topology, and its material: of the color, or the palette's for this number; no points yet."""
+def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: int, balloon: Balloon) -> UsdGeom.Mesh:
+    """The mesh's topology, and its material: of the balloon's color, or the palette's for its number; no points yet."""
     prim = UsdGeom.Mesh.Define(stage, path)
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
@@ -33,8 +32,16 @@ def define_balloon(
         kind, each_corner = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
         st = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("st", kind, each_corner)
         st.Set(Vt.Vec2fArray.FromNumpy(mesh.texture_coordinates))
-    own = color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
-    offer_latex(paint(prim, own, roughness=0.2, opacity=0.92, clearcoat=1.0), own)
+    own = balloon.color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
+    if balloon.looks_like == "foil":
+        material = paint(prim, own, roughness=0.12, metallic=1.0)
+    else:
+        # Of springs it is blown up from the start; rubber is thick until it is.
+        opacity = 0.92 if balloon.material.law == "springs" else 0.97
+        material = paint(prim, own, roughness=0.2, opacity=opacity, clearcoat=1.0)
+        offer_latex(material, own)
+    if balloon.print is not None:
+        print_on(material, balloon.print)
     return prim
 
 
@@ -46,7 +53,7 @@ class BalloonPrim:
         kind = model.scene.balloon[number].inflation.kind
         self._has_pressure, self._has_gas = kind != "normal_force", kind == "gas"
         self.mesh = model.shapes[number].mesh
-        self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number].color)
+        self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number])
         define_deformable(self.prim, self.mesh, float(model.parameters["mass"].numpy()[0, number]))
         self.prim.CreateVelocitiesAttr()
         self._may_burst = model.scene.balloon[number].material.strength is not None

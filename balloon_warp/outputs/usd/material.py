@@ -1,5 +1,7 @@
 """Materials and colors: every gprim gets a display color, and a bound UsdPreviewSurface of the same color."""
 
+from pathlib import Path
+
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
 Color = tuple[float, float, float]
@@ -18,7 +20,12 @@ LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.
 
 
 def paint(
-    gprim: UsdGeom.Gprim, color: Color, roughness: float = 0.5, opacity: float = 1.0, clearcoat: float = 0.0
+    gprim: UsdGeom.Gprim,
+    color: Color,
+    roughness: float = 0.5,
+    opacity: float = 1.0,
+    clearcoat: float = 0.0,
+    metallic: float = 0.0,
 ) -> UsdShade.Material:
     """Give a gprim its color and a material of its own, under the stage's /World/Looks."""
     gprim.CreateDisplayColorAttr([Gf.Vec3f(*color)])
@@ -30,11 +37,32 @@ def paint(
     shader = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Surface"))
     shader.CreateIdAttr("UsdPreviewSurface")
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-    for name, value in (("roughness", roughness), ("opacity", opacity), ("clearcoat", clearcoat)):
+    finish = {"roughness": roughness, "opacity": opacity, "clearcoat": clearcoat}
+    if metallic:
+        finish["metallic"] = metallic
+    for name, value in finish.items():
         shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
     material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
     UsdShade.MaterialBindingAPI.Apply(gprim.GetPrim()).Bind(material)
     return material
+
+
+def print_on(material: UsdShade.Material, image: Path) -> None:
+    """Put an image in place of the color, where the primvar `st` says. It is named by its whole path."""
+    stage, path = material.GetPrim().GetStage(), material.GetPath()
+    places = UsdShade.Shader.Define(stage, path.AppendChild("Places"))
+    places.CreateIdAttr("UsdPrimvarReader_float2")
+    places.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    texture = UsdShade.Shader.Define(stage, path.AppendChild("Print"))
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(image.resolve().as_posix())
+    for name in ("wrapS", "wrapT"):
+        texture.CreateInput(name, Sdf.ValueTypeNames.Token).Set("repeat")
+    here = places.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(here)
+    color = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    surface = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild("Surface")))
+    surface.GetInput("diffuseColor").ConnectToSource(color)
 
 
 def offer_latex(material: UsdShade.Material, color: Color) -> None:

@@ -5,7 +5,7 @@ import json
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from pxr import Tf, Usd, UsdGeom
+from pxr import Gf, Tf, Usd, UsdGeom
 
 from balloon_warp.scene import Scene
 
@@ -16,9 +16,12 @@ RESERVED = (
 """what no balloon is called"""
 
 
-def describe_stage(stage: Usd.Stage, scene: Scene, provenance: Mapping[str, Any] | None = None) -> None:
-    """The default prim /World, up axis, units and time; in `customLayerData`, as `balloonWarp`, the frame of a picture
-    and where the stage comes from: words, numbers and tables of them, and the scene, as JSON."""
+def describe_stage(
+    stage: Usd.Stage, scene: Scene, provenance: Mapping[str, Any] | None = None, view: bool = False
+) -> None:
+    """The default prim /World, up axis, units and time; in `customLayerData`, as `balloonWarp`, the frame of a picture,
+    from where it is taken if its `view` is wanted, and where the stage comes from: words, numbers and tables of them,
+    and the scene, as JSON."""
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     UsdGeom.SetStageUpAxis(stage, scene.up_axis)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -32,6 +35,9 @@ def describe_stage(stage: Usd.Stage, scene: Scene, provenance: Mapping[str, Any]
         said["scene"] = json.dumps(said["scene"])
     if scene.picture_frame is not None:
         said["pictureFrame"] = min(scene.picture_frame, scene.frames)
+    if scene.picture is not None and view:
+        place = scene.picture.model_dump(exclude_none=True)
+        said["pictureView"] = {name: Gf.Vec3d(*n) if isinstance(n, tuple) else n for name, n in place.items()}
     if said:
         layer.customLayerData = {"balloonWarp": said}
 

@@ -46,7 +46,7 @@ class Prototypes:
         names = prim_names((mesh.name for mesh in meshes.values()), self.other_names)
         self._balloons = {key: HOME.AppendChild(name) for key, name in zip(meshes, names, strict=True)}
         for key, mesh in meshes.items():
-            define_balloon(stage, self._balloons[key], mesh, key[0], scene.balloon[key[0]].color)
+            define_balloon(stage, self._balloons[key], mesh, key[0], scene.balloon[key[0]])
         for number, path in enumerate(self.spheres):
             define_sphere(stage, path, scene.sphere[number], number)
         poses = obstacle_poses(plans[0].parameters["obstacle_position"][0], self.obstacle_motion, 0)

@@ -72,7 +72,7 @@ class StageWriter:
     def __enter__(self) -> Self:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
         self._file.push(self._save)
-        describe_stage(self.stage, self.model.scene, self._provenance)
+        describe_stage(self.stage, self.model.scene, self._provenance, view=True)
         self._prims = self._define_prims()
         return self
 

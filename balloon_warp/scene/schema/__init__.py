@@ -6,7 +6,7 @@ material       rubber and film
 bodies         spheres and strings
 obstacles      rigid things in the way
 rigid          rigid bodies that move freely
-surroundings   air, water and ground; where a batch counts
+surroundings   air, water and ground; where a batch counts; from where pictures are taken
 touch          balloons that touch
 fields         what all of these are made of
 """
@@ -18,7 +18,7 @@ from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.rigid import Body
 from balloon_warp.scene.schema.scene import MESHED, WITHOUT_MESHES, Change, Scene, Tube
-from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Water
+from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Picture, Water
 from balloon_warp.scene.schema.touch import Touch
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "Material",
     "Neck",
     "Obstacle",
+    "Picture",
     "Scene",
     "Sphere",
     "Stiffness",

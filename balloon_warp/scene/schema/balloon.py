@@ -105,8 +105,19 @@ class Balloon(Table):
     shape (n, 3), and says yes or no of each, shape (n,)"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
+    look: Literal["latex", "foil"] | None = None
+    """what it is drawn as, thin rubber that light shines through or foil, which mirrors; when missing, latex, but foil
+    where the material's preset is foil or nylon"""
+    print: Path | None = None
+    """an image, such as a .png, sought beside the scene file: it is printed on the balloon, in place of its color,
+    where the mesh's texture coordinates say"""
     law: LawTables = {}
     """parameters of laws of one's own that are the balloon's, by law and name"""
+
+    @property
+    def looks_like(self) -> Literal["latex", "foil"]:
+        """its look, or that of its material"""
+        return self.look or ("foil" if self.material.preset in ("foil", "nylon") else "latex")
 
     @property
     def treatment(self) -> Treatment:

@@ -11,7 +11,7 @@ from balloon_warp.scene.schema.bodies import Sphere, String
 from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Table, Vector, field_of
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.rigid import Body
-from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Water
+from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Picture, Water
 from balloon_warp.scene.schema.touch import Touch
 
 MESHED = ("balloon", "obstacle", "body")
@@ -74,6 +74,7 @@ class Scene(Table):
     """write the net force on each particle into the stage, as curves"""
     picture_frame: Index | None = None
     """the frame that a picture of this scene shows; the last when missing or past the end"""
+    picture: Picture | None = None
     balloon: Annotated[list[Balloon], Field(min_length=1)]
     sphere: list[Sphere] = []
     string: list[String] = []

@@ -1,8 +1,8 @@
-"""What is around the balloons: air, water and ground, and the place in which a batch counts them."""
+"""What is around the balloons: air, water and ground, the place in which a batch counts them, and who looks at them."""
 
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from balloon_warp.scene.schema.fields import Table, Vector, field_of, optional_field_of
 
@@ -20,6 +20,19 @@ class Box(Table):
         if any(low >= high for low, high in zip(self.lower, self.upper, strict=True)):
             raise ValueError(f"upper: must be above lower in every coordinate (got {self.upper}, lower {self.lower})")
         return self
+
+
+class Picture(Table):
+    """From where a picture of the scene is taken, if whoever makes it does not say."""
+
+    azimuth: Annotated[float, Field(ge=-360, le=360)] | None = None
+    """from the front, +Z, or -Y where Z is up, toward +X [degrees]; 32 when missing"""
+    elevation: Annotated[float, Field(ge=0, le=90)] | None = None
+    """from level toward above [degrees]; 13 when missing"""
+    zoom: Annotated[float, Field(ge=0.01, le=100)] = 1.0
+    """how many times as large everything is as where all that happens just fits in"""
+    look_at: Vector | None = None
+    """the point in the middle [m]; that of all that happens when missing"""
 
 
 class Atmosphere(Table):

@@ -1,0 +1,79 @@
+"""What a thin wall of dyed rubber does with light. One thick, it looks like a party balloon's."""
+
+import warp as wp
+
+USUAL = wp.constant(0.08)
+"""the transparency, one less the material's opacity, of a wall that is one thick where it is not stretched"""
+CLOUDY = wp.constant(0.8)
+"""how much of the light a wall of thickness one scatters: all but the exponential of the negative"""
+DYED = wp.constant(0.56)
+"""the power of its color that a wall of thickness one lets through: two such walls show about the color itself"""
+PALER = wp.constant(0.6)
+"""the power of the thickness that shows"""
+DEEPEST = wp.constant(3.4)
+"""how many times as long the way through a wall is at the silhouette, seen edge-on"""
+
+
+@wp.struct
+class Wall:
+    """Shares of the light, by color."""
+
+    clear: wp.vec3
+    """goes on as it came"""
+    back: wp.vec3
+    """is scattered to where it came from"""
+    forth: wp.vec3
+    """is scattered to the other side"""
+
+
+@wp.func
+def thickness_of(opacity: float, shrunk: float):
+    """Of a wall: thicker the more opaque its material is, and thinner the more it is stretched.
+
+    Args:
+        shrunk: area before over area now. Rubber keeps its volume, so that it is the thickness, too. Its power is a
+            matter of looks: walls stretched fourfold both ways would hardly be seen.
+    """
+    return wp.pow(shrunk, PALER) * USUAL / wp.max(1.0 - opacity, 1.0e-6)
+
+
+@wp.func
+def dyed(color: wp.vec3, power: float):
+    """A color to a power, as Beer and Lambert have it; what has none of a color still lets a little of it through."""
+    return wp.vec3(
+        wp.pow(wp.clamp(color[0], 0.02, 1.0), power),
+        wp.pow(wp.clamp(color[1], 0.02, 1.0), power),
+        wp.pow(wp.clamp(color[2], 0.02, 1.0), power),
+    )
+
+
+@wp.func
+def wall_of(color: wp.vec3, thickness: float, facing: float):
+    """A wall that light meets under an angle.
+
+    Args:
+        facing: the angle's cosine; the way through is the longer, the smaller it is.
+    """
+    path = thickness / (facing + (1.0 - facing) / DEEPEST)
+    clear = wp.exp(-CLOUDY * path)
+    through = dyed(color, wp.min(DYED * path, 2.2))
+    # Light that comes back has met less and less of a thick wall: what is left is the color of the dye.
+    forth = (1.0 - clear) / (1.0 + path)
+    wall = Wall()
+    wall.clear = clear * through
+    wall.forth = forth * through
+    wall.back = (1.0 - clear - forth) * dyed(color, wp.min(0.55 + 0.4 * path, 1.35))
+    return wall
+
+
+@wp.func
+def passes(wall: Wall):
+    """The share of light that gets through, scattered or not."""
+    return wall.clear + wall.forth
+
+
+@wp.func
+def glow(wall: Wall, key_radiance: wp.vec3):
+    """Light inside a balloon, alike all over, on its wall: what came in and has been thrown about."""
+    entered = wp.cw_mul(passes(wall), 0.5 * key_radiance + wp.vec3(0.6))
+    return entered + wp.cw_mul(entered, wall.back)

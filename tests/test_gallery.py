@@ -1,0 +1,85 @@
+"""Kept pictures: what a scene is about is large in its picture, and a small world looks as it did."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from render_stages import LATEX, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere
+
+from balloon_warp import bundled_scenes
+from balloon_warp.outputs.render import render_stage
+
+PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
+KEPT = Path(__file__).parent / "kept"
+COLORFUL = 70
+"""between a pixel's largest and smallest byte: balloons and their spheres have more, ground, strings and shades less"""
+
+
+def silhouette(path: Path) -> np.ndarray:
+    """Which pixels are of something colorful: what the scene is about."""
+    pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    return np.ptp(pixels, axis=2) > COLORFUL
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_what_a_scene_is_about_fills_a_third_of_its_pictures_height(name: str):
+    colorful = silhouette(PICTURES / f"{name}.png")
+    # Two pixels, not one: no stray one counts.
+    assert (colorful.sum(axis=1) >= 2).mean() >= 1.0 / 3.0
+    assert colorful.mean() >= 0.03
+
+
+def small_world(path: Path) -> Path:
+    """Rubber before rubber, foil, a sphere and a string on the ground: a bit of each of what pictures have."""
+    stage = new_stage(path)
+    add_ground(stage)
+    add_mesh(stage, "Red", *quad_sphere(6, 0.5, (-0.7, 0.9, 0.4)), (0.8, 0.05, 0.05), **LATEX)
+    add_mesh(stage, "Blue", *quad_sphere(6, 0.5, (-0.2, 0.6, -0.5)), (0.05, 0.3, 0.75), **LATEX)
+    add_mesh(stage, "Foil", *quad_sphere(6, 0.5, (0.8, 0.6, 0.0)), (0.9, 0.6, 0.1), roughness=0.12, metallic=1.0)
+    add_sphere(stage, "Ball", (0.3, 0.2, 0.7), 0.2, (0.02, 0.5, 0.1), roughness=0.3)
+    add_curves(stage, "String", [(-0.7, 0.4, 0.4), (-0.6, 0.0, 0.5)], [2], 0.01, [(0.2, 0.2, 0.2)])
+    stage.GetRootLayer().Save()
+    return path
+
+
+def likeness(one: np.ndarray, other: np.ndarray) -> float:
+    """Structural similarity (Wang et al. 2004) of two pictures, 1 of the same, the mean over windows and colors."""
+    size, c1, c2 = 8, (0.01 * 255.0) ** 2, (0.03 * 255.0) ** 2
+    windows = [np.lib.stride_tricks.sliding_window_view(p.astype(float), (size, size), (0, 1)) for p in (one, other)]
+    x, y = (window[::4, ::4] for window in windows)
+    mean_x, mean_y = x.mean((-1, -2)), y.mean((-1, -2))
+    covariance = (x * y).mean((-1, -2)) - mean_x * mean_y
+    alike = (2.0 * mean_x * mean_y + c1) * (2.0 * covariance + c2)
+    return float((alike / ((mean_x**2 + mean_y**2 + c1) * (x.var((-1, -2)) + y.var((-1, -2)) + c2))).mean())
+
+
+VIEWS = {"front": {}, "above": {"elevation": 70.0}, "clear": {"transparent": True, "azimuth": 200.0}}
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_a_small_world_looks_as_it_did(name: str, tmp_path: Path):
+    """If it is meant to look otherwise: python tests/test_gallery.py, and look at tests/kept."""
+    made, kept = tmp_path / "made.png", KEPT / f"{name}.png"
+    render_stage(small_world(tmp_path / "world.usda"), made, size=(160, 90), samples=16, device="cpu", **VIEWS[name])
+    one, other = (np.asarray(Image.open(path)).astype(int) for path in (made, kept))
+    # Another machine's round-off moves some samples over an edge: 0.999. Without foil's mirror it is 0.95 or less.
+    assert likeness(one, other) > 0.99
+    assert np.abs(one - other).mean() < 1.0
+
+
+def test_likeness_tells_what_eyes_tell():
+    kept = np.asarray(Image.open(KEPT / "front.png")).astype(int)
+    noise = np.random.default_rng(5).integers(-2, 3, kept.shape)
+    assert likeness(kept, kept + noise) > 0.97
+    shifted, dim = np.roll(kept, 3, axis=1), (0.7 * kept).astype(int)
+    red_for_blue = kept[..., ::-1]
+    assert max(likeness(kept, changed) for changed in (shifted, dim, red_for_blue)) < 0.95
+
+
+if __name__ == "__main__":
+    KEPT.mkdir(exist_ok=True)
+    world = small_world(KEPT / "world.usda")
+    for view, how in VIEWS.items():
+        render_stage(world, KEPT / f"{view}.png", size=(160, 90), samples=16, device="cpu", **how)
+    world.unlink()

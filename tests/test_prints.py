@@ -1,0 +1,154 @@
+"""Images on balloons: of any stage's materials, and of a scene's prints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils, UsdValidation
+from render_stages import add_camera, add_mesh, new_stage
+
+from balloon_warp import animate, load_scene
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.obj import read_obj, write_obj
+from balloon_warp.outputs.render import render_stage
+from balloon_warp.scene.write import write_scene
+from balloon_warp.scenes.model_print import dots
+
+WHITE, RED, GREEN, BLUE = (255, 255, 255), (200, 10, 10), (10, 180, 10), (10, 10, 200)
+CLOTH = """
+v -1 -1 0
+v 1 -1 0
+v 1 1 0
+v -1 1 0
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+f 1/1 2/2 3/3 4/4
+"""
+
+
+def square(path: Path, image: str, interpolation: str = "faceVarying") -> Usd.Stage:
+    """A square from -1 to 1 that is gray, if its image cannot be found; two triangles, so that nothing is refined."""
+    stage = new_stage(path)
+    corners, indices = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [0, 1, 2, 0, 2, 3]
+    mesh = add_mesh(stage, "Square", corners, [3, 3], indices, (0.3, 0.3, 0.3), roughness=1.0)
+    places = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)
+    st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, interpolation)
+    st.Set(places[indices] if interpolation == "faceVarying" else places)
+    material = UsdShade.Material(stage.GetPrimAtPath("/World/Looks/Square"))
+    texture = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Image"))
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(image)
+    reader = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Places"))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
+    shader = UsdShade.Shader(stage.GetPrimAtPath("/World/Looks/Square/Surface"))
+    shader.GetInput("diffuseColor").ConnectToSource(texture.ConnectableAPI(), "rgb")
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    stage.GetRootLayer().Save()
+    return stage
+
+
+def quadrants(path: Path) -> list[np.ndarray]:
+    """The mean colors of the quarters of the square, rows first, which 100 of 200 pixels show."""
+    render_stage(path, path.with_suffix(".png"), size=(200, 200), device="cpu")
+    seen = np.asarray(Image.open(path.with_suffix(".png"))).astype(int)
+    return [seen[row : row + 30, column : column + 30].mean((0, 1)) for row in (60, 110) for column in (60, 110)]
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Path:
+    """White and red above green and blue."""
+    path = tmp_path / "image.png"
+    small = np.array([[WHITE, RED], [GREEN, BLUE]], np.uint8)
+    Image.fromarray(small.repeat(32, axis=0).repeat(32, axis=1)).save(path)
+    return path
+
+
+@pytest.mark.parametrize("interpolation", ["faceVarying", "vertex"])
+def test_an_image_lies_where_the_texture_coordinates_say(image: Path, tmp_path: Path, interpolation: str):
+    square(tmp_path / "stage.usda", image.name, interpolation)
+    white, red, green, blue = quadrants(tmp_path / "stage.usda")
+    assert white.min() > 0.9 * white.max()
+    assert white.min() > max(red.min(), green.min(), blue.min()) + 50
+    for channel, color in enumerate((red, green, blue)):
+        assert color.argmax() == channel
+        assert color[channel] > 2.0 * np.delete(color, channel).max()
+
+
+def test_an_image_in_a_package_is_found(image: Path, tmp_path: Path):
+    square(tmp_path / "stage.usda", image.name)
+    assert UsdUtils.CreateNewUsdzPackage(str(tmp_path / "stage.usda"), str(tmp_path / "stage.usdz"))
+    image.unlink()
+    _, red, *_ = quadrants(tmp_path / "stage.usdz")
+    assert red.argmax() == 0
+    assert red[0] > 2.0 * red[2]
+
+
+def test_without_its_image_a_surface_has_its_own_color(image: Path, tmp_path: Path):
+    square(tmp_path / "stage.usda", "none.png")
+    for color in quadrants(tmp_path / "stage.usda"):
+        assert np.ptp(color) < 20
+
+
+def test_what_is_no_image_gets_a_sentence(tmp_path: Path):
+    (tmp_path / "image.png").write_text("hello")
+    square(tmp_path / "stage.usda", "image.png")
+    with pytest.raises(InputError, match=r"/World/Square: its texture .*image\.png cannot be read; expected an image"):
+        quadrants(tmp_path / "stage.usda")
+
+
+def printed_scene(folder: Path, image: str = "image.png") -> Path:
+    """A scene file of a square of cloth with an image beside it."""
+    (folder / "cloth.obj").write_text(CLOTH)
+    scene = folder / "scene.toml"
+    scene.write_text(f'frames = 1\ngravity = 0.0\n[[balloon]]\nmesh = "cloth.obj"\nprint = "{image}"\n')
+    return scene
+
+
+def test_a_balloon_is_printed_as_its_scene_says(image: Path, tmp_path: Path):
+    animate(load_scene(printed_scene(tmp_path)), tmp_path / "out.usdc", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    render_stage(tmp_path / "out.usdc", tmp_path / "out.png", size=(200, 200), azimuth=0.0, elevation=0.0, device="cpu")
+    seen = np.asarray(Image.open(tmp_path / "out.png")).astype(int)
+    _, red, green, blue = (seen[row, column] for row in (60, 140) for column in (60, 140))
+    assert (red.argmax(), green.argmax(), blue.argmax()) == (0, 1, 2)
+
+
+def test_prints_that_cannot_be_get_a_sentence(image: Path, tmp_path: Path):
+    with pytest.raises(InputError, match=r"none\.png: no such file; expected an image to print on cloth"):
+        animate(load_scene(printed_scene(tmp_path, "none.png")), tmp_path / "out.usdc", device="cpu")
+    scene = printed_scene(tmp_path)
+    (tmp_path / "cloth.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"cloth\.obj: has no texture coordinates, which say where image\.png is"):
+        animate(load_scene(scene), tmp_path / "out.usdc", device="cpu")
+
+
+def test_a_scene_is_copied_with_its_print(tmp_path: Path):
+    bundled = load_scene("pillow_on_water").balloon[0].print
+    assert bundled is not None
+    written = write_scene(load_scene("pillow_on_water"), tmp_path / "mine.toml")
+    assert [path.name for path in written] == ["mine.toml", "pillow.obj", "pillow.png"]
+    assert load_scene(tmp_path / "mine.toml").balloon[0].print == tmp_path / "pillow.png"
+    assert (tmp_path / "pillow.png").read_bytes() == bundled.read_bytes()
+
+
+def test_the_bundled_print_is_what_the_script_makes():
+    kept = load_scene("pillow_on_water").balloon[0].print
+    assert kept is not None
+    # Other machines round square roots their own way.
+    assert np.abs(np.asarray(Image.open(kept)).astype(int) - dots()).max() <= 2
+
+
+def test_texture_coordinates_are_written(tmp_path: Path):
+    (tmp_path / "cloth.obj").write_text(CLOTH)
+    mesh = read_obj(tmp_path / "cloth.obj")
+    write_obj(tmp_path / "again.obj", mesh)
+    again = read_obj(tmp_path / "again.obj")
+    np.testing.assert_array_equal(again.texture_coordinates, mesh.texture_coordinates)
+    np.testing.assert_array_equal(again.points, mesh.points)
