@@ -21,6 +21,7 @@ import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
+from balloon_warp.viewer.dressing import dress
 from balloon_warp.viewer.messages import MOST_BYTES, understood
 
 MOST_CONNECTIONS = 128
@@ -103,6 +104,7 @@ def _admit(names: set[str], serve_file: Any, connection: ServerConnection, reque
     response = serve_file(connection, request)
     if response:
         response.headers["X-Frame-Options"] = "SAMEORIGIN"  # nor show it as its own, to have it clicked
+        dress(response)
     return response
 
 

@@ -31,6 +31,8 @@ LINES = {
     "normals": colors.NORMALS,
     "forces": colors.FORCES,
 }
+LIGHT = 2.8
+"""of the studio's key light; where it stands and what its shadow covers the page finds itself (page_files/look.js)"""
 SLOWER = 3
 """pictures from one drawing of what is large to the next"""
 
@@ -48,12 +50,14 @@ class Layers:
         self.shown = {name: name in AT_START for name in LAYERS}
         self._load = 0
         self._count = 0
+        server.scene.configure_default_lights(enabled=False)
+        self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
 
     def show(self, name: str, shown: bool) -> None:
         """Show or hide a layer."""
         self.shown[name] = shown
         if name == "shadow":
-            self.server.scene.configure_default_lights(cast_shadow=shown)
+            self._key_light.cast_shadow = shown
 
     def draw(self, picture: Picture) -> None:
         """Bring everything that is shown up to date."""
@@ -124,7 +128,7 @@ class Layers:
 
     def _add_ground(self, height: float, center: np.ndarray, up: np.ndarray) -> None:
         """A plane to throw shadows on, with a grid a balloon's size wide."""
-        wide = 20.0 * self.size
+        wide = 14.0 * self.size
         middle = center + (height - center @ up) * up
         self.server.scene.add_grid(
             "/ground",

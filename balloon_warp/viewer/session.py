@@ -30,6 +30,10 @@ _DEVICE_WORK = threading.Lock()
 launches there into it"""
 
 
+class Done(str):
+    """A notice of success."""
+
+
 @dataclass
 class Session:
     """One simulation, played.
