@@ -13,7 +13,7 @@ from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
 from balloon_warp.viewer.sliders import VALUES, Value, values_of
-from balloon_warp.viewer.status import details, status_line, strain_legend
+from balloon_warp.viewer.status import KEYS_BUTTON, details, status_line, strain_legend
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04
@@ -50,6 +50,7 @@ class Controls:
         self._values: list[tuple[Value, Any]] = []
         self._ways: dict[str, Any] = {}
         gui = server.gui
+        gui.add_html(KEYS_BUTTON)
         self.status = gui.add_html("")
         self._add_time(look)
         self._add_trouble()

@@ -19,17 +19,19 @@ KEYS = (
 """what a person does, and what it does"""
 KEPT_UP = 0.95
 """part of the speed asked for that counts as kept"""
+KEYS_BUTTON = '<div class="bw-keys"><button class="bw-keys-button" title="keys">?</button></div>'
+"""at the end of the line of status, which is written anew while somebody presses"""
 NEARLY_ALL = 0.9
 """part of the time of a frame that simulating it takes, where nothing else is to blame"""
 
 
 def status_line(picture: Picture) -> str:
-    """Time and pace, in one line however long they are, and the way to the keys."""
+    """Time and pace, in one line however long they are."""
     recorded = f" · ● {picture.recorded_seconds:.1f} s" if picture.recorded_seconds is not None else ""
     pace, why = _pace(picture)
     return (
         f'<div class="bw-status" title="{escape(why)}"><span><b>{picture.seconds:.2f} s</b> · {escape(pace)}{recorded}'
-        '</span><button class="bw-keys-button" title="keys">?</button></div>'
+        "</span></div>"
     )
 
 

@@ -34,8 +34,7 @@
   document.addEventListener("keydown", (event) => {
     if (event.key === "?" && !event.target.closest?.(TYPED)) toggleKeys();
   });
-  // pressed, not clicked: the line that the button is in is written anew while one presses
-  document.addEventListener("pointerdown", (event) => {
+  document.addEventListener("click", (event) => {
     if (event.target.closest?.(".bw-keys-button")) toggleKeys();
   });
 })();
