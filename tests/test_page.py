@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Scene, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, String, Touch, Water
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.session import Session
 
@@ -91,3 +91,29 @@ def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
     assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
     _range(slider, most, signed=False)
     assert (slider.min, slider.max) == (0.0, end)
+
+
+def shown(scene: Scene) -> dict[str, list[str]]:
+    """What has a slider in a scene, beside what every scene has."""
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.sliders import of_tables, stands_in
+
+    return {
+        name: [value.row.name for value in values if stands_in(scene, value.row)]
+        for name, values in of_tables().items()
+    }
+
+
+def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
+    """Made from the rows: no list names a parameter that the panel could then lack."""
+    plain = shown(Scene(balloon=[Balloon(mesh=quad_sphere(2))]))
+    assert plain["Contacts"] == plain["Material"] == plain["Gas"] == []
+    latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
+    touching = shown(Scene(balloon=[latex], touch=Touch(stiffness=3.0), ground=Ground(), water=Water()))
+    assert set(touching["Contacts"]) == {*("ground_height", "ground_friction", "ground_restitution")} | {
+        *("touch_friction", "touch_stiffness")
+    }  # what the scene leaves to us, as the thickness, has none
+    assert set(touching["Material"]) == {"thickness", "shear_modulus", "gent_limit", "film_viscosity"}
+    assert {"leak", "gamma"} <= set(touching["Gas"])
+    assert {"water_density", "wind_shear", "gusts"} <= set(touching["Air and water"])
+    assert not {"fill_breaths", "molar_mass"} & set(touching["Gas"])

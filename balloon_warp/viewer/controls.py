@@ -12,7 +12,7 @@ from balloon_warp.viewer.layers import LAYERS, Layers
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
-from balloon_warp.viewer.sliders import VALUES, Value, values_of
+from balloon_warp.viewer.sliders import VALUES, WIDER, Value, of_tables, stands_in, values_of
 from balloon_warp.viewer.status import KEYS_BUTTON, details, status_line, strain_legend
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
@@ -59,6 +59,7 @@ class Controls:
             self._add_click()
         with gui.add_folder("Balloon", expand_by_default=False):
             self._add_balloon()
+        self._add_tables()
         with gui.add_folder("Show", expand_by_default=False):
             self._add_layers()
         with gui.add_folder("Recording", expand_by_default=False):
@@ -131,9 +132,7 @@ class Controls:
     def _add_balloon(self) -> None:
         gui = self.server.gui
         for value in (*VALUES, *values_of(self.session.laws)):
-            slider = gui.add_slider(value.label, 0.0, 1.0, 0.001, 0.0, hint=value.row.meaning or None)
-            _on_change(slider, lambda number, path=value.path: self.session.set(path, number))
-            self._values.append((value, slider))
+            self._add_slider(value)
         self.wind = gui.add_vector3(
             "wind [m/s]", (0.0, 0.0, 0.0), step=0.1, hint="pushes balloons that have drag in air"
         )
@@ -144,6 +143,25 @@ class Controls:
             self._ways[field] = way
         self.stable = gui.add_checkbox("as many substeps as stability asks", True)
         _on_change(self.stable, self._keep_stable)
+
+    def _add_slider(self, value: Value) -> Any:
+        slider = self.server.gui.add_slider(value.label, 0.0, 1.0, 0.001, 0.0, hint=value.row.meaning or None)
+        _on_change(slider, lambda number: self.session.set(value.path, number))
+        self._values.append((value, slider))
+        return slider
+
+    def _add_tables(self) -> None:
+        """Folders for what only some scenes have; those that this one lacks are not seen."""
+        self._tables = []
+        for name, values in of_tables().items():
+            with self.server.gui.add_folder(name, expand_by_default=False, visible=False) as folder:
+                self._tables.append((folder, [(value, self._add_slider(value)) for value in values]))
+
+    def _show_tables(self, scene: Scene) -> None:
+        for folder, values in self._tables:
+            for value, slider in values:
+                slider.visible = stands_in(scene, value.row)
+            folder.visible = any(slider.visible for _, slider in values)
 
     def _add_layers(self) -> None:
         self.shown = {}
@@ -212,11 +230,12 @@ class Controls:
             most = max(max(abs(value) for _, value in inflation.keyframes) * 2.0, 1e-3)
             _range(self.inflation, most, signed=inflation.keyframed == "pump")
             for value, slider in self._values:
-                most = max(5.0 * abs(value.read(scene)), value.least_reach)
-                _range(slider, most, value.signed)
+                most = max(WIDER * abs(value.read(scene)), value.least_reach)
+                _range(slider, min(most, value.row.most), value.signed)
         _put(self.inflation, picture.inflation)
         for value, slider in self._values:
             _put(slider, value.read(scene))
+        self._show_tables(scene)
         _put(self.wind, scene.atmosphere.wind)
         for field, choices in CHOICES.items():
             names = {choice: name for name, choice in choices.items()}
