@@ -113,7 +113,7 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
     assert set(touching["Contacts"]) == {*("ground_height", "ground_friction", "ground_restitution")} | {
         *("touch_friction", "touch_stiffness")
     }  # what the scene leaves to us, as the thickness, has none
-    assert set(touching["Material"]) == {"thickness", "shear_modulus", "gent_limit", "film_viscosity"}
+    assert set(touching["Material"]) == {"thickness", "shear_modulus", "mooney_ratio", "film_viscosity"}
     assert {"leak", "gamma"} <= set(touching["Gas"])
     assert {"water_density", "wind_shear", "gusts"} <= set(touching["Air and water"])
     assert not {"fill_breaths", "molar_mass"} & set(touching["Gas"])
