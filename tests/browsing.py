@@ -15,7 +15,7 @@ viser = pytest.importorskip("viser")
 playwright = pytest.importorskip("playwright.sync_api")
 from balloon_warp.viewer.page import Page  # noqa: E402
 
-LIMIT = 15.0
+LIMIT = 120.0
 """seconds until what must come has not come: never waited for where all is well"""
 
 PATIENCE = 10.0

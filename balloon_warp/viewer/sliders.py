@@ -85,7 +85,9 @@ def stands_in(scene: Scene, row: Parameter) -> bool:
 
 
 def _value_of_row(row: Parameter) -> Value:
-    name = re.sub(r"[._]", " ", row.path.replace("atmosphere.", "air ").removeprefix("inflation.").removeprefix("material."))
+    name = re.sub(
+        r"[._]", " ", row.path.replace("atmosphere.", "air ").removeprefix("inflation.").removeprefix("material.")
+    )
     return Value(row, name if row.unit == "1" else f"{name} [{row.unit}]", _reach(row), signed=-FAR < row.least < 0.0)
 
 
