@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from meshes import cube, quad_sphere
 
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String, load_scene
 from balloon_warp.simulator import Simulator
@@ -18,6 +20,7 @@ from balloon_warp.viewer.pace import MOST_BEHIND, Pace
 from balloon_warp.viewer.rays import ground_distance, hit_distance, throw_at
 from balloon_warp.viewer.saving import save_recording
 from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.smooth import Smooth
 from balloon_warp.viewer.wishes import MOST_ASKED
 
 UP = (0.0, 1.0, 0.0)
@@ -113,6 +116,35 @@ def test_strain_bands_follow_the_stretch(session):
     object.__setattr__(frame, "points", [1.25 * picture.model.shapes[0].mesh.points.astype(np.float32)])
     bands = Drawing(picture.model).strain_bands(picture, 0)
     assert [len(band) > 0 for band in bands] == [False, False, False, False, True, False, False]
+
+
+def test_the_surface_that_is_drawn_is_catmull_and_clarks():
+    """A cube's: its corners go to 5/9, its edges' middles to 3/4 of the way out (Catmull and Clark 1978), and faces
+    keep their middles. It stays closed, and follows the points that it is given."""
+    mesh = cube()
+    surface = Smooth(mesh)
+    middle = mesh.points.mean(axis=0)
+    drawn = surface.points(mesh.points.astype(np.float32)) - middle
+    reach = np.abs(drawn).max(axis=1) / np.abs(mesh.points - middle).max()
+    np.testing.assert_allclose(reach, [5 / 9] * 8 + [3 / 4] * 12 + [1.0] * 6, rtol=1e-6)
+    solid = trimesh.Trimesh(drawn, surface.triangles, process=False)
+    assert solid.is_watertight
+    assert solid.volume > 0.0
+    assert np.bincount(surface.triangle_faces).tolist() == [8] * 6
+    moved = surface.points(2.0 * mesh.points.astype(np.float32) + 1.0)
+    np.testing.assert_allclose(moved, 2.0 * (drawn + middle) + 1.0, rtol=1e-5)
+
+
+def test_an_open_border_keeps_its_course():
+    """A square of four quads stays as wide as it is, but for its corners."""
+    x, y = np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(9)], axis=1)
+    corners = np.array([[a, a + 1, a + 4, a + 3] for a in (0, 1, 3, 4)])
+    mesh = PolygonMesh(points, np.full(4, 4), corners.ravel())
+    drawn = Smooth(mesh).points(points.astype(np.float32))
+    assert (drawn.min(axis=0) == 0.0).all()
+    np.testing.assert_array_equal(drawn.max(axis=0), [2.0, 2.0, 0.0])
+    np.testing.assert_allclose(drawn[[1, 4]], points[[1, 4]], atol=1e-6)  # in the middle of a side, and of all
 
 
 def test_measures_are_those_of_the_shape(session):

@@ -11,6 +11,7 @@ from balloon_warp.viewer import colors
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
 from balloon_warp.viewer.obstacles import ROOT, ObstacleLayer
 from balloon_warp.viewer.picture import Picture
+from balloon_warp.viewer.smooth import surfaces_of
 
 LAYERS = {
     "balloon": "smooth balloon",
@@ -100,10 +101,13 @@ class Layers:
         scene.add_frame("/strain", show_axes=False)
         scene.add_frame("/lines", show_axes=False)
         scene.add_frame("/spheres", show_axes=False)
+        self._surfaces = surfaces_of(picture.model)
         for number, points in enumerate(picture.frame.points):
             triangles = self._drawing.triangles[number]
-            color = colors.balloon_color(picture.scene, number)
-            balloon = scene.add_mesh_simple(f"/balloons/{number}", points, triangles, color=color, side="double")
+            color, surface = colors.balloon_color(picture.scene, number), self._surfaces[number]
+            balloon = scene.add_mesh_simple(
+                f"/balloons/{number}", surface.points(points), surface.triangles, color=color, side="double"
+            )
             self._balloons.append(balloon)
             bands = [
                 scene.add_mesh_simple(f"/strain/{number}_{band}", points, triangles[:1], color=color, side="double")
@@ -152,7 +156,7 @@ class Layers:
             points = picture.frame.points[number]
             _see(balloon, self.shown["balloon"] and not strained)
             if balloon.visible:
-                balloon.vertices = points
+                balloon.vertices = self._surfaces[number].points(points)
                 self._hide_torn(picture, number, balloon)
             if strained and self._count % SLOWER == 0:
                 for band, triangles in zip(bands, self._drawing.strain_bands(picture, number), strict=True):
@@ -168,9 +172,10 @@ class Layers:
     def _hide_torn(self, picture: Picture, number: int, balloon: Any) -> None:
         """The triangles of faces that are torn are not shown; they are sent when others are than before."""
         if picture.frame.torn:
-            whole = ~picture.frame.torn[number][self._drawing.triangle_faces[number]]
+            surface = self._surfaces[number]
+            whole = ~picture.frame.torn[number][surface.triangle_faces]
             if whole.any() and whole.sum() != len(balloon.faces):
-                balloon.faces = self._drawing.triangles[number][whole].astype(np.uint32)
+                balloon.faces = surface.triangles[whole].astype(np.uint32)
 
     def _draw_lines(self, picture: Picture) -> None:
         wanted: dict[str, Callable[[], Lines]] = {
