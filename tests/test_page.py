@@ -149,3 +149,17 @@ def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match=r"^view needs viser: pip install 'balloon-warp\[view\]'$"):
         simulator.show()
+
+
+@pytest.mark.parametrize(
+    "curve", [[0.0, 0.0], [576.4, 576.4], [174.01, 174.02], [1.0, 1.0001], [3.0, 9.0], [-5.0, 1.0]]
+)
+def test_ticks_of_a_plot_differ(curve: list[float]):
+    """All of the curve is seen; about five ticks, with the three digits that plots have, are five numbers."""
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.plots import span_of
+
+    low, high = span_of(np.array(curve))
+    assert low <= min(curve)
+    assert high >= max(curve)
+    assert len({f"{tick:.3f}" for tick in np.linspace(low, high, 5)}) == 5

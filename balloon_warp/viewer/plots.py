@@ -31,8 +31,13 @@ class Plots:
         self._load = 0
         self._plots = {
             name: server.gui.add_uplot(
-                data=(np.array([0.0, 1.0]), np.array([0.0, 0.0])),
-                series=(uplot.Series(label="t [s]"), uplot.Series(label=label, stroke=color, width=2)),
+                data=(np.array([0.0, 1.0]), np.array([0.0, 0.0]), np.array([-1.0, 1.0])),
+                # the last is not seen: the axis reaches as far as it does (to set a range makes the plot anew)
+                series=(
+                    uplot.Series(label="t [s]"),
+                    uplot.Series(label=label, stroke=color, width=2),
+                    uplot.Series(stroke="transparent", width=0),
+                ),
                 scales={"x": uplot.Scale(time=False)},
                 legend=uplot.Legend(show=False),
                 title=label,
@@ -55,8 +60,7 @@ class Plots:
         if len(self._samples) > 1:
             times, *curves = np.array(self._samples).T
             for plot, curve in zip(self._plots.values(), curves, strict=True):
-                plot.data = (times, curve)
-                plot.scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=span_of(curve))}
+                plot.data = (times, curve, np.linspace(*span_of(curve), len(curve)))
 
 
 def span_of(curve: NDArray[np.floating]) -> tuple[float, float]:
