@@ -144,11 +144,11 @@ def middle_of_the_balloon(window) -> tuple[float, float]:
 
 
 def highlights(window) -> int:
-    """How many pixels where the balloon is are nearly white."""
-    rows, columns = np.nonzero(red(window))
-    pixels = picture_of(window)[rows.min() : rows.max(), columns.min() : columns.max()]
+    """How many pixels in the middle of the balloon are nearly white."""
+    rows, columns = np.nonzero(red(window)[:, 320:])  # beside the messages
+    pixels = picture_of(window)[rows.min() : rows.max(), 320 + columns.min() : 320 + columns.max()]
     middle = pixels[len(pixels) // 4 : -len(pixels) // 4, pixels.shape[1] // 4 : -pixels.shape[1] // 4]  # no backdrop
-    return int((middle[..., 0] - middle[..., 1] < 90).sum())
+    return int((middle[..., 1] > 150).sum())
 
 
 def box(window, found: str) -> dict[str, float]:
