@@ -1,6 +1,9 @@
 """What a person sees of a simulator: a line of text, and in a notebook a picture."""
 
 from abc import ABC, abstractmethod
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
@@ -42,6 +45,24 @@ class Displayed(ABC):
             InputError: there is no such world, there is nothing finite to draw, or the size cannot be drawn.
         """
         return snapshot(self.model, self.read_frame(world), size, samples)
+
+    def show(self, *, folder: str | Path = ".", width: str = "100%", height: int = 640) -> Any:
+        """The scene in the page of `balloon-warp view`, to play with: as the last line of a notebook's cell it is seen
+        there, elsewhere its `address` says where to look. It begins at the scene's start, in a simulation of its own,
+        and runs until it is closed: `shown.close()`.
+
+        Args:
+            folder: where recordings go.
+            width: in the notebook, as CSS has it, such as "100%" or "800px".
+            height: in pixels.
+
+        Raises:
+            InputError: the folder is not there, or the page cannot be served.
+            MissingExtraError: viser is not installed.
+        """
+        page = import_module("balloon_warp.viewer.notebook")  # which stands above, and loads when it is asked for
+        model = self.model
+        return page.show(model.scene, "scene", str(model.device), model.own_laws, folder, (width, height))
 
     def _repr_png_(self) -> bytes | None:
         """The first world, where there is something to be seen."""

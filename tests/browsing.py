@@ -51,7 +51,7 @@ def wait_until(happened: Callable[[], object], what: str, seconds: float = LIMIT
 
 def open_window(browser, served: Page, fetched: list[str] | None = None):
     before = len(served.server.get_clients())
-    window = browser.new_page(viewport={"width": 900, "height": 600})
+    window = browser.new_page(viewport={"width": 1100, "height": 600})
     window.set_default_timeout(1000.0 * LIMIT)
     if fetched is not None:
         window.on("request", lambda request: fetched.append(request.url))
@@ -67,7 +67,7 @@ def see(window, served: Page, happened: Callable[[], object], what: str) -> None
     seen, deadline = [time_shown(window), time.monotonic()], time.monotonic() + LIMIT
     while not happened():
         now, shown = time.monotonic(), time_shown(window)
-        if shown != seen[0] or f"**{shown}**" in served.controls.status.content:
+        if shown != seen[0] or f"<b>{shown}</b>" in served.controls.status.content:
             seen = [shown, now]
         elif now - seen[1] > PATIENCE:
             window.reload()
@@ -143,11 +143,31 @@ def middle_of_the_balloon(window) -> tuple[float, float]:
     return 320.0 + float(columns.mean()), float(rows.mean())
 
 
+def highlights(window) -> int:
+    """How many pixels in the middle of the balloon are nearly white."""
+    rows, columns = np.nonzero(red(window)[:, 320:])  # beside the messages
+    pixels = picture_of(window)[rows.min() : rows.max(), 320 + columns.min() : 320 + columns.max()]
+    middle = pixels[len(pixels) // 4 : -len(pixels) // 4, pixels.shape[1] // 4 : -pixels.shape[1] // 4]  # no backdrop
+    return int((middle[..., 1] > 150).sum())
+
+
+def box(window, found: str) -> dict[str, float]:
+    """Where something is in a window, right and down from its corner, and how large; nowhere if it is not there."""
+    there = window.locator(found)
+    nowhere = {"x": 0.0, "y": 0.0, "width": 0.0, "height": 0.0}
+    return (there.first.bounding_box() if there.count() else None) or nowhere
+
+
 def red(window) -> NDArray[np.bool_]:
     """Which pixels beside the panel are as red as the balloon."""
+    pixels = picture_of(window)
+    return (pixels[..., 0] > 1.6 * pixels[..., 1]) & (pixels[..., 0] > 90)
+
+
+def picture_of(window) -> NDArray[np.int_]:
+    """What is seen beside the panel, shape (rows, columns, 3)."""
     from io import BytesIO
 
     from PIL import Image
 
-    pixels = np.asarray(Image.open(BytesIO(window.screenshot())).convert("RGB"), dtype=int)[:, :560]
-    return (pixels[..., 0] > 1.6 * pixels[..., 1]) & (pixels[..., 0] > 90)
+    return np.asarray(Image.open(BytesIO(window.screenshot())).convert("RGB"), dtype=int)[:, :770]

@@ -1,6 +1,9 @@
 """Where the page is, how far it sees, and what it refuses: without a browser."""
 
 import socket
+import sys
+import urllib.error
+import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,9 +13,10 @@ from meshes import quad_sphere
 from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
-from balloon_warp.errors import InputError
+from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Scene, String
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, String, Touch, Water
+from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.session import Session
 
@@ -91,3 +95,71 @@ def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
     assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
     _range(slider, most, signed=False)
     assert (slider.min, slider.max) == (0.0, end)
+
+
+def shown(scene: Scene) -> dict[str, list[str]]:
+    """What has a slider in a scene, beside what every scene has."""
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.sliders import of_tables, stands_in
+
+    return {
+        name: [value.row.name for value in values if stands_in(scene, value.row)]
+        for name, values in of_tables().items()
+    }
+
+
+def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
+    """Made from the rows: no list names a parameter that the panel could then lack."""
+    plain = shown(Scene(balloon=[Balloon(mesh=quad_sphere(2))]))
+    assert plain["Contacts"] == plain["Material"] == plain["Gas"] == []
+    latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
+    touching = shown(Scene(balloon=[latex], touch=Touch(stiffness=3.0), ground=Ground(), water=Water()))
+    assert set(touching["Contacts"]) == {*("ground_height", "ground_friction", "ground_restitution")} | {
+        *("touch_friction", "touch_stiffness")
+    }  # what the scene leaves to us, as the thickness, has none
+    assert set(touching["Material"]) == {"thickness", "shear_modulus", "mooney_ratio", "film_viscosity"}
+    assert {"leak", "gamma"} <= set(touching["Gas"])
+    assert {"water_density", "wind_shear", "gusts"} <= set(touching["Air and water"])
+    assert not {"fill_breaths", "molar_mass"} & set(touching["Gas"])
+
+
+def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
+    """In an IFrame, as a notebook has it; the simulator itself stays where it is."""
+    pytest.importorskip("viser")
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
+    simulator.step()
+    shown = simulator.show(folder=tmp_path, height=500)
+    assert f'<iframe src="{shown.address}"' in shown._repr_html_()
+    assert "height: 500px" in shown._repr_html_()
+    with urllib.request.urlopen(shown.address, timeout=60) as answer:
+        assert "localhost:*" in answer.headers["Content-Security-Policy"]
+        page = answer.read()
+    assert b"bw-keys" in page
+    assert page.index(b"charset") < 1024  # or browsers do not look for it
+    assert shown.page.session.playground.frame == 0
+    shown.close()
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(shown.address, timeout=60)
+    assert simulator.frame_number == 1
+
+
+def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
+    simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
+    monkeypatch.delitem(sys.modules, "balloon_warp.viewer.page", raising=False)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(MissingExtraError, match=r"^view needs viser: pip install 'balloon-warp\[view\]'$"):
+        simulator.show()
+
+
+@pytest.mark.parametrize(
+    "curve", [[0.0, 0.0], [576.4, 576.4], [174.01, 174.02], [1.0, 1.0001], [3.0, 9.0], [-5.0, 1.0]]
+)
+def test_ticks_of_a_plot_differ(curve: list[float]):
+    """All of the curve is seen; about five ticks, with the three digits that plots have, are five numbers."""
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.plots import span_of
+
+    low, high = span_of(np.array(curve))
+    assert low <= min(curve)
+    assert high >= max(curve)
+    assert len({f"{tick:.3f}" for tick in np.linspace(low, high, 5)}) == 5

@@ -8,12 +8,12 @@ import viser
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene import Scene, bundled_scenes, load_scene
-from balloon_warp.viewer import colors
 from balloon_warp.viewer.layers import LAYERS, Layers
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
-from balloon_warp.viewer.sliders import VALUES, Value, values_of
+from balloon_warp.viewer.sliders import VALUES, WIDER, Value, of_tables, stands_in, values_of
+from balloon_warp.viewer.status import KEYS_BUTTON, details, status_line, strain_legend
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04
@@ -35,7 +35,7 @@ class Controls:
         server: of the page.
         session: what is played.
         layers: what is drawn.
-        look: turns a window's camera to the balloon.
+        look: turns a window's camera to the balloon, and lets it follow or stay.
     """
 
     def __init__(
@@ -50,20 +50,23 @@ class Controls:
         self._values: list[tuple[Value, Any]] = []
         self._ways: dict[str, Any] = {}
         gui = server.gui
-        self.status = gui.add_markdown("")
-        self._add_trouble()
+        gui.add_html(KEYS_BUTTON)
+        self.status = gui.add_html("")
         self._add_time(look)
+        self._add_trouble()
         self._add_inflation()
         with gui.add_folder("Click"):
             self._add_click()
         with gui.add_folder("Balloon", expand_by_default=False):
             self._add_balloon()
+        self._add_tables()
         with gui.add_folder("Show", expand_by_default=False):
             self._add_layers()
         with gui.add_folder("Recording", expand_by_default=False):
             self._add_recording()
         with gui.add_folder("Plots", expand_by_default=False) as self.plots_folder:
             pass
+        self.details = gui.add_html("")
 
     def follow(self, picture: Picture) -> None:
         """Bring the panel up to date with a picture."""
@@ -77,7 +80,7 @@ class Controls:
         if picture.trouble:
             self.trouble.content = f"**It blew up.** {picture.trouble[0].upper()}{picture.trouble[1:]}."
         self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
-        self.status.content = _status(picture)
+        self.status.content, self.details.content = status_line(picture), details(picture)
 
     def _inflation_moved(self, picture: Picture) -> bool:
         slider = self.inflation
@@ -95,7 +98,7 @@ class Controls:
         self.run = gui.add_button("Pause", hint="space")
         self.step = gui.add_button("Step one frame", color="gray", hint="key N")
         self.reset = gui.add_button("Reset", color="gray", hint="key R")
-        self.look = gui.add_button("Look at the balloon", color="gray", hint="key F")
+        self.look = gui.add_button("Follow the balloon", color="gray", hint="key F; again, the camera stays")
         self.speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         self.run.on_click(lambda _: self._toggle_run())
         self.step.on_click(lambda _: session.step_once())
@@ -106,7 +109,7 @@ class Controls:
         self._key("Pause or run", "space", self._toggle_run)
         self._key("Step one frame", "N", session.step_once)
         self._key("Reset", "R", session.reset)
-        command = gui.add_command("Look at the balloon", hotkey="F")
+        command = gui.add_command("Follow the balloon", hotkey="F")
         command.on_trigger(lambda event: event.client and look(event.client))
 
     def _add_inflation(self) -> None:
@@ -129,9 +132,7 @@ class Controls:
     def _add_balloon(self) -> None:
         gui = self.server.gui
         for value in (*VALUES, *values_of(self.session.laws)):
-            slider = gui.add_slider(value.label, 0.0, 1.0, 0.001, 0.0, hint=value.row.meaning or None)
-            _on_change(slider, lambda number, path=value.path: self.session.set(path, number))
-            self._values.append((value, slider))
+            self._add_slider(value)
         self.wind = gui.add_vector3(
             "wind [m/s]", (0.0, 0.0, 0.0), step=0.1, hint="pushes balloons that have drag in air"
         )
@@ -143,6 +144,25 @@ class Controls:
         self.stable = gui.add_checkbox("as many substeps as stability asks", True)
         _on_change(self.stable, self._keep_stable)
 
+    def _add_slider(self, value: Value) -> Any:
+        slider = self.server.gui.add_slider(value.label, 0.0, 1.0, 0.001, 0.0, hint=value.row.meaning or None)
+        _on_change(slider, lambda number: self.session.set(value.path, number))
+        self._values.append((value, slider))
+        return slider
+
+    def _add_tables(self) -> None:
+        """Folders for what only some scenes have; those that this one lacks are not seen."""
+        self._tables = []
+        for name, values in of_tables().items():
+            with self.server.gui.add_folder(name, expand_by_default=False, visible=False) as folder:
+                self._tables.append((folder, [(value, self._add_slider(value)) for value in values]))
+
+    def _show_tables(self, scene: Scene) -> None:
+        for folder, values in self._tables:
+            for value, slider in values:
+                slider.visible = stands_in(scene, value.row)
+            folder.visible = any(slider.visible for _, slider in values)
+
     def _add_layers(self) -> None:
         self.shown = {}
         for name, label in LAYERS.items():
@@ -150,7 +170,7 @@ class Controls:
             _on_change(box, lambda shown, name=name: self._show(name, bool(shown)))
             self.shown[name] = box
             if name == "strain":
-                self.legend = self.server.gui.add_html(_legend(), visible=False)
+                self.legend = self.server.gui.add_html(strain_legend(), visible=False)
 
     def _add_recording(self) -> None:
         gui = self.server.gui
@@ -210,11 +230,12 @@ class Controls:
             most = max(max(abs(value) for _, value in inflation.keyframes) * 2.0, 1e-3)
             _range(self.inflation, most, signed=inflation.keyframed == "pump")
             for value, slider in self._values:
-                most = max(5.0 * abs(value.read(scene)), value.least_reach)
-                _range(slider, most, value.signed)
+                most = max(WIDER * abs(value.read(scene)), value.least_reach)
+                _range(slider, min(most, value.row.most), value.signed)
         _put(self.inflation, picture.inflation)
         for value, slider in self._values:
             _put(slider, value.read(scene))
+        self._show_tables(scene)
         _put(self.wind, scene.atmosphere.wind)
         for field, choices in CHOICES.items():
             names = {choice: name for name, choice in choices.items()}
@@ -245,33 +266,3 @@ def _range(slider: Any, most: float, signed: bool) -> None:
     most = float(f"{math.ceil(most / digit - 1e-9) * digit:.2g}")
     slider.min, slider.max = -most if signed else 0.0, most
     slider.step = (slider.max - slider.min) / 1000.0
-
-
-def _legend() -> str:
-    """What the bands of strain mean: length over rest length."""
-    bounds = ["", *(f"{bound:g}" for bound in colors.STRAIN_BOUNDS)]
-    cells = "".join(
-        f'<div style="flex:1;border-top:0.6em solid rgb{color};padding-right:0.2em">{bound}</div>'
-        for color, bound in zip(colors.STRAIN, bounds, strict=True)
-    )
-    title = '<div style="font-size:0.8em;margin:0 1em">length over rest length</div>'
-    return title + f'<div style="display:flex;font-size:0.7em;margin:0 1.2em 0.6em">{cells}</div>'
-
-
-def _status(picture: Picture) -> str:
-    """A line on time."""
-    if not picture.running:
-        pace = "stands still"
-    elif picture.rate == 0.0:
-        pace = "…"
-    elif picture.rate < 0.95 * picture.speed:
-        taken = 1000.0 * picture.step_seconds
-        pace = f"{picture.rate:.2f} of real time, slower than asked: a frame takes {taken:.0f} ms"
-    else:
-        pace = f"{picture.rate:.2f} of real time"
-    recorded = f" · ● {picture.recorded_seconds:.1f} s" if picture.recorded_seconds is not None else ""
-    return (
-        f"**{picture.seconds:.2f} s** · {pace}{recorded}  \n"
-        f"{picture.model.particle_count:,} particles, {picture.model.spring_count:,} springs, "
-        f"{picture.model.substeps} substeps, {picture.schedule} on {picture.model.device}"
-    )

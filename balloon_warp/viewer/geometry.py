@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.geometry import signed_volume, total_area, triangulate, vertex_normals
+from balloon_warp.mesh.geometry import triangulate, vertex_normals
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.viewer.colors import SPRINGS, STRAIN_BOUNDS
@@ -26,6 +26,11 @@ class Drawing:
             [part + offset for part, offset in zip(self.triangles, model.particle_offsets, strict=False)]
         )
         """of all balloons together"""
+        springs = [shape.springs for shape in model.shapes]
+        ends = [each.pairs + offset for each, offset in zip(springs, model.particle_offsets, strict=False)]
+        rest_lengths = np.concatenate([each.rest_lengths for each in springs])
+        self._ends = np.concatenate(ends)[rest_lengths > 0.0]
+        self._rest_lengths = rest_lengths[rest_lengths > 0.0]
 
     def springs(self, picture: Picture, kind: str) -> Lines:
         """All springs of one kind."""
@@ -80,23 +85,26 @@ class Drawing:
 
     def measures(self, picture: Picture) -> dict[str, float]:
         """Volume [m^3] and pressure [Pa] of all balloons, and the largest stretch, of springs or of a membrane."""
-        volume = area = force = stretch = 0.0
         frame = picture.frame
-        for number, (shape, points) in enumerate(zip(self.model.shapes, frame.points, strict=True)):
-            mesh = replace(shape.mesh, points=points.astype(np.float64))
-            own_area = total_area(mesh)
-            volume += signed_volume(mesh)
-            area += own_area
-            if picture.scene.balloon[number].inflation.kind == "normal_force":
-                force += float(np.linalg.norm(frame.inflation_forces[number], axis=1).sum())
-            else:
-                force += float(frame.pressures[number]) * own_area
-            d = points[shape.springs.pairs[:, 1]] - points[shape.springs.pairs[:, 0]]
-            long = np.linalg.norm(d, axis=1) / np.maximum(shape.springs.rest_lengths, 1e-12)
-            stretch = max(stretch, float(long[shape.springs.rest_lengths > 0.0].max(initial=0.0)))
-            stretch = max(stretch, float(shape.membrane.stretches(points).max(initial=0.0)))
-        pressure = force / area if area > 0.0 else 0.0
-        return {"volume": volume, "pressure": pressure, "stretch": stretch}
+        points = np.concatenate(frame.points).astype(np.float64)
+        corners = points[self.all_triangles]
+        sides = corners[:, 1:] - corners[:, :1]
+        across = np.cross(sides[:, 0], sides[:, 1])
+        starts = np.cumsum([0, *(len(part) for part in self.triangles[:-1])])
+        areas = np.add.reduceat(0.5 * np.linalg.norm(across, axis=1), starts)
+        volume = float(np.einsum("ij,ij->", corners[:, 0] - points.mean(axis=0), across)) / 6.0
+        pushed = [balloon.inflation.kind == "normal_force" for balloon in picture.scene.balloon]
+        force = float((np.where(pushed, 0.0, frame.pressures) * areas).sum())
+        force += sum(
+            float(np.linalg.norm(frame.inflation_forces[number], axis=1).sum()) for number in np.flatnonzero(pushed)
+        )
+        long = np.linalg.norm(points[self._ends[:, 1]] - points[self._ends[:, 0]], axis=1)
+        stretch = float((long / self._rest_lengths).max(initial=0.0))
+        for shape, own in zip(self.model.shapes, frame.points, strict=True):
+            if shape.membrane.count:
+                stretch = max(stretch, float(shape.membrane.stretches(own).max(initial=0.0)))
+        area = float(areas.sum())
+        return {"volume": volume, "pressure": force / area if area > 0.0 else 0.0, "stretch": stretch}
 
 
 def string_reach(

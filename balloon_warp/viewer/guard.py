@@ -21,10 +21,13 @@ import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
+from balloon_warp.viewer.dressing import dress
 from balloon_warp.viewer.messages import MOST_BYTES, understood
 
 MOST_CONNECTIONS = 128
 """at one time: a browser takes six to load the page, and one to stay"""
+FRAMED = "frame-ancestors 'self' http://localhost:* http://127.0.0.1:* vscode-webview:"
+"""which pages may show the page within them: those of this machine, such as notebooks"""
 MOST_NONSENSE = 100
 """messages that are none, until a connection is closed"""
 
@@ -102,7 +105,8 @@ def _admit(names: set[str], serve_file: Any, connection: ServerConnection, reque
         return connection.respond(http.HTTPStatus.FORBIDDEN, "Another site may not talk to this page.\n")
     response = serve_file(connection, request)
     if response:
-        response.headers["X-Frame-Options"] = "SAMEORIGIN"  # nor show it as its own, to have it clicked
+        response.headers["Content-Security-Policy"] = FRAMED  # nor show it as its own, to have it clicked
+        dress(response)
     return response
 
 

@@ -11,6 +11,7 @@ from balloon_warp.viewer import colors
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
 from balloon_warp.viewer.obstacles import ROOT, ObstacleLayer
 from balloon_warp.viewer.picture import Picture
+from balloon_warp.viewer.smooth import surfaces_of
 
 LAYERS = {
     "balloon": "smooth balloon",
@@ -31,6 +32,8 @@ LINES = {
     "normals": colors.NORMALS,
     "forces": colors.FORCES,
 }
+LIGHT = 2.8
+"""of the studio's key light; where it stands and what its shadow covers the page finds itself (page_files/look.js)"""
 SLOWER = 3
 """pictures from one drawing of what is large to the next"""
 
@@ -48,12 +51,14 @@ class Layers:
         self.shown = {name: name in AT_START for name in LAYERS}
         self._load = 0
         self._count = 0
+        server.scene.configure_default_lights(enabled=False)
+        self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
 
     def show(self, name: str, shown: bool) -> None:
         """Show or hide a layer."""
         self.shown[name] = shown
         if name == "shadow":
-            self.server.scene.configure_default_lights(cast_shadow=shown)
+            self._key_light.cast_shadow = shown
 
     def draw(self, picture: Picture) -> None:
         """Bring everything that is shown up to date."""
@@ -96,10 +101,13 @@ class Layers:
         scene.add_frame("/strain", show_axes=False)
         scene.add_frame("/lines", show_axes=False)
         scene.add_frame("/spheres", show_axes=False)
+        self._surfaces = surfaces_of(picture.model)
         for number, points in enumerate(picture.frame.points):
             triangles = self._drawing.triangles[number]
-            color = colors.balloon_color(picture.scene, number)
-            balloon = scene.add_mesh_simple(f"/balloons/{number}", points, triangles, color=color, side="double")
+            color, surface = colors.balloon_color(picture.scene, number), self._surfaces[number]
+            balloon = scene.add_mesh_simple(
+                f"/balloons/{number}", surface.points(points), surface.triangles, color=color, side="double"
+            )
             self._balloons.append(balloon)
             bands = [
                 scene.add_mesh_simple(f"/strain/{number}_{band}", points, triangles[:1], color=color, side="double")
@@ -124,7 +132,7 @@ class Layers:
 
     def _add_ground(self, height: float, center: np.ndarray, up: np.ndarray) -> None:
         """A plane to throw shadows on, with a grid a balloon's size wide."""
-        wide = 20.0 * self.size
+        wide = 14.0 * self.size
         middle = center + (height - center @ up) * up
         self.server.scene.add_grid(
             "/ground",
@@ -148,7 +156,7 @@ class Layers:
             points = picture.frame.points[number]
             _see(balloon, self.shown["balloon"] and not strained)
             if balloon.visible:
-                balloon.vertices = points
+                balloon.vertices = self._surfaces[number].points(points)
                 self._hide_torn(picture, number, balloon)
             if strained and self._count % SLOWER == 0:
                 for band, triangles in zip(bands, self._drawing.strain_bands(picture, number), strict=True):
@@ -164,9 +172,10 @@ class Layers:
     def _hide_torn(self, picture: Picture, number: int, balloon: Any) -> None:
         """The triangles of faces that are torn are not shown; they are sent when others are than before."""
         if picture.frame.torn:
-            whole = ~picture.frame.torn[number][self._drawing.triangle_faces[number]]
+            surface = self._surfaces[number]
+            whole = ~picture.frame.torn[number][surface.triangle_faces]
             if whole.any() and whole.sum() != len(balloon.faces):
-                balloon.faces = self._drawing.triangles[number][whole].astype(np.uint32)
+                balloon.faces = surface.triangles[whole].astype(np.uint32)
 
     def _draw_lines(self, picture: Picture) -> None:
         wanted: dict[str, Callable[[], Lines]] = {

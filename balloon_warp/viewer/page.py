@@ -13,12 +13,14 @@ import viser
 from balloon_warp.errors import InputError
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.controls import Controls
+from balloon_warp.viewer.following import Follower, look_at
 from balloon_warp.viewer.guard import guarded
 from balloon_warp.viewer.layers import Layers
+from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.plots import Plots
 from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_particle, throw_at
-from balloon_warp.viewer.session import SHOWN_SECONDS, Session
+from balloon_warp.viewer.session import SHOWN_SECONDS, Done, Session
 
 DEFAULT_PORT = 8080
 PANEL_SECONDS = 0.2
@@ -45,6 +47,8 @@ class Page:
         self.server.request_share_url = _refuse_to_share  # a page's message would open this machine to the internet
         self.server.gui.configure_theme(brand_color=colors.BRAND, show_logo=False, show_share_button=False)
         self.server.gui.set_panel_label("Balloon Warp")
+        self.server.gui.main_panel.dock_right()
+        self.follower = Follower()
         self.layers = Layers(self.server, self._drag)
         self.controls = Controls(self.server, session, self.layers, self._look)
         with self.controls.plots_folder:
@@ -92,6 +96,7 @@ class Page:
             if picture is drawn or not self.session.watched:
                 continue
             self.layers.draw(picture)
+            self.follower.follow(self.server.get_clients(), self._center(picture))
             drawn = picture
             now = time.perf_counter()
             if now - panel_at >= PANEL_SECONDS:
@@ -103,20 +108,27 @@ class Page:
 
     def _tell(self, sentence: str) -> None:
         for client in self.server.get_clients().values():
-            client.add_notification("Balloon Warp", sentence, auto_close_seconds=8.0)
+            color = "green" if isinstance(sentence, Done) else "red"
+            client.add_notification("Balloon Warp", sentence, auto_close_seconds=8.0, color=color)
 
     async def _welcome(self, client: viser.ClientHandle) -> None:
         client.camera.position, client.camera.look_at = (tuple(place.tolist()) for place in self.layers.home)
 
     def _look(self, client: viser.ClientHandle) -> None:
-        """Turn a window to the balloons where they are now, and stay as far away."""
-        center = np.concatenate(self.session.picture.frame.points).mean(axis=0)
-        away = np.asarray(client.camera.position) - np.asarray(client.camera.look_at)
+        """Turn a window to the balloons where they are now, as far away as at first, and follow them; or stay."""
+        if self.follower.follows(client):
+            self.follower.end(client)
+            return
         home, middle = self.layers.home
+        away = np.asarray(client.camera.position) - np.asarray(client.camera.look_at)
         away *= np.linalg.norm(home - middle) / max(float(np.linalg.norm(away)), 1e-9)
-        with client.atomic():  # the place first: where it looks moves along with it
-            client.camera.position = tuple((center + away).tolist())
-            client.camera.look_at = tuple(center.tolist())
+        look_at(client, self._center(self.session.picture), away)
+        self.follower.begin(client)
+
+    @staticmethod
+    def _center(picture: Picture) -> np.ndarray:
+        """Of all balloons [m], shape (3,)."""
+        return np.concatenate(picture.frame.points).mean(axis=0, dtype=np.float64)
 
     async def _farewell(self, client: viser.ClientHandle) -> None:
         """Whoever leaves lets go."""

@@ -4,17 +4,23 @@ from collections import deque
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 from viser import uplot
 
 from balloon_warp.viewer.picture import Picture
 
 SECONDS = 10.0
 CURVES = {
-    "volume": ("volume [m³]", "#c82824"),
-    "pressure": ("pressure [Pa]", "#1e50dc"),
-    "stretch": ("largest stretch", "#14963c"),
-    "frame": ("a frame takes [ms]", "#e08a10"),
+    "volume": ("volume [l]", "#c82824", 1000.0),
+    "pressure": ("pressure [Pa]", "#1e50dc", 1.0),
+    "stretch": ("largest stretch", "#14963c", 1.0),
+    "frame": ("a frame takes [ms]", "#e08a10", 1000.0),
 }
+"""label, color, and what the measure is multiplied by"""
+LEAST_SPAN = 0.02
+"""of what a plot shows from bottom to top, to the largest value: nothing that changes less is drawn as if it did"""
+STEPS = 0.02
+"""between the least and the most that are shown: the plots have three digits behind the point, and about five ticks"""
 
 
 class Plots:
@@ -25,14 +31,19 @@ class Plots:
         self._load = 0
         self._plots = {
             name: server.gui.add_uplot(
-                data=(np.array([0.0, 1.0]), np.array([0.0, 0.0])),
-                series=(uplot.Series(label="t [s]"), uplot.Series(label=label, stroke=color, width=2)),
+                data=(np.array([0.0, 1.0]), np.array([0.0, 0.0]), np.array([-1.0, 1.0])),
+                # the last is not seen: the axis reaches as far as it does (to set a range makes the plot anew)
+                series=(
+                    uplot.Series(label="t [s]"),
+                    uplot.Series(label=label, stroke=color, width=2),
+                    uplot.Series(stroke="transparent", width=0),
+                ),
                 scales={"x": uplot.Scale(time=False)},
                 legend=uplot.Legend(show=False),
                 title=label,
                 height=120,
             )
-            for name, (label, color) in CURVES.items()
+            for name, (label, color, _) in CURVES.items()
         }
 
     def add(self, picture: Picture, measures: dict[str, float]) -> None:
@@ -40,7 +51,8 @@ class Plots:
         if picture.load != self._load or (self._samples and picture.seconds < self._samples[-1][0]):
             self._load = picture.load
             self._samples.clear()
-        sample = {**measures, "frame": 1000.0 * picture.step_seconds}
+        measured = {**measures, "frame": picture.step_seconds}
+        sample = {name: factor * measured[name] for name, (_, _, factor) in CURVES.items()}
         if not self._samples or picture.seconds > self._samples[-1][0]:
             self._samples.append((picture.seconds, *(sample[name] for name in CURVES)))
         while self._samples[-1][0] - self._samples[0][0] > SECONDS:
@@ -48,4 +60,12 @@ class Plots:
         if len(self._samples) > 1:
             times, *curves = np.array(self._samples).T
             for plot, curve in zip(self._plots.values(), curves, strict=True):
-                plot.data = (times, curve)
+                plot.data = (times, curve, np.linspace(*span_of(curve), len(curve)))
+
+
+def span_of(curve: NDArray[np.floating]) -> tuple[float, float]:
+    """What a plot shows of values, from bottom to top: so much that its ticks differ."""
+    low, high = float(curve.min()), float(curve.max())
+    least = max(LEAST_SPAN * max(abs(low), abs(high)), STEPS)
+    middle, half = (low + high) / 2, max(0.55 * (high - low), least / 2)
+    return middle - half, middle + half

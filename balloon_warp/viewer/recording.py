@@ -57,7 +57,7 @@ class Recording:
 
 
 def write_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> list[Path]:
-    """Write NAME.usdc, and NAME.toml, which replays it from its start; returns the files.
+    """Write NAME.usdc, whose first frame is 0, and NAME.toml, which replays it from its start; returns the files.
 
     Raises:
         InputError: nothing was recorded, a file cannot be written, or too much was done to be replayed.
@@ -69,11 +69,11 @@ def write_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[
         check_writable(path, (path.suffix,))
     scene = recorded.journal.scene(recorded.frames[-1].number)
     model = build_model(scene, "cpu", laws=laws)
-    described = without_folders(describe_simulation(scene, laws, model.substeps))
+    first = recorded.frames[0].number
+    described = {**without_folders(describe_simulation(scene, laws, model.substeps)), "firstFrame": first}
     with StageWriter(stage, model, described) as writer:
-        writer.stage.SetStartTimeCode(recorded.frames[0].number)
         for frame, bodies in zip(recorded.frames, recorded.bodies, strict=True):
-            writer.write(_with_all_bodies(frame, bodies, model))
+            writer.write(replace(_with_all_bodies(frame, bodies, model), number=frame.number - first))
     with whole_file(script) as temporary:
         temporary.write_text(scene_toml(scene, folder), encoding="utf-8")
     return [stage, script]

@@ -17,7 +17,8 @@ from balloon_warp.viewer.moment import Moment
 from balloon_warp.viewer.pace import Pace
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
-from balloon_warp.viewer.recording import Recording, free_number, write_recording
+from balloon_warp.viewer.recording import Recording, free_number
+from balloon_warp.viewer.saving import save_recording
 from balloon_warp.viewer.wishes import Wish, Wishes
 
 SHOWN_SECONDS = 1.0 / 30.0
@@ -28,6 +29,10 @@ MOMENTS = 12
 _DEVICE_WORK = threading.Lock()
 """held by the session of a process that uses a device: while one records a graph on a CPU, Warp puts what any thread
 launches there into it"""
+
+
+class Done(str):
+    """A notice of success."""
 
 
 @dataclass
@@ -228,7 +233,7 @@ class Session:
         self._step_seconds += 0.1 * (time.perf_counter() - began - self._step_seconds)
 
     def _end_recording(self) -> None:
-        """Write what was recorded, on a thread of its own: it may take longer than a frame."""
+        """Write what was recorded, beside the simulation: it takes longer than a frame."""
         if not self.recording:
             return
         recorded, self.recording = self.recording.end(self.playground.journal), None
@@ -237,8 +242,8 @@ class Session:
 
         def write() -> None:
             try:
-                files = write_recording(recorded, self.folder, name, self.laws)
-                self.notices.append(f"wrote {' and '.join(str(file) for file in files)}")
+                files = save_recording(recorded, self.folder, name, self.laws)
+                self.notices.append(Done(f"wrote {' and '.join(file.name for file in files)} in {self.folder}"))
             except InputError as mistake:
                 self.notices.append(str(mistake))
 

@@ -1,7 +1,9 @@
 """Which parameters have a slider in the panel."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from balloon_warp.kernels.laws import PARAMETERS, Law, Parameter
 from balloon_warp.kernels.laws.law import FAR
@@ -26,7 +28,7 @@ class Value:
 
     def read(self, scene: Scene) -> float:
         """Now; of the first balloon."""
-        return value_of(scene if self.row.of == "world" else scene.balloon[0], self.row)
+        return float(value_of(scene if self.row.of == "world" else scene.balloon[0], self.row))
 
 
 VALUES = (
@@ -37,11 +39,65 @@ VALUES = (
     Value(PARAMETERS["shear"], "shear springs", 1.0),
     Value(PARAMETERS["flexion"], "flexion springs", 1.0),
 )
+"""that every scene has"""
+TABLES = {
+    "Contacts": ("touch", "ground", "friction"),
+    "Material": ("material",),
+    "Air and water": ("atmosphere", "water", "drag_coefficient", "face_drag", "face_friction"),
+    "Gas": ("inflation", "neck"),
+}
+"""what the panel has folders for, and the tables, or single values, of a scene or balloon that are in it"""
+MUCH = {"m": 0.1, "N/m": 10.0, "m^2": 1e-5, "Pa s": 1e4}
+"""by unit, how far a slider reaches at least, where 1 is out of proportion"""
+SET_ONCE = ("fill_", "molar_mass", "neck_opens", "neck_closes", "gust_seed", "most_stretch", "wrinkling", "air_lapse")
+"""how names of parameters begin that say how a scene starts, or that are no amounts"""
+WIDER = 5.0
+"""how far a slider reaches, in times what the scene says"""
+
+
+def of_tables() -> dict[str, list[Value]]:
+    """Sliders for the numbers in the tables that not every scene has, by their folders, made from the rows."""
+    return {
+        folder: [
+            _value_of_row(row)
+            for row in PARAMETERS.values()
+            if row.path.partition(".")[0] in tables and row.size == 1 and not row.name.startswith(SET_ONCE)
+        ]
+        for folder, tables in TABLES.items()
+    }
+
+
+def stands_in(scene: Scene, row: Parameter) -> bool:
+    """Whether a scene, or its first balloon, has the table that a row stands in, what it is for, and says a number: one
+    that it leaves to us follows from others, and is no slider's."""
+    table: Any = scene if row.of == "world" else scene.balloon[0]
+    for name in row.path.split(".")[:-1]:
+        table = getattr(table, name, None)
+        if table is None:
+            return False
+    if value_of(scene if row.of == "world" else scene.balloon[0], row) < row.least:
+        return False
+    if row.path.startswith("inflation."):
+        return scene.balloon[0].inflation.kind == "gas"
+    if row.path.startswith("material."):
+        return table.is_membrane and row.path.rpartition(".")[2] in table.own_fields
+    return True
+
+
+def _value_of_row(row: Parameter) -> Value:
+    name = re.sub(
+        r"[._]", " ", row.path.replace("atmosphere.", "air ").removeprefix("inflation.").removeprefix("material.")
+    )
+    return Value(row, name if row.unit == "1" else f"{name} [{row.unit}]", _reach(row), signed=-FAR < row.least < 0.0)
+
+
+def _reach(row: Parameter) -> float:
+    """Of a slider, where the scene says nothing or little."""
+    return row.most if row.most < FAR else max(WIDER * abs(row.default), MUCH.get(row.unit, 1.0))
 
 
 def values_of(laws: Sequence[Law]) -> Iterator[Value]:
     """Sliders for the parameters of laws of one's own; vectors have none."""
     for row in dict.fromkeys(row for law in laws for row in law.parameters):
         if row.size == 1 and row.name not in PARAMETERS:
-            reach = row.most if row.most < FAR else max(5.0 * abs(row.default), 1.0)
-            yield Value(row, f"{row.name} [{row.unit}]", reach, signed=row.least < 0.0)
+            yield Value(row, f"{row.name} [{row.unit}]", _reach(row), signed=row.least < 0.0)

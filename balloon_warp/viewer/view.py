@@ -46,6 +46,35 @@ def view(
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
         MissingExtraError: viser is not installed.
     """
+    page = make_page(scene, name, device, folder, laws, host=host, port=port)
+    for warning in page.session.playground.simulator.model.warnings:
+        on_warning(warning)
+    try:
+        page.start()
+        on_start(page)
+        if open_page:
+            webbrowser.open(page.address)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        page.stop()
+
+
+def make_page(
+    scene: SceneLike,
+    name: str,
+    device: str | None,
+    folder: str | Path,
+    laws: Sequence[Law],
+    *,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+) -> "Page":
+    """A page that is served, and not started yet; see `view`.
+
+    Raises:
+        InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
+        MissingExtraError: viser is not installed.
+    """
     scene = scene_of(scene)
     if not Path(folder).is_dir():
         raise InputError(f"{folder}: the folder does not exist")
@@ -57,15 +86,4 @@ def view(
         raise MissingExtraError("view needs viser: pip install 'balloon-warp[view]'") from None
     from balloon_warp.viewer.session import Session
 
-    session = Session(name, scene, device, Path(folder).resolve(), laws)
-    for warning in session.playground.simulator.model.warnings:
-        on_warning(warning)
-    page = Page(session, host, port)
-    try:
-        page.start()
-        on_start(page)
-        if open_page:
-            webbrowser.open(page.address)
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        page.stop()
+    return Page(Session(name, scene, device, Path(folder).resolve(), laws), host, port)

@@ -1,0 +1,31 @@
+"""What is added to viser's page: a style sheet, two scripts and a sheet of keys."""
+
+import functools
+import gzip
+from importlib.resources import files
+
+from websockets.http11 import Response
+
+from balloon_warp.viewer.status import key_sheet
+
+CHARSET = b'<meta charset="utf-8" />'
+"""how the page is encoded, which must be said among its first bytes: what is ours comes behind it"""
+
+
+def dress(response: Response) -> None:
+    """Put what is ours before viser's own in the page; any other file stays as it is."""
+    if "html" in response.headers.get("Content-Type", "") and response.body:
+        response.body = _dressed(bytes(response.body), response.headers.get("Content-Encoding") == "gzip")
+        del response.headers["Content-Length"]
+        response.headers["Content-Length"] = str(len(response.body))
+
+
+@functools.lru_cache(maxsize=4)
+def _dressed(page: bytes, zipped: bool) -> bytes:
+    folder = files("balloon_warp.viewer") / "page_files"
+    read = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.css", "look.js", "panel.js")}
+    ours = f"<style>{read['page.css']}</style>"
+    ours += "".join(f"<script>{read[name]}</script>" for name in ("look.js", "panel.js")) + key_sheet()
+    page = gzip.decompress(page) if zipped else page
+    page = page.replace(CHARSET, CHARSET + ours.encode(), 1)
+    return gzip.compress(page) if zipped else page

@@ -1,0 +1,59 @@
+"""A camera that goes along with the balloons."""
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+HELD_SECONDS = 0.4
+"""for which a camera that somebody turns is left alone, or it would be pulled back"""
+TURNED = 1e-3
+"""part of the distance by which a camera is elsewhere than it was, where somebody turned it"""
+
+
+class Follower:
+    """The windows whose cameras follow."""
+
+    def __init__(self) -> None:
+        self._following: dict[int, tuple[NDArray[np.float64], float]] = {}
+        """by window: where its camera stood, from what it looks at [m], and until when it is left alone"""
+
+    def follows(self, window: Any) -> bool:
+        """Whether a window's camera does."""
+        return window.client_id in self._following
+
+    def begin(self, window: Any) -> None:
+        """Follow from now on."""
+        self._following[window.client_id] = _away(window), 0.0
+
+    def end(self, window: Any) -> None:
+        """Stay."""
+        self._following.pop(window.client_id, None)
+
+    def follow(self, windows: dict[int, Any], center: NDArray[np.floating]) -> None:
+        """Move the cameras of windows along to where the balloons are, shape (3,) [m]; as somebody turned them."""
+        now = time.monotonic()
+        for number, (before, until) in list(self._following.items()):
+            if number not in windows:
+                del self._following[number]
+                continue
+            window = windows[number]
+            away = _away(window)
+            if np.linalg.norm(away - before) > TURNED * np.linalg.norm(before):
+                until = now + HELD_SECONDS
+            self._following[number] = away, until
+            if now >= until and np.isfinite(center).all():
+                look_at(window, center, away)
+
+
+def look_at(window: Any, center: NDArray[np.floating], away: NDArray[np.floating]) -> None:
+    """Turn a window's camera to a place, and put it so far away from it, shape (3,) each [m]."""
+    with window.atomic():  # the place first: where it looks moves along with it
+        window.camera.position = tuple((center + away).tolist())
+        window.camera.look_at = tuple(center.tolist())
+
+
+def _away(window: Any) -> NDArray[np.float64]:
+    """From what a camera looks at to where it stands [m], shape (3,)."""
+    return np.array(window.camera.position, float) - np.array(window.camera.look_at, float)

@@ -1,0 +1,68 @@
+"""Writes recordings in a process of its own: USD holds Python's lock while it writes, and time would stand still."""
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import Law
+from balloon_warp.quiet import quiet_warp
+from balloon_warp.viewer.recording import Recorded, write_recording
+
+NICENESS = 10
+"""of the process: the simulation comes first"""
+
+
+def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> list[Path]:
+    """As `write_recording`, beside what this process does. Laws that only this process knows keep it here.
+
+    Raises:
+        InputError: nothing was recorded, a file cannot be written, or too much was done to be replayed.
+    """
+    try:
+        others = pickle.dumps((recorded.journal, recorded.bodies, folder, name, tuple(laws)))
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return write_recording(recorded, folder, name, laws)
+    if any(law.force.func.__module__ == "__main__" for law in laws):
+        return write_recording(recorded, folder, name, laws)
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-m", __name__]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=found) as process:
+        assert process.stdin
+        assert process.stdout
+        try:
+            process.stdin.write(others)
+            for frame in recorded.frames:  # one by one: each holds Python's lock for a moment only
+                pickle.dump(frame, process.stdin)
+            process.stdin.close()
+            answer = pickle.load(process.stdout)
+        except (BrokenPipeError, EOFError, pickle.UnpicklingError):
+            raise InputError(f"{name}: the process that saves it ended before it was done") from None
+    if isinstance(answer, InputError):
+        raise answer
+    return answer
+
+
+def main() -> None:
+    """Read a recording from standard input, write it, and tell the files, or what is wrong, on standard output."""
+    answers = os.dup(1)
+    os.dup2(2, 1)  # what a library prints is no answer
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    quiet_warp()
+    source = sys.stdin.buffer
+    journal, bodies, folder, name, laws = pickle.load(source)
+    recorded = Recorded([pickle.load(source) for _ in bodies], journal, bodies)
+    try:
+        answer: object = write_recording(recorded, folder, name, laws)
+    except InputError as mistake:
+        answer = InputError(str(mistake))
+    with os.fdopen(answers, "wb") as out:
+        pickle.dump(answer, out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""What the panel says in a line, and what its keys are."""
+
+from html import escape
+
+from balloon_warp.viewer import colors
+from balloon_warp.viewer.picture import Picture
+
+KEYS = (
+    ("drag a balloon", "pulls it"),
+    ("click", "throws a sphere there"),
+    ("↑ ↓", "inflate, deflate"),
+    ("space", "pauses, goes on"),
+    ("N", "one frame on"),
+    ("R", "back to the start"),
+    ("C", "cuts the strings"),
+    ("F", "follows the balloon; again, stays"),
+    ("?", "shows this, and hides it"),
+)
+"""what a person does, and what it does"""
+KEPT_UP = 0.95
+"""part of the speed asked for that counts as kept"""
+KEYS_BUTTON = '<div class="bw-keys"><button class="bw-keys-button" title="keys">?</button></div>'
+"""at the end of the line of status, which is written anew while somebody presses"""
+NEARLY_ALL = 0.9
+"""part of the time of a frame that simulating it takes, where nothing else is to blame"""
+
+
+def status_line(picture: Picture) -> str:
+    """Time and pace, in one line however long they are."""
+    recorded = f" · ● {picture.recorded_seconds:.1f} s" if picture.recorded_seconds is not None else ""
+    pace, why = _pace(picture)
+    return (
+        f'<div class="bw-status" title="{escape(why)}"><span><b>{picture.seconds:.2f} s</b> · {escape(pace)}{recorded}'
+        "</span></div>"
+    )
+
+
+def _pace(picture: Picture) -> tuple[str, str]:
+    """How fast time runs, and why where it is slower than asked."""
+    if not picture.running:
+        return "stands still", ""
+    if picture.rate == 0.0:
+        return "…", ""
+    pace = f"{picture.rate:.2f} of real time"
+    if picture.rate >= KEPT_UP * picture.speed:
+        return ("real time" if picture.speed == 1.0 else pace), ""
+    taken, due = 1000.0 * picture.step_seconds, 1000.0 * picture.model.frame_seconds / picture.speed
+    if taken >= NEARLY_ALL * due:
+        return pace, f"slower than asked: to simulate a frame takes {taken:.0f} ms, and one is due every {due:.0f} ms"
+    return pace, f"slower than asked: this machine is busy with other things than the {taken:.0f} ms that a frame takes"
+
+
+def details(picture: Picture) -> str:
+    """What is simulated, by what."""
+    model = picture.model
+    return (
+        f'<div class="bw-details">{model.particle_count:,} particles, {model.spring_count:,} springs, '
+        f"{model.substeps} substeps a frame, {escape(picture.schedule)} on {escape(str(model.device))}</div>"
+    )
+
+
+def key_sheet() -> str:
+    """The keys, as a table."""
+    rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(does)}</td></tr>" for key, does in KEYS)
+    return f'<template id="bw-keys"><table>{rows}</table></template>'
+
+
+def strain_legend() -> str:
+    """What the bands of strain mean: length over rest length."""
+    bounds = ["", *(f"{bound:g}" for bound in colors.STRAIN_BOUNDS)]
+    cells = "".join(
+        f'<div style="flex:1;border-top:0.6em solid rgb{color};padding-right:0.2em">{bound}</div>'
+        for color, bound in zip(colors.STRAIN, bounds, strict=True)
+    )
+    title = '<div style="font-size:0.8em;margin:0 1em">length over rest length</div>'
+    return title + f'<div style="display:flex;font-size:0.7em;margin:0 1.2em 0.6em">{cells}</div>'

@@ -1,0 +1,111 @@
+"""How the page looks and where its parts are: in headless Chromium, where there is one."""
+
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+from browsing import LIMIT, box, highlights, redness, see, wait_until
+
+pytest.importorskip("viser")
+pytest.importorskip("playwright.sync_api")
+
+from balloon_warp.viewer.notebook import Shown
+from balloon_warp.viewer.status import KEYS
+
+
+def test_the_balloon_shines(fresh, served):
+    """It mirrors the studio's lights: among its red there are spots nearly as bright as these."""
+    see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
+    see(fresh, served, lambda: highlights(fresh) > 100, "it shines")
+
+
+def test_the_panel_leaves_the_balloon_in_the_middle_of_the_view(fresh, served):
+    """At a desk the view ends where the panel begins, on a phone where the drawer does, folded or not."""
+    see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
+    free, panel = box(fresh, "canvas[data-engine]"), fresh.get_by_text("Reset", exact=True).bounding_box()
+    assert 0 < free["x"] + free["width"] <= panel["x"]
+    fresh.set_viewport_size({"width": 390, "height": 844})
+    try:
+        drawer = '[style*="max-height: 60%"]'
+        wait_until(lambda: 0 < box(fresh, drawer)["height"] < 100, "the drawer is folded")
+        wait_until(lambda: above(fresh, drawer), "the view is above")
+        fresh.locator(f'{drawer} [style*="cursor: pointer"]').first.click()
+        wait_until(lambda: box(fresh, drawer)["height"] > 300, "the drawer opens")
+        wait_until(lambda: above(fresh, drawer), "the view is above")
+        assert box(fresh, drawer)["width"] == 390
+    finally:
+        fresh.set_viewport_size({"width": 1100, "height": 600})
+    fresh.get_by_text("Reset", exact=True).wait_for()
+
+
+def test_keys_are_on_a_sheet(fresh, served):
+    fresh.mouse.click(20, 400, button="right")
+    fresh.keyboard.press("?")
+    sheet = fresh.locator(".bw-sheet")
+    sheet.wait_for()
+    assert sheet.locator("tr").count() == len(KEYS)
+    fresh.keyboard.press("?")
+    sheet.wait_for(state="detached")
+    button = box(fresh, ".bw-keys-button")
+    fresh.mouse.click(button["x"] + button["width"] / 2, button["y"] + button["height"] / 2)
+    sheet.wait_for()
+    fresh.keyboard.press("Escape")
+    sheet.wait_for(state="detached")
+
+
+def test_the_camera_follows(fresh, served):
+    """After F it looks at the balloon wherever that goes, and stays after F again."""
+    [camera] = [client.camera for client in served.server.get_clients().values()]
+
+    def beside() -> float:
+        return float(np.linalg.norm(np.array(camera.look_at) - served.session.picture.frame.points[0].mean(axis=0)))
+
+    fresh.mouse.click(20, 400, button="right")
+    fresh.keyboard.press("f")
+    wait_until(lambda: served.follower._following, "it follows")
+    served.session.ask(lambda playground: playground.cut_all())  # and so it rises
+    served.session.set("balloon.helium", 30.0)
+    start = served.session.picture.frame.points[0].mean(axis=0)[1]
+    wait_until(lambda: served.session.picture.frame.points[0].mean(axis=0)[1] > start + 2.0, "it rises")
+    wait_until(lambda: beside() < 0.3, "the camera rises along")
+    fresh.keyboard.press("f")
+    wait_until(lambda: not served.follower._following, "it stays")
+    wait_until(lambda: beside() > 1.0, "the balloon goes on")
+    served.session.reset()
+    wait_until(lambda: served.session.picture.frame.points[0].mean(axis=0)[1] < start + 0.5, "it is back")
+    for _ in range(2):  # look at it, and stay, for whoever comes next
+        fresh.keyboard.press("f")
+    wait_until(lambda: beside() < 0.3 and not served.follower._following, "the camera is back")
+
+
+def test_a_notebook_shows_the_page(browser, fresh, served):
+    """A page of this machine may have it in a frame; one from elsewhere may not."""
+    html = Shown(served, ("100%", 400))._repr_html_()
+
+    class Notebook(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(html.encode())
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        notebook, said = browser.new_page(), []
+        notebook.on("console", lambda message: said.append(message.text))
+        notebook.goto(f"http://elsewhere.localhost:{server.server_port}")
+        wait_until(lambda: notebook.wait_for_timeout(20) or any("frame-ancestors" in text for text in said), "refused")
+        notebook.goto(f"http://localhost:{server.server_port}")
+        notebook.frame_locator("iframe").get_by_text("Reset", exact=True).wait_for(timeout=1000.0 * LIMIT)
+        notebook.close()
+        server.shutdown()
+    wait_until(lambda: len(served.server.get_clients()) == 1, "the notebook is closed")
+
+
+def above(window, drawer: str) -> bool:
+    """Whether the view ends where the drawer begins, to a pixel."""
+    return abs(box(window, "canvas[data-engine]")["height"] - box(window, drawer)["y"]) <= 1.0
