@@ -16,7 +16,7 @@ from balloon_warp.files import check_writable
 from balloon_warp.outputs.table import TableWriter
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
-from balloon_warp.sweep.recorder import SHAPES, Record, columns_of
+from balloon_warp.sweep.recorder import Record, columns_of
 
 if TYPE_CHECKING:
     from balloon_warp.outputs.usd.grid import GridGroup
@@ -82,7 +82,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            self.stage.write(record.number, group, *(getattr(record, name) for name in SHAPES))
+            self.stage.write(record.number, group, *record.shapes)
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
         """Put a record in the place of what was recorded of some worlds of a group in its frame; in the table's text
@@ -96,8 +96,7 @@ class BatchOutput:
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
         if self.stage:
-            shapes = (getattr(record, name) for name in SHAPES)
-            self.stage.write(record.number, group, *shapes, places=places.tolist())
+            self.stage.write(record.number, group, *record.shapes, places=places.tolist())
 
     def rewrite_table(self) -> None:
         """Write what was replaced."""

@@ -53,6 +53,11 @@ class Record:
     torn: NDArray[np.int8]
     """of the chosen worlds: 1 of faces that are torn, shape (chosen, face_count), or (chosen, 0) where none may be"""
 
+    @property
+    def shapes(self) -> tuple[NDArray, ...]:
+        """of the chosen worlds, in the order of `SHAPES`"""
+        return tuple(getattr(self, name) for name in SHAPES)
+
 
 SHAPES = ("points", "sphere_positions", "body_poses", "torn")
 """what of a record is of the chosen worlds alone"""
