@@ -89,8 +89,8 @@ COMMANDS = {
 class ClosedPage:
     """Of somebody who presses Ctrl-C at once."""
 
-    def __init__(self, *_: object) -> None:
-        pass
+    def __init__(self, session: object, *_: object) -> None:
+        self.session = session
 
     def start(self) -> None:
         raise KeyboardInterrupt
