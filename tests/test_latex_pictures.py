@@ -9,8 +9,11 @@ from pxr import Usd
 from render_stages import LATEX, add_camera, add_ground, add_mesh, add_sphere, new_stage, quad_sphere
 
 from balloon_warp import load_scene
-from balloon_warp.kernels.pictures.rubber import Wall, thickness_of, wall_of
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.pictures.rubber import thickness_of, wall_of
 from balloon_warp.outputs.render import render_stage
+
+wp.set_module_options(OPTIONS)
 
 RED, GREEN = (0.8, 0.04, 0.04), (0.02, 0.6, 0.05)
 FOIL = {"roughness": 0.12, "metallic": 1.0}
@@ -18,19 +21,28 @@ FOIL = {"roughness": 0.12, "metallic": 1.0}
 
 @wp.kernel
 def build_walls(
-    color: wp.vec3, opacities: wp.array[float], shrunk: wp.array[float], facing: wp.array[float], walls: wp.array[Wall]
+    color: wp.vec3,
+    opacities: wp.array[float],
+    shrunk: wp.array[float],
+    facing: wp.array[float],
+    # out
+    clear: wp.array[wp.vec3],
+    back: wp.array[wp.vec3],
+    forth: wp.array[wp.vec3],
 ):
     number = wp.tid()
-    walls[number] = wall_of(color, thickness_of(opacities[number], shrunk[number]), facing[number])
+    wall = wall_of(color, thickness_of(opacities[number], shrunk[number]), facing[number])
+    clear[number] = wall.clear
+    back[number] = wall.back
+    forth[number] = wall.forth
 
 
-def walls(opacities, shrunk, facing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def walls(opacities, shrunk, facing) -> list[np.ndarray]:
     """The shares clear, back and forth of walls of red rubber, shape (count, 3) each."""
     rows = [wp.array(np.asarray(row), dtype=float, device="cpu") for row in (opacities, shrunk, facing)]
-    made = wp.empty(len(opacities), dtype=Wall, device="cpu")
-    wp.launch(build_walls, dim=len(opacities), inputs=[wp.vec3(*RED), *rows], outputs=[made], device="cpu")
-    shares = made.numpy()
-    return shares["clear"], shares["back"], shares["forth"]
+    shares = [wp.empty(len(opacities), dtype=wp.vec3, device="cpu") for _ in range(3)]
+    wp.launch(build_walls, len(opacities), [wp.vec3(*RED), *rows], outputs=shares, device="cpu")
+    return [share.numpy() for share in shares]
 
 
 def picture(stage: Usd.Stage, **options) -> np.ndarray:

@@ -54,9 +54,9 @@ class Record:
     """of the chosen worlds: 1 of faces that are torn, shape (chosen, face_count), or (chosen, 0) where none may be"""
 
     @property
-    def shapes(self) -> tuple[NDArray, ...]:
+    def shapes(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int8]]:
         """of the chosen worlds, in the order of `SHAPES`"""
-        return tuple(getattr(self, name) for name in SHAPES)
+        return self.points, self.sphere_positions, self.body_poses, self.torn
 
 
 SHAPES = ("points", "sphere_positions", "body_poses", "torn")
