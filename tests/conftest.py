@@ -24,6 +24,8 @@ machine of two cores is too slow for the clocks that people and networks go by""
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
+        if item.path.stem.startswith("test_bundled_"):
+            item.add_marker(pytest.mark.xdist_group("bundled"))  # each scene is simulated once, see `played`
         if item.path.stem.removeprefix("test_") in CROWDED:
             item.add_marker(pytest.mark.xdist_group("crowded"))
 
