@@ -2,6 +2,7 @@
 
 from typing import Literal
 
+import numpy as np
 from meshes import cube, grid, mesh_of, prism, quad_sphere
 
 from balloon_warp.scene import (
@@ -112,9 +113,11 @@ def softening() -> Scene:
 
 
 def bursting() -> Scene:
-    """Everything, with a balloon of rubber that a needle pierces, and whose hole stays as it is."""
+    """Everything, with a balloon of rubber that a needle pierces, and whose hole stays as it is. It is thinner to one
+    side, or rounding would choose among the faces of a round ball which it is that bears most."""
     scene = everything("fresh")
-    torn = Material(preset="latex", strength=1e9, tear_strength=1e9, needle_time=0.05)
+    thinner = (1.0 + 0.6 * scene.balloon[0].mesh.points @ np.array([0.31, 0.17, 0.9])).tolist()
+    torn = Material(preset="latex", strength=1e9, tear_strength=1e9, needle_time=0.05, weights=thinner)
     pricked = {"material": torn, "inflation": Inflation(kind="gas", start_pressure=100.0), "helium": 0.0}
     first, *others = scene.balloon
     return scene.model_copy(update={"balloon": [first.model_copy(update=pricked), *others], "substeps": "auto"})

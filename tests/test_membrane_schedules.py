@@ -98,7 +98,9 @@ def test_weights_make_the_skin_thicker():
     points = quad_sphere(3, 0.1).points
     twice = latex(material=Material(preset="latex", weights=[2.0] * len(points)))
     thick = latex(material=Material(preset="latex", thickness=4e-4))
-    by_rule = latex(material={"preset": "latex", "weights": lambda points: np.where(points[:, 1] > 0.0, 3.0, 1.0)})
+    rule = {"preset": "latex", "weights": lambda points: np.where(points[:, 1] > 0.0, 3.0, 1.0)}
+    by_rule = latex(material=rule)
+    assert latex(material=Material(**rule)).balloon[0].material == by_rule.balloon[0].material
     mass = {
         name: plan_model(scene).parameters["mass"].item()
         for name, scene in {"twice": twice, "thick": thick, "rule": by_rule, "plain": latex()}.items()

@@ -26,6 +26,8 @@ WHOLE = wp.constant(-1.0)
 """of a face, instead of how far a tear may have run from it"""
 SPENT = wp.constant(1.0e8)
 """that far, once it has gone on from there"""
+SLIGHT = wp.constant(1.0e-3)
+"""below it a pressure is none [Pa]: float32 tells the air's to 8e-3"""
 PARAMETERS = (
     Parameter("film_strength", "Pa", FAR, least=TINY, path="material.strength"),
     Parameter("tear_strength", "Pa", float("nan"), least=TINY, path="material.tear_strength"),
@@ -59,4 +61,5 @@ def softness_of_gas(volume: float, pressure: float, density: float, gamma: float
 def pressure_beside_hole(pressure: float, softness: float, hole: float, step_seconds: float):
     """What of a pressure above the air's [Pa] is left after a step beside a hole of an area [m^2]."""
     by_root_of_density = orifice_flow(SHARP_EDGE * hole, 1.0, 1.0, pressure, softness, step_seconds)
-    return wp.max(pressure - softness * step_seconds * by_root_of_density, 0.0)
+    left = pressure - softness * step_seconds * by_root_of_density
+    return wp.where(left < SLIGHT, 0.0, left)

@@ -26,7 +26,7 @@ from balloon_warp.scene.schema.fields import (
     optional_field_of,
 )
 from balloon_warp.scene.schema.inflation import Inflation, Neck
-from balloon_warp.scene.schema.material import Material, without_rule
+from balloon_warp.scene.schema.material import Material
 
 
 class Stiffness(Table):
@@ -145,21 +145,29 @@ class Balloon(Table):
         """A function of points becomes what it says, so that a scene can be written down."""
         if not isinstance(given, dict) or "mesh" not in given:
             return given
-        stiffness, material = given.get("stiffness"), given.get("material")
-        weights = stiffness.get("weights") if isinstance(stiffness, dict) else getattr(stiffness, "weights", None)
-        thickness = material.get("weights") if isinstance(material, dict) else None
-        rules = ("fixed", given.get("fixed")), ("stiffness.weights", weights), ("material.weights", thickness)
-        for field, rule in rules:
+        for field in ("fixed", "stiffness.weights", "material.weights"):
+            table, _, of_table = field.partition(".")
+            holder = given.get(table) if of_table else given
+            rule = value_in(holder, of_table or table)
             if not callable(rule):
                 continue
             try:
                 points = load_mesh(given["mesh"]).points
-                if field == "fixed":
-                    given = {**given, "fixed": pinned_by(rule, points)}
-                elif field == "material.weights":
-                    given = {**given, "material": without_rule(material, points)}
+                if of_table:
+                    given = {**given, table: with_value(holder, of_table, weighed_by(rule, points))}
                 else:
-                    given = {**given, "stiffness": {**dict(stiffness or {}), "weights": weighed_by(rule, points)}}
+                    given = {**given, table: pinned_by(rule, points)}
             except InputError as mistake:
                 raise ValueError(f"{field}: {mistake}") from None
         return given
+
+
+def value_in(given: Any, name: str) -> Any:
+    """A field of what is given as a table, or as an object."""
+    return given.get(name) if isinstance(given, dict) else getattr(given, name, None)
+
+
+def with_value(given: Any, name: str, value: Any) -> dict[str, Any]:
+    """The same as a table with another value of a field, which is checked like the others."""
+    table = given if isinstance(given, dict) else {field: getattr(given, field) for field in given.model_fields_set}
+    return {**table, name: value}

@@ -7,7 +7,6 @@ from pydantic import Field, model_validator
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.laws.membrane import MOST_STRETCH
 from balloon_warp.kernels.laws.tearing import NEVER
-from balloon_warp.scene.pinned import weighed_by
 from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema.fields import NonNegative, Positive, Rule, Table, Vector, optional_field_of
 
@@ -147,8 +146,3 @@ class Material(Table):
                 f"{self.locking_stretch:.3g}; expected less, or a larger gent_limit"
             )
         return self
-
-
-def without_rule(material: Any, points: Any) -> Any:
-    """What a material is given as, with numbers in the place of a function of points."""
-    return {**dict(material or {}), "weights": weighed_by(material["weights"], points)}
