@@ -6,6 +6,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereTable, TouchTable
+from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
@@ -115,6 +116,7 @@ class MembraneTable:
     """the other two corners of each"""
     rests: wp.array[wp.vec4]
     """with the particle as the first corner"""
+    films: FilmTable
     wear: WearTable
 
 

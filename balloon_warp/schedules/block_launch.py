@@ -7,13 +7,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, FilmLayout, Layout
 from balloon_warp.kernels.schedules.block_resident import resident_kernel
 from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.films import film_entries, film_layout, film_table
 from balloon_warp.schedules.fixtures import forget_looks, look_array
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
@@ -109,28 +110,36 @@ def _recipe(model: Model, traits: Traits) -> Recipe:
         slots = [slot_table(model, ends, residing.rings)]
         own_order = np.arange(model.particle_count)
         tables = make_tables(model, traits, in_block=traits.in_water)
+        tables.membranes.films = film_table(model, layout.film)
         return Recipe(resident_kernel(traits, layout), layout, tables, slots, own_order)
     # where balloons or solids touch, everyone finds everyone's points in the state, and in its order
     order = np.arange(model.particle_count) if traits.in_blocks else order_by_springs(model, ends)
-    tables = make_tables(renumbered(model, order), traits, in_block=True)
+    ordered = renumbered(model, order)
+    tables = make_tables(ordered, traits, in_block=True)
+    tables.membranes.films = film_table(ordered, layout.film)
     return Recipe(streaming_kernel(traits, layout), layout, tables, [], order)
 
 
 def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Residence | None]:
     """How a world lies on a block, and, where its particles stay in registers, how."""
-    residing = None if traits.meets_solids else residence(model, traits, ends)
-    odd = model.substeps % 2 == 1
+    odd, film = model.substeps % 2 == 1, film_layout(model, traits)
+    residing = None if traits.meets_solids else residence(model, traits, ends, film)
     if residing:
         layout = Layout(
             threads=residing.threads,
             capacity=residing.threads * residing.particles_a_thread,
             resident=True,
             two=residing.particles_a_thread == 2,
-            faces=model.face_count if traits.aims and not traits.aims_on_the_way else 1,
+            faces=film_entries(model)
+            if film
+            else model.face_count
+            if traits.aims and not traits.aims_on_the_way
+            else 1,
             kind_slots=kind_slots(ends),
             rings=residing.rings is not None,
             odd_substeps=odd,
             registers=residing.registers,
+            film=film,
         )
         return layout, residing
     capacity = _round_up(model.particle_count, CAPACITY_STEP)
@@ -142,8 +151,16 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
         odd_substeps=odd,
         fast_velocities=not traits.keeps_velocities and not traits.in_blocks and _room_for_velocities(model, traits),
         registers=registers,
+        film=film,
     )
     return layout, None
+
+
+def _face_entries(model: Model, traits: Traits, film: FilmLayout | None) -> int:
+    """What a tile holds of faces, where particles are resident."""
+    if film:
+        return _round_up(film_entries(model), WARP_THREADS)
+    return model.face_count if traits.aims and not traits.aims_on_the_way else 1
 
 
 def _room_for_velocities(model: Model, traits: Traits) -> bool:
@@ -167,7 +184,8 @@ def _streaming_threads(model: Model, traits: Traits) -> tuple[int, int]:
 
 def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:
     """The memory of `BlockMemory`; arrays that a scene does not need are empty."""
-    worlds, streaming = model.world_count, not layout.resident
+    worlds, streaming, film = model.world_count, not layout.resident, layout.film
+    entries = film_entries(model) if film else 0
     shows_velocities = traits.looks_at_velocities
     keeps_velocities = not layout.fast_velocities if streaming else shows_velocities and traits.frames == "free"
 
@@ -182,6 +200,8 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "other_velocities": vectors(shows_velocities or (streaming and traits.keeps_velocities)),
         "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
         "peaks": room.array((worlds, model.triangle_count if traits.softens else 0), wp.float32),
+        "film_pulls": vectors(streaming and film is not None, entries),
+        "film_area_vectors": vectors(streaming and film is not None and film.areas, entries),
         "frame": room.array((1,), wp.int32),
     }
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from balloon_warp.kernels.schedules.block_memory import FilmLayout
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.rings import Ring, quad_rings
@@ -20,6 +21,8 @@ MOST_REGISTERS = 248
 """of a thread"""
 OWN_REGISTERS, GAS_REGISTERS = 12, 28
 """of a thread beside its particles, without and with gas"""
+FILM_REGISTERS = 44
+"""more, to measure a face of a membrane"""
 CONTACT_REGISTERS = 28
 """more, where there are obstacles, or balloons touch"""
 
@@ -38,15 +41,17 @@ class Residence:
     """the quads around each particle, where area vectors come of them"""
 
 
-def residence(model: Model, traits: Traits, ends: SpringEnds) -> Residence | None:
+def residence(model: Model, traits: Traits, ends: SpringEnds, film: FilmLayout | None) -> Residence | None:
     """The layout that lets most worlds run at once on a multiprocessor; None if the springs do not fit in registers.
 
     Two particles a thread share what a thread does for itself (spheres, barriers), and their loads overlap; where a
     multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster. Where
     gas flows through tubes or out, all wait for the thread that finds how much: several small blocks bear that better.
     """
-    if not thread_a_particle(model) or model.device.is_cpu or traits.gas_flows or traits.membranes:
+    if not thread_a_particle(model) or model.device.is_cpu or traits.gas_flows:
         return None
+    if traits.membranes and (film is None or traits.wears or traits.aims):
+        return None  # faces of membranes take the place in shared memory of what aims need
     rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
     single, double = (_residence(model, traits, ends, rings, particles) for particles in (1, 2))
     if single and double:
@@ -61,6 +66,8 @@ def _residence(
     threads = -(-model.particle_count // (WARP_THREADS * particles_a_thread)) * WARP_THREADS
     slots = sum(kind_slots(ends)) * (3 if traits.springs_vary else 2)
     own = GAS_REGISTERS if traits.gas else OWN_REGISTERS
+    if traits.membranes:
+        own += FILM_REGISTERS
     if traits.stands_on_fixtures or traits.touches:
         own += CONTACT_REGISTERS
     needed = own + particles_a_thread * (24 + slots)

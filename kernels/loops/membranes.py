@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import number_in
+from balloon_warp.kernels.algebra import number_in, scaled
 from balloon_warp.kernels.compose import choice_of_laws
 from balloon_warp.kernels.laws.tension_field import (
     LEAST_DET,
@@ -24,6 +24,22 @@ from balloon_warp.kernels.laws.tension_field import (
 from balloon_warp.kernels.memory import four_floats_at, int_pair_at
 from balloon_warp.kernels.tables import SLICE, MembraneTable, first_entry
 from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def pulls_on_corners(ab: Any, bc: Any, cd: Any, da: Any, along: Any, mixed: Any, back: Any):
+    """The forces on the corners of a quad [N], or those of eight: what the ends of each edge do to each other.
+
+    Args:
+        along: T11 of the triangle at each corner [N/m].
+        mixed: its T12.
+        back: T22 of the triangle at the next corner.
+    """
+    by_ab = scaled(ab, along[0] + back[0]) - scaled(da, mixed[0]) - scaled(bc, mixed[1])
+    by_bc = scaled(bc, along[1] + back[1]) - scaled(ab, mixed[1]) - scaled(cd, mixed[2])
+    by_cd = scaled(cd, along[2] + back[2]) - scaled(bc, mixed[2]) - scaled(da, mixed[3])
+    by_da = scaled(da, along[3] + back[3]) - scaled(cd, mixed[3]) - scaled(ab, mixed[0])
+    return by_ab - by_da, by_bc - by_ab, by_cd - by_bc, by_da - by_cd
 
 
 @cache

@@ -14,6 +14,19 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 
+class FilmLayout(NamedTuple):
+    """How a block goes through the faces of membranes."""
+
+    slots: int
+    """the most faces at a particle"""
+    triangles: int
+    """the most at a face"""
+    mixed: bool
+    """some have fewer"""
+    areas: bool
+    """area vectors come of them, too: they are all the faces that there are"""
+
+
 class Layout(NamedTuple):
     """How a world is laid out on a block."""
 
@@ -35,6 +48,8 @@ class Layout(NamedTuple):
     """they stand in a tile, too, where particles are not resident"""
     registers: int = 64
     """of a thread"""
+    film: FilmLayout | None = None
+    """membranes are measured face by face"""
 
     @property
     def warps(self) -> int:
@@ -58,6 +73,9 @@ class BlockMemory:
     inflations: wp.array2d[wp.vec3]
     peaks: wp.array2d[float]
     """the state's, as they are in this frame, which may have to be simulated once more"""
+    film_pulls: wp.array2d[wp.vec3]
+    """of faces on their corners, where particles are not resident"""
+    film_area_vectors: wp.array2d[wp.vec3]
     frame: wp.array[wp.int32]
     """as it was when the frame began, where a law asks for the time: the state's is counted while blocks still read"""
     free: FreeFrames

@@ -17,6 +17,7 @@ from balloon_warp.kernels.measure.health import is_past, look_at_particle
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.block_board import board_of
+from balloon_warp.kernels.schedules.block_films import films_of
 from balloon_warp.kernels.schedules.block_gas import gas_sums
 from balloon_warp.kernels.schedules.block_memory import (
     BlockMemory,
@@ -42,18 +43,19 @@ from balloon_warp.kernels.traits import Traits
 def resident_kernel(traits: Traits, layout: Layout) -> Any:
     """A kernel for just what a scene has."""
     threads, two, face_capacity = layout.threads, layout.two, layout.faces
+    area_capacity = 1 if layout.film and not layout.film.areas else face_capacity
     capacity = threads * (2 if two else 1)
     Springs, read_springs, pull_of_springs, area_in_ring, facing_in_ring = slot_functions(  # noqa: N806 - a type
         traits, layout.kind_slots
     )
-    Member, seat_member, seat_beside = member_functions(traits, Springs, read_springs)  # noqa: N806 - a type
-    loops = scalar_loops(
-        traits,
-        in_tile,
-        pull_of_springs,
-        area_in_ring if layout.rings else None,
-        facing_in_ring if traits.aims_on_the_way else None,
-    )
+    films = films_of(traits, layout, Springs, read_springs, pull_of_springs) if layout.film else None
+    area_vector, facing = area_in_ring if layout.rings else None, facing_in_ring if traits.aims_on_the_way else None
+    if films:
+        Member, seat_member, seat_beside = member_functions(traits, films.held, films.read)  # noqa: N806 - a type
+        loops = scalar_loops(traits._replace(membranes=()), in_tile, films.pull, films.area_vector)
+    else:
+        Member, seat_member, seat_beside = member_functions(traits, Springs, read_springs)  # noqa: N806 - a type
+        loops = scalar_loops(traits, in_tile, pull_of_springs, area_vector, facing)
     board, gas, refresh = board_of(traits, layout), gas_sums(traits, layout), refresh_of(traits, layout)
     pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
     together = together_of(traits, pieces, board, gas, refresh, Member, layout)
@@ -105,7 +107,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         centers: Any,
         areas: Any,
     ):
-        """One substep, from one tile of points to the other."""
+        """One substep, from one tile of points to the other; of faces centers and areas, or what `block_films` says."""
         if wp.static(traits.touches):
             presses.press(t, state, memory, seat, velocities)
         area = float(0.0)
@@ -113,6 +115,11 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             area, aimed, other_aimed = together.aim(t, seat, mine, also, source, centers, areas)
             mine = aimed
             also = other_aimed
+        if wp.static(films is not None):
+            films.stretch(t, seat, mine.own.n, source, velocities, centers, areas)
+            mine.springs = films.take(t, seat, mine.own.number, mine.springs, centers, areas)
+            if wp.static(two):
+                also.springs = films.take(t, seat, also.own.number, also.springs, centers, areas)
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
             board.roll(t, seat.spins, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
             block_barrier()
@@ -206,7 +213,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         centers = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
-        areas = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
+        areas = wp.tile_empty(shape=area_capacity, dtype=wp.vec3, storage="shared")
         seat = take_seat(state, world, thread)
         frame_begin = begins(t, memory)
         velocities = state.velocities[world]
@@ -219,6 +226,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
             gas.begin(t, state, seat, frame_begin)
+        if wp.static(films is not None):
+            films.begin(t, seat, centers, areas)
         mine = take_place(state, seat, seat_member(t, slots, state, seat, thread), thread, even, velocities)
         also = Member()
         if wp.static(two):

@@ -42,8 +42,8 @@ def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[An
     coefficient = traits.laws_on("spring")
     moving = traits.needs("spring", "opening")
     lengths_matter = traits.needs("spring", "rest_length")
-    Indices = wp.types.vector(length=slots, dtype=wp.int32)  # noqa: N806 - a type
-    Numbers = wp.types.vector(length=slots, dtype=wp.float32)  # noqa: N806
+    Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type
+    Numbers = wp.types.vector(length=max(slots, 1), dtype=wp.float32)  # noqa: N806
 
     @wp.struct
     class Springs:

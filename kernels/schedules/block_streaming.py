@@ -8,11 +8,12 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.loops.net_force import scalar_loops
-from balloon_warp.kernels.measure.health import look_at_particle
+from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_correct import correcting
+from balloon_warp.kernels.schedules.block_films import films_of
 from balloon_warp.kernels.schedules.block_gas import gas_sums
 from balloon_warp.kernels.schedules.block_memory import (
     BlockMemory,
@@ -41,10 +42,15 @@ from balloon_warp.kernels.traits import Traits
 @cache
 def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     """A kernel for worlds of up to so many particles; on the CPU, a block is one thread."""
-    Member, seat_member, seat_beside = member_functions(traits, wp.int32, no_springs)  # noqa: N806 - a type
+    films = films_of(traits, layout, wp.int32, no_springs, spring_loop(traits, in_tile)) if layout.film else None
+    held, read_held = (films.held, films.read) if films else (wp.int32, no_springs)
+    Member, seat_member, seat_beside = member_functions(traits, held, read_held)  # noqa: N806 - a type
     board, gas = board_of(traits, layout), gas_sums(traits, layout)
     refresh = refresh_of(traits, layout)
-    loops = scalar_loops(traits, in_tile, aims=traits.aims_on_the_way)
+    if films:
+        loops = scalar_loops(traits._replace(membranes=()), in_tile, films.pull, films.area_vector)
+    else:
+        loops = scalar_loops(traits, in_tile, aims=traits.aims_on_the_way)
     pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
     turns = turns_of(traits, pieces, gas, Member, seat_member, seat_beside, layout)
     correct = correcting(traits, layout)
@@ -77,6 +83,20 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         return area
 
     @wp.func
+    def pull(t: Tables, memory: BlockMemory, seat: Seat, source: Any, velocities: Any, member: Member, area: float):
+        """All forces on a particle but the inflation, and the particle with what came on the way."""
+        if wp.static(films is not None):
+            member.springs = films.take(
+                t, seat, member.own.number, member.springs, memory.film_pulls[seat.world],
+                memory.film_area_vectors[seat.world],
+            )  # fmt: skip
+        force, pulled = pieces.pull(t, seat, source, velocities, member, area)
+        if wp.static(traits.touches):
+            force += presses.take(memory, seat, pulled)
+        turns.keep_aim(memory, seat, pulled)
+        return force, pulled
+
+    @wp.func
     def pull_and_swell(
         t: Tables,
         state: WorldState,
@@ -96,14 +116,11 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         total = Swelling()
         for turn in range(rounds):
             seated = turns.member(t, state, memory, seat, first, turn, source, velocities)
-            force, member = pieces.pull(t, seat, source, velocities, seated, area)
-            if wp.static(traits.touches):
-                force += presses.take(memory, seat, member)
+            force, member = pull(t, memory, seat, source, velocities, seated, area)
             member.free_velocity = pieces.free(t, seat, member, force)
             if member.active:
                 put_velocity(new_velocities, member.own.number, member.free_velocity)
                 put_in_tile(target, member.own.number, member.area_vector)
-            turns.keep_aim(memory, seat, member)
             part = pieces.swell(t, seat, member, source[volume_origin(t, member.own.balloon)])
             if wp.static(traits.balloons == 1):
                 total += part
@@ -138,10 +155,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 free = velocity_at(new_velocities, member.own.number)
                 member = pieces.push(t, seat, member, free, wp.vec3())
             else:
-                force, pulled = pieces.pull(t, seat, source, velocities, member, area)
-                turns.keep_aim(memory, seat, pulled)
-                if wp.static(traits.touches):
-                    force += presses.take(memory, seat, pulled)
+                force, pulled = pull(t, memory, seat, source, velocities, member, area)
                 member = pieces.push(t, seat, pulled, member.velocity, force)
             if wp.static(traits.keeps_inflations and traits.pressures):
                 if member.active:
@@ -190,6 +204,11 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             presses.press(t, state, memory, seat, velocities)
         if wp.static(wear is not None):
             wear.find(t, state, memory, seat, source)
+        if wp.static(films is not None):
+            films.stretch(
+                t, seat, first.own.n, source, velocities, memory.film_pulls[seat.world],
+                memory.film_area_vectors[seat.world],
+            )  # fmt: skip
         rounds = (seat.count + threads - 1) // threads
         area = float(0.0)
         if wp.static(traits.aims):
@@ -217,18 +236,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 state.points[seat.world, particle] = in_tile(target, particle)
         block_barrier()
         return fastest
-
-    @wp.func
-    def end_world(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: Any, velocities: Any):
-        """What a frame ends with."""
-        for particle in range(seat.thread, seat.count, wp.block_dim()):
-            number = memory.numbers[particle]
-            state.points[seat.world, number] = points[particle]
-            state.velocities[seat.world, number] = velocity_at(velocities, particle)
-            look_at_particle(
-                t.health, state.first_bad, seat.world, particle, number, t.particles.balloon[particle],
-                t.particles.mass_share[particle], points,
-            )  # fmt: skip
 
     options = {**OPTIONS, "fast_math": True}
 
@@ -280,9 +287,9 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             fastest = wp.max(fastest, last_speed)
         if ends_well(t, memory, world, thread, fastest):
             if wp.static(layout.odd_substeps):
-                end_world(t, state, memory, seat, odd, other_velocities)
+                turns.end(t, state, memory, seat, odd, other_velocities)
             else:
-                end_world(t, state, memory, seat, even, velocities)
+                turns.end(t, state, memory, seat, even, velocities)
             if wp.static(wear is not None):
                 wear.end(t, state, memory, seat)
             if wp.static(traits.spheres > 0):

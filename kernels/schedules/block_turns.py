@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.measure.health import look_at_particle
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
@@ -29,6 +30,8 @@ class Turns(NamedTuple):
     """(seat, member, target, velocities): where others and the next substep find it"""
     keep_aim: Any
     """(memory, seat, member): for later, if it came on the way"""
+    end: Any
+    """(t, state, memory, seat, points, velocities): what a frame ends with"""
 
 
 @cache
@@ -91,7 +94,19 @@ def turns_of(
             if member.active:
                 memory.aims[seat.world, member.own.number] = member.aim
 
-    return Turns(mass_in_turn, member_in_turn, leave, put_member, keep_aim)
+    @wp.func
+    def end(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: Any, velocities: Any):
+        """Every particle as a frame ends."""
+        for particle in range(seat.thread, seat.count, wp.block_dim()):
+            number = memory.numbers[particle]
+            state.points[seat.world, number] = points[particle]
+            state.velocities[seat.world, number] = velocity_at(velocities, particle)
+            look_at_particle(
+                t.health, state.first_bad, seat.world, particle, number, t.particles.balloon[particle],
+                t.particles.mass_share[particle], points,
+            )  # fmt: skip
+
+    return Turns(mass_in_turn, member_in_turn, leave, put_member, keep_aim, end)
 
 
 @cache

@@ -14,10 +14,14 @@ from balloon_warp.kernels.algebra import (
     any_negative,
     dot_product,
     of_lane,
-    scaled,
 )
 from balloon_warp.kernels.laws.tension_field import how_surely_taut
-from balloon_warp.kernels.loops.membranes import material_reader, taut_tension_function, tension_function
+from balloon_warp.kernels.loops.membranes import (
+    material_reader,
+    pulls_on_corners,
+    taut_tension_function,
+    tension_function,
+)
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.lanes_wear import wear_quad_function
 from balloon_warp.kernels.schedules.layouts import Layout, entry_at, near
@@ -174,15 +178,11 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
                 pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
         if wp.static(wear_quad is not None):
             wear_quad(t, lanes, group, balloon, entry, d11, d12, along, mixed, back)
-        # what the ends of each edge do to each other
-        by_ab = scaled(ab, along[0] + back[0]) - scaled(da, mixed[0]) - scaled(bc, mixed[1])
-        by_bc = scaled(bc, along[1] + back[1]) - scaled(ab, mixed[1]) - scaled(cd, mixed[2])
-        by_cd = scaled(cd, along[2] + back[2]) - scaled(bc, mixed[2]) - scaled(da, mixed[3])
-        by_da = scaled(da, along[3] + back[3]) - scaled(cd, mixed[3]) - scaled(ab, mixed[0])
-        add_at(forces, first, by_ab - by_da)
-        add_at(forces, second, by_bc - by_ab)
-        add_at(forces, third, by_cd - by_bc)
-        add_at(forces, fourth, by_da - by_cd)
+        on_a, on_b, on_c, on_d = pulls_on_corners(ab, bc, cd, da, along, mixed, back)
+        add_at(forces, first, on_a)
+        add_at(forces, second, on_b)
+        add_at(forces, third, on_c)
+        add_at(forces, fourth, on_d)
 
     @wp.func
     def stretch(t: LaneTables, lanes: LaneState, group: wp.int32, points: Any):

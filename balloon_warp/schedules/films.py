@@ -1,0 +1,65 @@
+"""Membranes as blocks go through them: face by face."""
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.kernels.film_tables import FilmTable
+from balloon_warp.kernels.schedules.block_memory import FilmLayout
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model
+from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
+
+MOST_FACES = 12
+"""at a particle: where there are more, most particles would wait for the few"""
+
+
+def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
+    """How; None where there are no membranes, or too many faces at a particle."""
+    if not traits.membranes:
+        return None
+    quads = membrane_quads(model)
+    most = int(np.bincount(_particles_and_places(quads)[0]).max())
+    if most > MOST_FACES:
+        return None
+    triangles = int(quads.triangles.max())
+    mixed = bool(quads.triangles.min() < triangles)
+    corners = np.diff(model.face_offsets.numpy())
+    all_there = len(quads.corners) == model.face_count and (corners == (4 if triangles == 4 else 3)).all()
+    return FilmLayout(most, triangles, mixed, bool(traits.measures_areas and all_there and not mixed))
+
+
+def film_table(model: Model, layout: FilmLayout | None) -> FilmTable:
+    """For the layout; empty without one."""
+    table = FilmTable()
+    if layout is None:
+        return table
+    quads = membrane_quads(model)
+    particles, places = _particles_and_places(quads)
+    counts = np.bincount(particles, minlength=model.particle_count)
+    slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
+    of_slots = np.full((layout.slots, model.particle_count), 4 * len(quads.corners))
+    of_slots[slot, particles] = places
+    rests = quads.rests.transpose(1, 0, 2).reshape(-1, 4)
+    table.corners = wp.array(quads.corners, dtype=wp.vec4i, device=model.device)
+    table.rests = wp.array(rests, dtype=wp.vec4, device=model.device)
+    table.balloons = wp.array(quads.balloons, dtype=wp.int32, device=model.device)
+    if model.softens:
+        table.numbers = wp.array(np.maximum(quads.numbers, 0), dtype=wp.vec4i, device=model.device)
+    table.places = wp.array(of_slots.ravel(), dtype=wp.int32, device=model.device)
+    return table
+
+
+def film_entries(model: Model) -> int:
+    """What faces write, with the zero that fills up."""
+    return 4 * len(membrane_quads(model).corners) + 1
+
+
+def _particles_and_places(quads: MembraneQuads) -> tuple[np.ndarray, np.ndarray]:
+    """Of each face at each particle, sorted by particle."""
+    count = len(quads.corners)
+    there = np.ones((4, count), dtype=bool)
+    there[2] = quads.triangles == 4
+    places = np.flatnonzero(there.ravel())
+    particles = quads.corners.T.ravel()[places]
+    order = np.argsort(particles, kind="stable")
+    return particles[order], places[order]

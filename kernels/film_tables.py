@@ -1,0 +1,20 @@
+"""Membranes face by face, as kernels read them."""
+
+import warp as wp
+
+
+@wp.struct
+class FilmTable:
+    """The triangles of membranes, by faces of four corners with four triangles, or one, as a block goes through them.
+    A face of one has its first corner twice. Empty where no block does."""
+
+    corners: wp.array[wp.vec4i]
+    rests: wp.array[wp.vec4]
+    """of the triangle at each corner, all of the first corners first; without area where there is none"""
+    balloons: wp.array[wp.int32]
+    """of each face"""
+    numbers: wp.array[wp.vec4i]
+    """of the triangles, where they wear"""
+    places: wp.array[wp.int32]
+    """where what each face does to a particle stands, corner times the number of faces plus the face: of all particles
+    the first, then the second, and four times that number, where there is nothing, as what fills up"""

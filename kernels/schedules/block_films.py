@@ -1,0 +1,239 @@
+"""Membranes in a block: a thread measures a face once, and what that does to its corners waits there, in a place of its
+own for each corner, for the threads that have the particles."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.film_tables import FilmTable
+from balloon_warp.kernels.laws.tension_field import how_surely_taut
+from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
+from balloon_warp.kernels.loops.membranes import (
+    material_reader,
+    pulls_on_corners,
+    taut_tension_function,
+    tension_function,
+    wear_reader,
+)
+from balloon_warp.kernels.memory import (
+    four_floats_at,
+    four_ints_at,
+    in_tile,
+    int_at,
+    put_in_array,
+    put_in_tile,
+    vector_at,
+)
+from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.schedules.block_memory import Layout, Seat
+from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+OF_TRIANGLE = wp.constant(-1.0 / 6.0)
+"""area vector of a corner over the cross of its edges, from the one before and to the one after"""
+
+
+class Films(NamedTuple):
+    """Functions of all threads of a block, and of one that has a particle."""
+
+    held: Any
+    """what a particle holds: its `springs`, and the `pull` and `area_vector` that faces have for it"""
+    begin: Any
+    """(t, seat, pulls, area_vectors): what a frame begins with; a barrier must follow"""
+    stretch: Any
+    """(t, seat, n, points, velocities, pulls, area_vectors): all faces, and a barrier; with the numbers of a balloon,
+    if there is one alone"""
+    take: Any
+    """(t, seat, number, held, pulls, area_vectors): a particle's, once all faces are measured"""
+    read: Any
+    """(t, slots, own): what it holds at the start of a frame"""
+    pull: Any
+    """as of springs, with that of the faces"""
+    area_vector: Any
+    """as of a loop over faces; None if these have none"""
+
+
+@cache
+def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: Any, pull_of_springs: Any) -> Films:
+    """For a layout that has films, beside the springs of particles."""
+    film = layout.film
+    assert film is not None
+    at, put = (in_tile, put_in_tile) if layout.resident else (vector_at, put_in_array)
+    tension, taut_tension = tension_function(traits), taut_tension_function(traits)
+    material_of, left_of = material_reader(traits), wear_reader(traits)
+    read_numbers = numbers_reader(traits.columns)
+    triangles, mixed, slots, areas = film.triangles, film.mixed, film.slots, film.areas
+    viscous = traits.viscous
+
+    @wp.struct
+    class Held:
+        """What a particle holds."""
+
+        springs: springs_type
+        pull: wp.vec3
+        area_vector: wp.vec3
+
+    @wp.func
+    def read(t: Tables, slot_table: Any, own: Any):
+        held = Held()
+        held.springs = read_springs(t, slot_table, own)
+        return held
+
+    @wp.func
+    def pull(
+        t: Tables, points: Any, velocities: Any, own: Any, held: Held, point: wp.vec3, velocity: wp.vec3, time: float
+    ):
+        """Net force of springs and faces [N]."""
+        return pull_of_springs(t, points, velocities, own, held.springs, point, velocity, time) + held.pull
+
+    @wp.func
+    def area_vector(t: Tables, points: Any, own: Any, held: Held, point: wp.vec3):
+        """[m^2]"""
+        return held.area_vector
+
+    @wp.func
+    def begin(t: Tables, seat: Seat, pulls: Any, area_vectors: Any):
+        """Where a particle has fewer faces than others, it reads what is always zero."""
+        if seat.thread == 0:
+            last = 4 * t.membranes.films.corners.shape[0]
+            put(pulls, last, wp.vec3())
+            if wp.static(areas):
+                put(area_vectors, last, wp.vec3())
+
+    @wp.func
+    def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
+        """Of the triangle at a corner of a face."""
+        return four_floats_at(films.rests, corner * films.corners.shape[0] + face)
+
+    @wp.func
+    def is_there(corner: wp.int32, rest: wp.vec4):
+        """Whether a face has a triangle at a corner: where some have four and some one, what is not there has no
+        area."""
+        return corner == 0 or rest[3] > 0.0
+
+    @wp.func
+    def metric_at(corner: wp.int32, d11: wp.vec4, d12: wp.vec4):
+        """Products of the two edges that begin at a corner, or how they change."""
+        return wp.vec3(d11[corner], d12[corner], d11[(corner + 3) % 4])
+
+    @wp.func
+    def are_surely_taut(films: FilmTable, face: wp.int32, d11: wp.vec4, d12: wp.vec4):
+        """Whether all triangles of a face are, so that they need no more than `pulls_if_taut`."""
+        surely = bool(True)
+        for corner in range(triangles):
+            rest = rest_of(films, face, corner)
+            taut = how_surely_taut(metric_at(corner, d11, d12), rest) >= 0.0
+            if wp.static(mixed):
+                taut = taut or not is_there(corner, rest)
+            surely = surely and taut
+        return surely
+
+    @wp.func
+    def stretch_face(
+        t: Tables, world: wp.int32, face: wp.int32, n: Any, d11: wp.vec4, d12: wp.vec4, r11: wp.vec4, r12: wp.vec4
+    ):
+        """The tensions of its triangles: along the edges that begin at each corner, mixed, and along those that end
+        there, as of the corner that they begin at [N/m]."""
+        films = t.membranes.films
+        material = material_of(t.membranes, films.balloons[face])
+        along = wp.vec4()
+        both = wp.vec4()
+        back = wp.vec4()
+        surely = bool(False)
+        if wp.static(not viscous):
+            surely = are_surely_taut(films, face, d11, d12)
+        for corner in range(triangles):
+            rest = rest_of(films, face, corner)
+            metric = metric_at(corner, d11, d12)
+            pulls = wp.vec3()
+            if surely:
+                pulls = taut_tension(metric, rest, material, n, 0)
+            else:
+                pulls = tension(metric, metric_at(corner, r11, r12), rest, material, n, 0)
+            if wp.static(traits.wears):
+                pulls *= left_of(t.membranes, world, films.numbers[face][corner])
+            if wp.static(mixed):
+                pulls = wp.where(is_there(corner, rest), pulls, wp.vec3())
+            along[corner] = pulls[0]
+            both[corner] = pulls[1]
+            back[(corner + 3) % 4] = pulls[2]
+        return along, both, back
+
+    @wp.func
+    def measure_face(
+        t: Tables, world: wp.int32, face: wp.int32, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any
+    ):
+        """By one thread."""
+        count = t.membranes.films.corners.shape[0]
+        corners = four_ints_at(t.membranes.films.corners, face)
+        a = in_tile(points, corners[0])
+        b = in_tile(points, corners[1])
+        c = in_tile(points, corners[2])
+        d = in_tile(points, corners[3])
+        ab = b - a
+        bc = c - b
+        cd = d - c
+        da = a - d
+        d11 = wp.vec4(wp.dot(ab, ab), wp.dot(bc, bc), wp.dot(cd, cd), wp.dot(da, da))
+        d12 = wp.vec4(-wp.dot(ab, da), -wp.dot(bc, ab), -wp.dot(cd, bc), -wp.dot(da, cd))
+        r11 = wp.vec4()
+        r12 = wp.vec4()
+        if wp.static(viscous):
+            va = vector_at(velocities, corners[0])
+            vb = vector_at(velocities, corners[1])
+            vc = vector_at(velocities, corners[2])
+            vd = vector_at(velocities, corners[3])
+            vab = vb - va
+            vbc = vc - vb
+            vcd = vd - vc
+            vda = va - vd
+            r11 = 2.0 * wp.vec4(wp.dot(ab, vab), wp.dot(bc, vbc), wp.dot(cd, vcd), wp.dot(da, vda))
+            r12 = -wp.vec4(
+                wp.dot(ab, vda) + wp.dot(da, vab),
+                wp.dot(bc, vab) + wp.dot(ab, vbc),
+                wp.dot(cd, vbc) + wp.dot(bc, vcd),
+                wp.dot(da, vcd) + wp.dot(cd, vda),
+            )
+        along, both, back = stretch_face(t, world, face, n, d11, d12, r11, r12)
+        on_a, on_b, on_c, on_d = pulls_on_corners(ab, bc, cd, da, along, both, back)
+        put(pulls, face, on_a)
+        put(pulls, count + face, on_b)
+        put(pulls, 3 * count + face, on_d)
+        if wp.static(triangles == 4):
+            put(pulls, 2 * count + face, on_c)
+        if wp.static(areas and triangles == 4):
+            put(area_vectors, face, cross_at_quad_corner(-da, ab + bc, ab))
+            put(area_vectors, count + face, cross_at_quad_corner(-ab, bc + cd, bc))
+            put(area_vectors, 2 * count + face, cross_at_quad_corner(-bc, cd + da, cd))
+            put(area_vectors, 3 * count + face, cross_at_quad_corner(-cd, da + ab, da))
+        elif wp.static(areas):
+            put(area_vectors, face, wp.cross(da, ab))
+            put(area_vectors, count + face, wp.cross(da, ab))
+            put(area_vectors, 3 * count + face, wp.cross(da, ab))
+
+    @wp.func
+    def stretch(t: Tables, seat: Seat, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
+        for face in range(seat.thread, t.membranes.films.corners.shape[0], wp.block_dim()):
+            if wp.static(traits.balloons == 1):
+                measure_face(t, seat.world, face, n, points, velocities, pulls, area_vectors)
+            else:
+                numbers = read_numbers(t, seat.world, t.membranes.films.balloons[face])
+                measure_face(t, seat.world, face, numbers, points, velocities, pulls, area_vectors)
+        block_barrier()
+
+    @wp.func
+    def take(t: Tables, seat: Seat, number: wp.int32, held: Held, pulls: Any, area_vectors: Any):
+        """In the order of its faces."""
+        held.pull = wp.vec3()
+        held.area_vector = wp.vec3()
+        for slot in range(slots):
+            place = int_at(t.membranes.films.places, slot * seat.count + number)
+            held.pull += at(pulls, place)
+            if wp.static(areas):
+                held.area_vector += at(area_vectors, place)
+        held.area_vector *= wp.static(CROSSES if triangles == 4 else OF_TRIANGLE)
+        return held
+
+    return Films(Held, begin, stretch, take, read, pull, area_vector if areas else None)
