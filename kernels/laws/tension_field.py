@@ -41,6 +41,19 @@ def invariants_of(mixed: wp.vec4):
 
 
 @wp.func
+def squared_size(rest: wp.vec4):
+    """det G [1/m^4]."""
+    return rest[0] * rest[2] - rest[1] * rest[1]
+
+
+@wp.func
+def trace_and_det(metric: wp.vec3, rest: wp.vec4):
+    """Of G M, where its eigenvalues are not asked for: sooner."""
+    trace = rest[0] * metric[0] + 2.0 * rest[1] * metric[1] + rest[2] * metric[2]
+    return trace, squared_size(rest) * (metric[0] * metric[2] - metric[1] * metric[1])
+
+
+@wp.func
 def is_taut(det: float, stretch: float, wrinkling: float):
     """Whether there are tensions both ways, or what does not wrinkle: b >= 1 / sqrt(a) is a b >= sqrt(a).
 
@@ -54,9 +67,8 @@ def is_taut(det: float, stretch: float, wrinkling: float):
 def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
     """If it is not negative, there are tensions both ways, told without a root: (a b)^2 is more than a + b. What has no
     size at rest never is."""
-    mixed = mixed_stretch(metric, rest)
-    det = mixed[0] * mixed[3] - mixed[1] * mixed[2]
-    return det * det - (mixed[0] + mixed[3] + NEVER_ZERO)
+    trace, det = trace_and_det(metric, rest)
+    return det * det - (trace + NEVER_ZERO)
 
 
 @wp.func
@@ -81,8 +93,7 @@ def relaxed(by_trace: float, by_det: float, major: float, spread: float, across:
 @wp.func
 def compliance_of(rest: wp.vec4, metric: wp.vec3):
     """det G times the adjugate of M: det C times the inverse of M, components 11, 12 and 22."""
-    double_area = rest[0] * rest[2] - rest[1] * rest[1]
-    return double_area * wp.vec3(metric[2], -metric[1], metric[0])
+    return squared_size(rest) * wp.vec3(metric[2], -metric[1], metric[0])
 
 
 @wp.func
@@ -129,6 +140,13 @@ def viscous_tension(
 
 
 @wp.func
-def elastic_tension(rest: wp.vec4, compliance: wp.vec3, by_trace: float, by_det: float):
-    """The stress 2 (dW/dtr G + dW/ddet det C M^-1) along the edges [Pa/m^2], components 11, 12 and 22."""
-    return 2.0 * (by_trace * wp.vec3(rest[0], rest[1], rest[2]) + by_det * compliance)
+def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: float, volume: float):
+    """The tensions 2 (dW/dtr G + dW/ddet det C M^-1) along the edges, times the volume at rest, components 11, 12, 22
+    [N/m]."""
+    first = 2.0 * volume * by_trace
+    second = 2.0 * volume * by_det * squared_size(rest)
+    return wp.vec3(
+        first * rest[0] + second * metric[2],
+        first * rest[1] - second * metric[1],
+        first * rest[2] + second * metric[0],
+    )

@@ -19,6 +19,7 @@ from balloon_warp.kernels.laws.tension_field import (
     is_taut,
     mixed_stretch,
     relaxed,
+    trace_and_det,
     viscous_tension,
 )
 from balloon_warp.kernels.memory import four_floats_at, int_pair_at
@@ -75,13 +76,15 @@ def tension_function(traits: Traits) -> Any:
             material, n, lane,
         )  # fmt: skip
         by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
-        compliance = compliance_of(rest, metric)
-        stress = elastic_tension(rest, compliance, by_trace, by_det)
+        volume = rest[3] * number_in(n, thickness, lane)
+        tensions = elastic_tension(metric, rest, by_trace, by_det, volume)
         if wp.static(traits.viscous):
-            stress += viscous_tension(
-                mixed, rate, rest, compliance / det, major, spread, taut, wrinkles, number_in(n, damping, lane)
-            )
-        return (rest[3] * number_in(n, thickness, lane)) * stress
+            inverse = compliance_of(rest, metric) / det
+            viscosity = number_in(n, damping, lane)
+            tensions += volume * viscous_tension(
+                mixed, rate, rest, inverse, major, spread, taut, wrinkles, viscosity
+            )  # fmt: skip
+        return tensions
 
     return tension
 
@@ -96,10 +99,10 @@ def taut_tension_function(traits: Traits) -> Any:
     @wp.func
     def taut_tension(metric: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any, lane: wp.int32):
         """T11, T12 and T22 [N/m]."""
-        trace, det, spread = invariants_of(mixed_stretch(metric, rest))
+        trace, det = trace_and_det(metric, rest)
+        _trace, _det, spread = invariants_of(mixed_stretch(metric, rest))  # left out where no law asks for it
         by_trace, by_det = slopes_of_law(trace, det, spread, material, n, lane)
-        stress = elastic_tension(rest, compliance_of(rest, metric), by_trace, by_det)
-        return (rest[3] * number_in(n, thickness, lane)) * stress
+        return elastic_tension(metric, rest, by_trace, by_det, rest[3] * number_in(n, thickness, lane))
 
     return taut_tension
 
