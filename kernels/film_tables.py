@@ -15,6 +15,6 @@ class FilmTable:
     """of each face"""
     numbers: wp.array[wp.vec4i]
     """of the triangles, where they wear"""
-    places: wp.array[wp.int32]
-    """where what each face does to a particle stands, corner times the number of faces plus the face: of all particles
-    the first, then the second, and four times that number, where there is nothing, as what fills up"""
+    places: wp.array[wp.vec4i]
+    """where what each face does to a particle stands, corner times the number of faces plus the face, in fours: of all
+    particles the first four, then the next; and four times that number, where there is nothing, as what fills up"""

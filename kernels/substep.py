@@ -26,7 +26,7 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes, reach_along, scaled, times
 from balloon_warp.kernels.compose import call_of, function_from
-from balloon_warp.kernels.laws.gas import Swelling, gas_load, memory_of_rate, swelling_of_particle
+from balloon_warp.kernels.laws.gas import Swelling, free_along, gas_load, memory_of_rate, swelling_of_particle
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, normal_push
 from balloon_warp.kernels.loops.obstacles import Around, course_function
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -145,13 +145,14 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         height = wp.dot(point, t.up)
         push = load[0] + load[1] * height
         course = velocity + (response(mass, t.step_seconds) * push) * area_vector
-        normal = wp.vec3()
-        if mass > 0.0:
-            let, away = course_beside_obstacles(t, spheres, around, point, course)
-            course = let
-            normal = away
+        free = area_vector
+        if wp.static(traits.obstacles):
+            if mass > 0.0:
+                let, normal = course_beside_obstacles(t, spheres, around, point, course)
+                course = let
+                free = free_along(area_vector, normal)
         return swelling_of_particle(
-            arm, area_vector, course - remembered, normal, mass, share, height, push, t.step_seconds
+            arm, area_vector, free, course - remembered, mass, share, height, push, t.step_seconds
         )
 
     return swell

@@ -37,15 +37,16 @@ def film_table(model: Model, layout: FilmLayout | None) -> FilmTable:
     particles, places = _particles_and_places(quads)
     counts = np.bincount(particles, minlength=model.particle_count)
     slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
-    of_slots = np.full((layout.slots, model.particle_count), 4 * len(quads.corners))
-    of_slots[slot, particles] = places
+    fours = -(-layout.slots // 4)
+    of_slots = np.full((fours, model.particle_count, 4), 4 * len(quads.corners))
+    of_slots[slot // 4, particles, slot % 4] = places
     rests = quads.rests.transpose(1, 0, 2).reshape(-1, 4)
     table.corners = wp.array(quads.corners, dtype=wp.vec4i, device=model.device)
     table.rests = wp.array(rests, dtype=wp.vec4, device=model.device)
     table.balloons = wp.array(quads.balloons, dtype=wp.int32, device=model.device)
     if model.softens:
         table.numbers = wp.array(np.maximum(quads.numbers, 0), dtype=wp.vec4i, device=model.device)
-    table.places = wp.array(of_slots.ravel(), dtype=wp.int32, device=model.device)
+    table.places = wp.array(of_slots.reshape(-1, 4), dtype=wp.vec4i, device=model.device)
     return table
 
 

@@ -58,11 +58,18 @@ RESPONSE_HEIGHT = wp.constant(4)  # sum |a|^2 height / m [m^5/kg]
 
 
 @wp.func
+def free_along(area_vector: wp.vec3, normal: wp.vec3):
+    """What of an area vector a particle can follow, that is pressed against an obstacle of this normal; zero if
+    none."""
+    return area_vector - wp.dot(area_vector, normal) * normal
+
+
+@wp.func
 def swelling_of_particle(
     arm: wp.vec3,
     area_vector: wp.vec3,
+    free: wp.vec3,
     velocity: wp.vec3,
-    normal: wp.vec3,
     mass: float,
     share: float,
     height: float,
@@ -75,12 +82,11 @@ def swelling_of_particle(
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
         velocity: at which it will move in this step under the old pressure, beside obstacles, less `memory_of_rate` of
             that before the step [m/s].
-        normal: of the obstacle that it is pressed against, along which it cannot follow the pressure; zero if none.
+        free: what of the area vector it can follow, see `free_along`.
         share: of the balloon's mass.
         push: the old pressure [Pa], whose part in the velocity does not count.
     """
     volume = wp.dot(arm, area_vector) / 3.0
-    free = area_vector - wp.dot(area_vector, normal) * normal
     response = wp.where(mass > 0.0, wp.length_sq(free) / mass, 0.0)
     rate = wp.dot(area_vector, velocity) - step_seconds * push * response
     return Swelling(volume, response, rate, share * height, response * height)

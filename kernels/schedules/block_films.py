@@ -20,7 +20,6 @@ from balloon_warp.kernels.memory import (
     four_floats_at,
     four_ints_at,
     in_tile,
-    int_at,
     put_in_array,
     put_in_tile,
     vector_at,
@@ -65,7 +64,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     material_of, left_of = material_reader(traits), wear_reader(traits)
     read_numbers = numbers_reader(traits.columns)
     triangles, mixed, slots, areas = film.triangles, film.mixed, film.slots, film.areas
-    viscous = traits.viscous
+    viscous, fours = traits.viscous, -(-slots // 4)
 
     @wp.struct
     class Held:
@@ -131,6 +130,15 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         return surely
 
     @wp.func
+    def what_is_left(t: Tables, world: wp.int32, face: wp.int32, corner: wp.int32, rest: wp.vec4, pulls: wp.vec3):
+        """Of the tensions of a triangle that is worn, or that is none."""
+        if wp.static(traits.wears):
+            pulls *= left_of(t.membranes, world, t.membranes.films.numbers[face][corner])
+        if wp.static(mixed):
+            pulls = wp.where(is_there(corner, rest), pulls, wp.vec3())
+        return pulls
+
+    @wp.func
     def stretch_face(
         t: Tables, world: wp.int32, face: wp.int32, n: Any, d11: wp.vec4, d12: wp.vec4, r11: wp.vec4, r12: wp.vec4
     ):
@@ -144,21 +152,23 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         surely = bool(False)
         if wp.static(not viscous):
             surely = are_surely_taut(films, face, d11, d12)
-        for corner in range(triangles):
-            rest = rest_of(films, face, corner)
-            metric = metric_at(corner, d11, d12)
-            pulls = wp.vec3()
-            if surely:
-                pulls = taut_tension(metric, rest, material, n, 0)
-            else:
+        if surely:
+            for corner in range(triangles):
+                rest = rest_of(films, face, corner)
+                pulls = taut_tension(metric_at(corner, d11, d12), rest, material, n, 0)
+                pulls = what_is_left(t, world, face, corner, rest, pulls)
+                along[corner] = pulls[0]
+                both[corner] = pulls[1]
+                back[(corner + 3) % 4] = pulls[2]
+        else:
+            for corner in range(triangles):
+                rest = rest_of(films, face, corner)
+                metric = metric_at(corner, d11, d12)
                 pulls = tension(metric, metric_at(corner, r11, r12), rest, material, n, 0)
-            if wp.static(traits.wears):
-                pulls *= left_of(t.membranes, world, films.numbers[face][corner])
-            if wp.static(mixed):
-                pulls = wp.where(is_there(corner, rest), pulls, wp.vec3())
-            along[corner] = pulls[0]
-            both[corner] = pulls[1]
-            back[(corner + 3) % 4] = pulls[2]
+                pulls = what_is_left(t, world, face, corner, rest, pulls)
+                along[corner] = pulls[0]
+                both[corner] = pulls[1]
+                back[(corner + 3) % 4] = pulls[2]
         return along, both, back
 
     @wp.func
@@ -228,11 +238,12 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         """In the order of its faces."""
         held.pull = wp.vec3()
         held.area_vector = wp.vec3()
-        for slot in range(slots):
-            place = int_at(t.membranes.films.places, slot * seat.count + number)
-            held.pull += at(pulls, place)
-            if wp.static(areas):
-                held.area_vector += at(area_vectors, place)
+        for four in range(fours):
+            places = four_ints_at(t.membranes.films.places, four * seat.count + number)
+            for slot in range(wp.static(min(slots, 4))):
+                held.pull += at(pulls, places[slot])
+                if wp.static(areas):
+                    held.area_vector += at(area_vectors, places[slot])
         held.area_vector *= wp.static(CROSSES if triangles == 4 else OF_TRIANGLE)
         return held
 

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, reach_along, scaled, set_lane, times
-from balloon_warp.kernels.laws.gas import Swelling, memory_of_rate, swelling_of_particle
+from balloon_warp.kernels.laws.gas import Swelling, free_along, memory_of_rate, swelling_of_particle
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.obstacles import course_function, sphere_in_state
@@ -101,8 +101,12 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
             course = course - scaled(old_velocity, memories)
         parts = Swellings()
         for lane in range(LANE_COUNT):
+            along = of_lane(area_vector, lane)
+            free = along
+            if wp.static(traits.obstacles):
+                free = free_along(along, of_lane(normals, lane))
             part = swelling_of_particle(
-                of_lane(arm, lane), of_lane(area_vector, lane), of_lane(course, lane), of_lane(normals, lane),
+                of_lane(arm, lane), along, free, of_lane(course, lane),
                 masses[lane], of_lane(own.share, lane), heights[lane], pushes[lane], t.step_seconds,
             )  # fmt: skip
             for number in range(5):
