@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from balloon_warp.kernels.schedules.block_memory import FilmLayout
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
+from balloon_warp.schedules.films import film_entries
 from balloon_warp.schedules.rings import Ring, quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import SpringEnds
@@ -23,6 +24,8 @@ OWN_REGISTERS, GAS_REGISTERS = 12, 28
 """of a thread beside its particles, without and with gas"""
 FILM_REGISTERS = 44
 """more, to measure a face of a membrane"""
+SUM_BYTES = 2048
+"""of shared memory of a block, beside tiles"""
 CONTACT_REGISTERS = 28
 """more, where there are obstacles, or balloons touch"""
 
@@ -48,19 +51,19 @@ def residence(model: Model, traits: Traits, ends: SpringEnds, film: FilmLayout |
     multiprocessor has no second block to turn to while it waits, more threads with one particle each are faster. Where
     gas flows through tubes or out, all wait for the thread that finds how much: several small blocks bear that better.
     """
-    if not thread_a_particle(model) or model.device.is_cpu or traits.gas_flows:
+    if not (thread_a_particle(model) or film) or model.device.is_cpu or traits.gas_flows:
         return None
     if traits.membranes and (film is None or traits.wears or traits.aims):
         return None  # faces of membranes take the place in shared memory of what aims need
     rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
-    single, double = (_residence(model, traits, ends, rings, particles) for particles in (1, 2))
+    single, double = (_residence(model, traits, ends, rings, film, particles) for particles in (1, 2))
     if single and double:
         return double if double.blocks >= max(single.blocks, 2) else single
     return single or double
 
 
 def _residence(
-    model: Model, traits: Traits, ends: SpringEnds, rings: Ring | None, particles_a_thread: int
+    model: Model, traits: Traits, ends: SpringEnds, rings: Ring | None, film: FilmLayout | None, particles_a_thread: int
 ) -> Residence | None:
     """With as many blocks as leave registers for the springs, and for so many others of a thread."""
     threads = -(-model.particle_count // (WARP_THREADS * particles_a_thread)) * WARP_THREADS
@@ -71,7 +74,12 @@ def _residence(
     if traits.stands_on_fixtures or traits.touches:
         own += CONTACT_REGISTERS
     needed = own + particles_a_thread * (24 + slots)
-    for blocks in range(_useful_blocks(model, threads), 0, -1):
+    words = 2 * 3 * threads * particles_a_thread
+    if film:
+        words += (2 if film.areas else 1) * 3 * film_entries(model)
+    if threads > MOST_THREADS:
+        return None
+    for blocks in range(min(_useful_blocks(model, threads), _blocks_with(model, 4 * words)), 0, -1):
         warps_of_quarter = -(-blocks * threads // WARP_THREADS // QUARTERS)
         registers = min(REGISTERS // QUARTERS // WARP_THREADS // warps_of_quarter // 8 * 8, MOST_REGISTERS)
         if registers >= needed:
@@ -82,6 +90,11 @@ def _residence(
 def _useful_blocks(model: Model, threads: int) -> int:
     """Blocks of a multiprocessor that there are worlds for, and that its threads allow."""
     return min(-(-model.world_count // model.device.sm_count), MOST_THREADS_OF_MULTIPROCESSOR // threads)
+
+
+def _blocks_with(model: Model, tile_bytes: int) -> int:
+    """Blocks that have shared memory for so large tiles, and for sums."""
+    return model.device.max_shared_memory_per_block // (tile_bytes + SUM_BYTES)
 
 
 def thread_a_particle(model: Model) -> bool:
