@@ -151,7 +151,7 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
         odd_substeps=odd,
         fast_velocities=not traits.keeps_velocities and not traits.in_blocks and _room_for_velocities(model, traits),
         registers=registers,
-        film=film,
+        film=film._replace(areas=False) if film else None,  # from global memory they are no sooner read than found
     )
     return layout, None
 
@@ -201,7 +201,6 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "inflations": vectors(streaming and traits.keeps_inflations and traits.pressures),
         "peaks": room.array((worlds, model.triangle_count if traits.softens else 0), wp.float32),
         "film_pulls": vectors(streaming and film is not None, entries),
-        "film_area_vectors": vectors(streaming and film is not None and film.areas, entries),
         "frame": room.array((1,), wp.int32),
     }
 

@@ -14,8 +14,9 @@ MOST_FACES = 12
 
 
 def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
-    """How; None where there are no membranes, or too many faces at a particle."""
-    if not traits.membranes:
+    """How; None where there are no membranes, or too many faces at a particle, or springs that give more on the way
+    around a particle."""
+    if not traits.membranes or traits.rings:
         return None
     quads = membrane_quads(model)
     most = int(np.bincount(_particles_and_places(quads)[0]).max())

@@ -80,10 +80,9 @@ def tension_function(traits: Traits) -> Any:
         tensions = elastic_tension(metric, rest, by_trace, by_det, volume)
         if wp.static(traits.viscous):
             inverse = compliance_of(rest, metric) / det
-            viscosity = number_in(n, damping, lane)
             tensions += volume * viscous_tension(
-                mixed, rate, rest, inverse, major, spread, taut, wrinkles, viscosity
-            )  # fmt: skip
+                mixed, rate, rest, inverse, major, spread, taut, wrinkles, number_in(n, damping, lane)
+            )
         return tensions
 
     return tension

@@ -75,7 +75,6 @@ class BlockMemory:
     """the state's, as they are in this frame, which may have to be simulated once more"""
     film_pulls: wp.array2d[wp.vec3]
     """of faces on their corners, where particles are not resident"""
-    film_area_vectors: wp.array2d[wp.vec3]
     frame: wp.array[wp.int32]
     """as it was when the frame began, where a law asks for the time: the state's is counted while blocks still read"""
     free: FreeFrames

@@ -86,10 +86,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     def pull(t: Tables, memory: BlockMemory, seat: Seat, source: Any, velocities: Any, member: Member, area: float):
         """All forces on a particle but the inflation, and the particle with what came on the way."""
         if wp.static(films is not None):
-            member.springs = films.take(
-                t, seat, member.own.number, member.springs, memory.film_pulls[seat.world],
-                memory.film_area_vectors[seat.world],
-            )  # fmt: skip
+            film_pulls = memory.film_pulls[seat.world]
+            member.springs = films.take(t, seat, member.own.number, member.springs, film_pulls, film_pulls)
         force, pulled = pieces.pull(t, seat, source, velocities, member, area)
         if wp.static(traits.touches):
             force += presses.take(memory, seat, pulled)
@@ -205,10 +203,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(wear is not None):
             wear.find(t, state, memory, seat, source)
         if wp.static(films is not None):
-            films.stretch(
-                t, seat, first.own.n, source, velocities, memory.film_pulls[seat.world],
-                memory.film_area_vectors[seat.world],
-            )  # fmt: skip
+            film_pulls = memory.film_pulls[seat.world]
+            films.stretch(t, seat, first.own.n, source, velocities, film_pulls, film_pulls)
         rounds = (seat.count + threads - 1) // threads
         area = float(0.0)
         if wp.static(traits.aims):
