@@ -18,6 +18,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.model import build_model
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import bundled_scenes, load_scene
+from balloon_warp.schedules.block_launch import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, make_schedule, only_launched
 
 WORLDS = (1, 64, 1024)
@@ -65,7 +66,7 @@ def measure(name: str, worlds: int, device: wp.Device) -> Choice:
     source, overrides = VARIANTS.get(name, (name, {}))
     model = build_model(load_scene(source, overrides), device, worlds)
     named = ON_CPU if device.is_cpu else ON_GPU
-    if only_launched(model):
+    if only_launched(model) or (device.is_cuda and not fits_in_block(model)):
         named = tuple(schedule for schedule in named if schedule in LAUNCHED)
     schedules = [make_schedule(model, schedule) for schedule in named]
     work = model.world_count * model.particle_count * model.substeps
