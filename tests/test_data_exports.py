@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import BALL, FRAMES, RATE, points, scene
+from exported import BALL, FRAMES, RATE, STRING, points, scene
 from pxr import Usd, UsdGeom
 
 from balloon_warp import InputError, MissingExtraError, animate, export_stage
@@ -46,7 +46,7 @@ def test_h5py_reads_all_that_moved(written: Path, tmp_path: Path):
     export_stage(written, tmp_path / "out.h5")
     stage = Usd.Stage.Open(str(written))
     with h5py.File(tmp_path / "out.h5") as file:
-        assert set(file) == {"ball", "box", "Sphere_0", "Sphere_1", "String_0", "Obstacles_box"}
+        assert set(file) == {"ball", "box", "Sphere_0", "Sphere_1", *STRING, "Obstacles_box"}
         assert file.attrs["up_axis"] == UsdGeom.GetStageUpAxis(stage)
         ball, prim = file["ball"], UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
         assert ball["mesh_pos"].shape == (FRAMES + 1, len(BALL.points), 3)
@@ -98,7 +98,7 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
         assert grid["connectivity"].max() == len(grid["points"]) - 1
         pressure = stage.GetPrimAtPath("/World/ball").GetAttribute("userProperties:pressure").Get(frame)
         np.testing.assert_allclose(grid["pressure"][: BALL.face_count], pressure, rtol=1e-6)
-        assert len(np.unique(grid["part"])) == 5 + (frame >= 2)
+        assert len(np.unique(grid["part"])) == 6 + (frame >= 2)
         fastest = max(fastest, float(np.abs(grid["velocity"]).max()))
     assert fastest > 0.0
 

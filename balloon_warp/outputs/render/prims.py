@@ -59,7 +59,9 @@ class MeshPrim:
         self.finish = read_finish(prim)
         # Foil is two flat sheets at first: where they are joined, its seam is sharp ever after.
         sharp = self.points(start) if self.soft and self.finish.metallic > 0.0 else points
-        creased = not self.soft or self.finish.metallic > 0.0
+        scheme = self._mesh.GetSubdivisionSchemeAttr()
+        round_off = scheme.HasAuthoredValue() and scheme.Get() == UsdGeom.Tokens.catmullClark
+        creased = not (self.soft or round_off) or self.finish.metallic > 0.0
         self.surface = SmoothSurface(PolygonMesh(sharp, counts[seen], indices[whole]), creased)
         self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
         self.printed = read_print(self._mesh, bound_surface(prim), indices)
