@@ -6,15 +6,17 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from glb_files import Glb
 from meshes import quad_sphere
 from pxr import Usd, UsdGeom, UsdShade
 
-from balloon_warp import Scene, animate
+from balloon_warp import Scene, animate, export_stage
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.knot import AROUND, PROFILE, Knot, knot_mesh, knot_size, turn_between
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.outputs.render.surface import SmoothSurface
 from balloon_warp.outputs.render.view import View
 from balloon_warp.scene import Balloon, String
 
@@ -148,6 +150,18 @@ def test_a_string_and_its_knot_can_be_looked_at(stage: Usd.Stage):
         place = (points[0] + middle * (points[-1] - points[0])) @ turn
         x, y, z = camera.axes @ (place - camera.eye)
         assert np.hypot(x / z, y / z) < 0.02
+
+
+def test_a_knot_is_round_in_pictures_and_in_a_glb(stage: Usd.Stage, tmp_path: Path):
+    """A vertex for each point: none is split where faces meet at more than 40 degrees."""
+    path, made = Path(stage.GetRootLayer().realPath), knot_mesh(knot_size(BALL), UPS[0])
+    opened = RenderStage(path)
+    opened.read_prims(0)
+    knots = [mesh for mesh in opened.meshes if mesh.point_count == made.vertex_count]
+    assert [knot.surface.vertex_count for knot in knots] == 2 * [SmoothSurface(made).vertex_count]
+    export_stage(path, tmp_path / "out.glb")
+    file = Glb(tmp_path / "out.glb")
+    assert len(file.array(file.primitive("String_3_Knot")["attributes"]["POSITION"])) == made.vertex_count
 
 
 class Drawn:

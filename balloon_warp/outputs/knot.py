@@ -60,7 +60,7 @@ class Knot:
         return np.concatenate([place, turn_between(down, self._direction(points, curve, down))])
 
     def _direction(
-        self, points: NDArray[np.floating], curve: NDArray[np.floating], otherwise: NDArray[np.floating]
+        self, points: NDArray[np.floating], curve: NDArray[np.floating], otherwise: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Along the string, bent as far as it must be to leave the balloon: never nearer to its surface than 45
         degrees."""
@@ -116,4 +116,4 @@ def turn_between(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDAr
 
 def _unit(vector: NDArray[np.floating]) -> NDArray[np.float64]:
     """Of length 1; a vector of no length stays as it is."""
-    return vector / max(float(np.linalg.norm(vector)), 1e-300)
+    return vector.astype(np.float64) / max(float(np.linalg.norm(vector)), 1e-300)
