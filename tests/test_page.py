@@ -1,9 +1,11 @@
 """Where the page is, how far it sees, and what it refuses: without a browser."""
 
+import re
 import socket
 import sys
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +21,7 @@ from balloon_warp.scene import Balloon, Change, Ground, Inflation, Material, Sce
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.status import status_line
 
 
 def served(tmp_path: Path):
@@ -174,6 +177,28 @@ def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match=r"^view needs viser: pip install 'balloon-warp\[view\]'$"):
         simulator.show()
+
+
+def test_the_line_of_status_says_how_fast_time_runs_and_why():
+    """In one line; where it is slower than asked, the reason fits the numbers that it names."""
+    picture = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu").picture
+
+    def said(**how) -> tuple[str, str]:
+        line = status_line(replace(picture, **{"running": True, "speed": 1.0, "rate": 1.0, "seconds": 2.0} | how))
+        found = re.fullmatch(r'<div class="bw-status" title="(.*)"><span>(.*)</span></div>', line)
+        assert found
+        return found[2], found[1]
+
+    assert said() == ("<b>2.00 s</b> · real time", "")
+    assert said(running=False) == ("<b>2.00 s</b> · stands still", "")
+    assert said(recorded_seconds=1.5)[0].endswith(" · ● 1.5 s")
+    assert said(speed=0.5, rate=0.49) == ("<b>2.00 s</b> · 0.49 of real time", "")
+    slow, why = said(rate=0.5, step_seconds=2.0 / 60.0)
+    assert (slow, why) == (
+        "<b>2.00 s</b> · 0.50 of real time",
+        "slower than asked: to simulate a frame takes 33 ms, and one is due every 17 ms",
+    )
+    assert said(rate=0.5, step_seconds=0.006)[1].endswith("is busy with other things than the 6 ms that a frame takes")
 
 
 @pytest.mark.parametrize(
