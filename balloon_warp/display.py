@@ -7,7 +7,7 @@ from typing import Any
 
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
-from balloon_warp.model import Model
+from balloon_warp.model import Model, State
 from balloon_warp.outputs.snapshot import snapshot
 
 NOTEBOOK_SIZE = (480, 270)
@@ -18,6 +18,7 @@ class Displayed(ABC):
     """The part of a simulator that shows what it is and where it is."""
 
     model: Model
+    state: State
     frame_number: int
 
     @abstractmethod
@@ -46,10 +47,10 @@ class Displayed(ABC):
         """
         return snapshot(self.model, self.read_frame(world), size, samples)
 
-    def show(self, *, folder: str | Path = ".", width: str = "100%", height: int = 640) -> Any:
-        """The scene in the page of `balloon-warp view`, to play with: as the last line of a notebook's cell it is seen
-        there, elsewhere its `address` says where to look. It begins at the scene's start, in a simulation of its own,
-        and runs until it is closed: `shown.close()`.
+    def show(self, world: int = 0, *, folder: str | Path = ".", width: str = "100%", height: int = 640) -> Any:
+        """One world in the page of `balloon-warp view`, to play with: as the last line of a notebook's cell it is seen
+        there, elsewhere its `address` says where to look. It begins where the world is now, in a simulation of its own,
+        with the scene's values, and runs until it is closed: `shown.close()`.
 
         Args:
             folder: where recordings go.
@@ -57,12 +58,15 @@ class Displayed(ABC):
             height: in pixels.
 
         Raises:
-            InputError: the folder is not there, or the page cannot be served.
+            InputError: there is no such world, the folder is not there, or the page cannot be served.
             MissingExtraError: viser is not installed.
         """
         page = import_module("balloon_warp.viewer.notebook")  # which stands above, and loads when it is asked for
         model = self.model
-        return page.show(model.scene, "scene", str(model.device), model.own_laws, folder, (width, height))
+        if not 0 <= world < model.world_count:
+            raise InputError(f"world: {world}; expected 0 to {model.world_count - 1}")
+        now = {name: array.numpy() for name, array in vars(self.state.of_world(world)).items()}
+        return page.show(model.scene, "scene", str(model.device), model.own_laws, folder, (width, height), now)
 
     def _repr_png_(self) -> bytes | None:
         """The first world, where there is something to be seen."""

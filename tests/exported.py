@@ -11,6 +11,7 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Sphere, Str
 
 FRAMES = 6
 RATE = 30.0
+STRING = ("String_0", "String_0_Knot")
 BALL = quad_sphere(3)
 UV = np.random.default_rng(1).random((len(BALL.face_vertex_indices), 2)).astype(np.float32)
 

@@ -160,7 +160,7 @@ def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
             with_materials.append(path)
 
     stage.GetRootLayer().Traverse("/", look)
-    assert sorted(with_faces) == ["Ground", "Sphere_0_1", "ball", "ball_1"]
+    assert sorted(with_faces) == ["Ground", "Sphere_0_1", "String_0_Knot", "String_1_Knot", "ball", "ball_1"]
     assert with_materials == []
     for world, mesh in ((1, quad_sphere(4)), (2, quad_sphere(3)), (4, quad_sphere(3))):
         prim = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/ball"))
@@ -179,7 +179,7 @@ def test_extents_hold_at_every_sample(stage: Usd.Stage):
                 computed = UsdGeom.Boundable.ComputeExtentFromPlugins(boundable, Usd.TimeCode(time_code))
                 np.testing.assert_allclose(boundable.GetExtentAttr().Get(time_code), np.array(computed), atol=1e-6)
                 checked += 1
-    assert checked == 3 * 5 * (FRAMES + 1)  # two balloons, a sphere and two strings in each of three worlds
+    assert checked == 3 * 7 * (FRAMES + 1)  # two balloons, a sphere, two strings, their knots
 
 
 def test_worlds_stand_side_by_side_with_their_own_spheres(stage: Usd.Stage):
@@ -205,6 +205,10 @@ def test_strings_hang_by_their_own_lengths_from_anchor_to_particle(stage: Usd.St
         for time_code in range(FRAMES + 1):
             expected = string_curve((4, 0, 0), box.Get(time_code)[6], vary["string.1.length"][world], (0, 1, 0), 0.0)
             np.testing.assert_array_equal(string.Get(time_code), expected)
+            shift = stage.GetPrimAtPath(f"/World/World_{world}").GetAttribute("xformOp:translate").Get()
+            knot = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/World_{world}/String_1_Knot"))
+            place = np.array(knot.ComputeLocalToWorldTransform(time_code))[3, :3] - np.array(shift)
+            np.testing.assert_allclose(place, expected[-1], atol=1e-6)
 
 
 def test_where_grounds_and_anchors_differ_each_world_has_its_own(tmp_path: Path):

@@ -1,18 +1,22 @@
 """Stages as arrays and grids, read back by h5py, xarray and meshio where they are installed."""
 
+import itertools
+import re
 import xml.etree.ElementTree as ElementTree
 from base64 import b64decode
 from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import BALL, FRAMES, RATE, points, scene
+from exported import BALL, FRAMES, RATE, STRING, points, scene
 from pxr import Usd, UsdGeom
 
 from balloon_warp import InputError, MissingExtraError, animate, export_stage
 from balloon_warp.outputs.exports import hdf5
 from balloon_warp.outputs.exports.hdf5 import edges_of
+from balloon_warp.scene import Balloon
 
+PAGE = (Path(__file__).parent.parent / "docs" / "OUTPUTS.md").read_text(encoding="utf-8")
 TYPES = {"Float32": np.float32, "Int64": np.int64, "UInt8": np.uint8}
 
 
@@ -46,7 +50,7 @@ def test_h5py_reads_all_that_moved(written: Path, tmp_path: Path):
     export_stage(written, tmp_path / "out.h5")
     stage = Usd.Stage.Open(str(written))
     with h5py.File(tmp_path / "out.h5") as file:
-        assert set(file) == {"ball", "box", "Sphere_0", "Sphere_1", "String_0", "Obstacles_box"}
+        assert set(file) == {"ball", "box", "Sphere_0", "Sphere_1", *STRING, "Obstacles_box"}
         assert file.attrs["up_axis"] == UsdGeom.GetStageUpAxis(stage)
         ball, prim = file["ball"], UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
         assert ball["mesh_pos"].shape == (FRAMES + 1, len(BALL.points), 3)
@@ -71,6 +75,53 @@ def test_xarray_knows_the_dimensions(written: Path, tmp_path: Path):
         assert found["mesh_pos"].attrs["units"] == "m"
         assert found["edges"].dims == ("edge", "end")
         assert float(found["volume"].sel(time=3.0 / RATE, method="nearest")) > 0.0
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """points.h5, of a balloon called "squirrel", as docs/OUTPUTS.md has it."""
+    h5py = pytest.importorskip("h5py")
+    folder = tmp_path_factory.mktemp("page")
+    animate(scene(balloon=[Balloon(mesh=BALL, name="squirrel")]), folder / "out.usdc", device="cpu")
+    export_stage(folder / "out.usdc", folder / "points.h5")
+    assert h5py.is_hdf5(folder / "points.h5")
+    return folder / "points.h5"
+
+
+def test_a_file_has_what_its_page_says(page_file: Path):
+    """Each dataset of the table and no other, in shapes whose letters mean the same everywhere; groups, attributes."""
+    h5py = pytest.importorskip("h5py")
+    rows = [line.split("|")[1:3] for line in PAGE.splitlines() if re.match(r"\| `\w+`.*\| \(", line)]
+    said = {}
+    for names, shapes in rows:
+        found = zip(re.findall(r"`(\w+)`", names), itertools.cycle(re.findall(r"\(([^)]*)\)", shapes)))
+        said |= {name: [size.strip() for size in shape.split(",") if size.strip()] for name, shape in found}
+    assert len(said) >= 10
+    sizes: dict[str, int] = {"3": 3, "2": 2, "T": FRAMES + 1, "N": len(BALL.points), "faces": BALL.face_count}
+    with h5py.File(page_file) as file:
+        # Lengths alone, such as of "particle", stand beside them, as netCDF has it.
+        assert set(said) == {name for name, data in file["squirrel"].items() if name == "time" or not data.is_scale}
+        for name, shape in said.items():
+            there = file["squirrel"][name].shape
+            assert [sizes.setdefault(size, n) for size, n in zip(shape, there, strict=True)] == list(there), name
+        for attribute in ("up_axis", "meters_per_unit", "frames_per_second"):
+            assert attribute in PAGE
+            assert attribute in file.attrs
+        for group in ("Sphere_0", "box", "String_0_Knot"):
+            ((count, three), pose) = (file[group][name].shape for name in ("points", "pose"))
+            assert (count > 0, three, pose) == (True, 3, (FRAMES + 1, 4, 4))
+
+
+def test_the_lines_of_its_page_run(page_file: Path, monkeypatch: pytest.MonkeyPatch):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    monkeypatch.chdir(page_file.parent)
+    lines = re.findall(r"^    (xarray\..*)$", PAGE, re.MULTILINE)
+    assert len(lines) == 2
+    assert eval(lines[0], {"xarray": xarray})["mesh_pos"].dims == ("time", "particle", "axis")
+    pytest.importorskip("zarr")
+    eval(lines[1], {"xarray": xarray})
+    assert (page_file.parent / "squirrel.zarr").is_dir()
 
 
 def test_edges_are_the_sides_of_faces():
@@ -98,7 +149,7 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
         assert grid["connectivity"].max() == len(grid["points"]) - 1
         pressure = stage.GetPrimAtPath("/World/ball").GetAttribute("userProperties:pressure").Get(frame)
         np.testing.assert_allclose(grid["pressure"][: BALL.face_count], pressure, rtol=1e-6)
-        assert len(np.unique(grid["part"])) == 5 + (frame >= 2)
+        assert len(np.unique(grid["part"])) == 6 + (frame >= 2)
         fastest = max(fastest, float(np.abs(grid["velocity"]).max()))
     assert fastest > 0.0
 

@@ -5,12 +5,19 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterable, Iterator
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 import typer
+from meshes import quad_sphere
+from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs import render as package
+from balloon_warp.outputs.render import render_stage
 from balloon_warp.scene import bundled_scenes
 
 ROOT = Path(__file__).parent.parent
@@ -74,6 +81,36 @@ def test_the_python_of_a_page_runs(
     printed = capsys.readouterr().out
     for said in re.findall(r"It prints `([^`]+)`", page.read_text(encoding="utf-8")):
         assert said in printed
+
+
+SHORT = {"run": "--frames 51", "render": "--size 32x18 --samples 1"}
+"""what makes a command quick that takes long as it stands"""
+TRIED = ("README.md", "START.md", "OUTPUTS.md")
+"""pages whose commands are run; those of the others go on for long, or on machines that are not here"""
+
+
+def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """One after the other in one folder, as who reads does; each once, with few frames and small pictures. All but
+    `view` and `batch`, which other tests run."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(package, "render_stage", partial(render_stage, size=(32, 18), samples=1))
+    write_obj(Path("MESH.obj"), quad_sphere(4))
+    blocks = [block for page in PAGES if page.name in TRIED for block in code(page, "sh")]
+    lines = [shlex.split(line, comments=True) for block in blocks for line in block.splitlines()]
+    done: list[list[str]] = []
+    for line in lines:
+        if line in done or line[:1] != ["balloon-warp"] or line[1] not in ("run", "render", "inspect", "scenes"):
+            continue
+        done.append(line)
+        _, name, *words = line
+        if not find_spec("imageio_ffmpeg"):
+            words = [word.replace(".mp4", ".gif") for word in words]
+        if not find_spec("h5py") and "points.h5" in words:
+            continue
+        shorter = [] if "--seconds" in words else SHORT.get(name, "").split()
+        result = CliRunner().invoke(app, [name, *words, *shorter])
+        assert result.exit_code == 0, f"{shlex.join(line)}: {result.output}"
+    assert len(done) > 10
 
 
 def test_nothing_is_left_out():

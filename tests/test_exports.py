@@ -17,6 +17,7 @@ from test_resume import press_ctrl_c, stop
 from balloon_warp import InputError, MissingExtraError, PolygonMesh, animate, export_stage
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.exports import export, glb
+from balloon_warp.outputs.knot import AROUND, PROFILE
 from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
 
 READ_ALEMBIC = """
@@ -54,7 +55,8 @@ def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path: Path
         assert here.vertices[:, 1].max() < 6.0  # no ground of many meters
         # a sphere has 14 rings of 32 quads, and two caps of 16; the second one appears in the third frame
         spheres = 1 + (frame >= 2)
-        assert len(here.faces) == 2 * 54 + 2 * 6 + 2 * 6 + 2 * 6 * 16 + spheres * 2 * (14 * 32 + 2 * 16)
+        string, knot = 6 * 16, AROUND * (len(PROFILE) - 2) + AROUND // 2
+        assert len(here.faces) == 2 * (54 + 6 + 6 + string + knot + spheres * (14 * 32 + 2 * 16))
 
 
 def test_a_ply_has_normals_and_colors(written: Path, tmp_path: Path):

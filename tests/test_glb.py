@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from exported import FRAMES, RATE, UV, points, scene, turned
+from exported import FRAMES, RATE, STRING, UV, points, scene, turned
 from glb_files import Glb
 from pxr import Usd, UsdGeom
 
@@ -53,7 +53,7 @@ def test_trimesh_reads_the_glb(written: Path, tmp_path: Path):
     export_stage(written, tmp_path / "out.glb")
     found = trimesh.load(tmp_path / "out.glb", merge_primitives=True)
     assert isinstance(found, trimesh.Scene)
-    assert set(found.geometry) == {"ball", "box", "Sphere_0", "Sphere_1", "String_0", "Obstacles_box"}
+    assert set(found.geometry) == {"ball", "box", "Sphere_0", "Sphere_1", *STRING, "Obstacles_box"}
     placed = {name: found.graph.get(name) for name in found.graph.nodes_geometry}
     for name in ("ball", "box"):
         transform, _ = placed[name]
@@ -72,7 +72,8 @@ def test_trimesh_reads_the_glb(written: Path, tmp_path: Path):
 def test_what_is_rigid_moves_as_a_node(written: Path, tmp_path: Path):
     export_stage(written, tmp_path / "out.glb")
     file, stage = Glb(tmp_path / "out.glb"), Usd.Stage.Open(str(written))
-    for name, path in (("Sphere_0", "/World/Spheres/Sphere_0"), ("Obstacles_box", "/World/Obstacles/box")):
+    rigid = {"Sphere_0": "/World/Spheres/Sphere_0", "String_0_Knot": "/World/Strings/String_0_Knot"}
+    for name, path in (rigid | {"Obstacles_box": "/World/Obstacles/box"}).items():
         prim = stage.GetPrimAtPath(path)
         assert "targets" not in file.primitive(name)
         moves = file.channels(name)

@@ -78,14 +78,12 @@ def test_moments_add_up_as_light_does():
 
 
 def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_path: Path):
-    """A dark ball and a balloon that one sees through; the ground is left out."""
+    """A dark ball and a balloon that one sees through."""
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     add_sphere(stage, "Ball", (-0.9, 0.0, 0.0), 0.7, BLACK, roughness=1.0)
     add_mesh(stage, "Balloon", *quad_sphere(8, 0.7, (0.9, 0.0, 0.0)), RED, **LATEX)
-    whole = picture(stage)
-    add_ground(stage, -1.0)
-    over = picture(stage, transparent=True)
+    whole, over = picture(stage), picture(stage, transparent=True)
     opacity = over[..., 3] / 255.0
     assert over.shape == (SIZE, SIZE, 4)
     assert opacity[100, 55] == 1.0
@@ -96,3 +94,37 @@ def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_
         opacity[..., None] * (over[..., :3] / 255.0) ** 2.2 + (1 - opacity[..., None]) * (whole[5, 100] / 255) ** 2.2
     )
     assert np.abs(together - (whole / 255.0) ** 2.2)[65:135].mean() < 0.02
+
+
+def test_a_transparent_picture_keeps_the_shadow_on_the_ground(tmp_path: Path):
+    """Laid over the ground's color it is the picture with the ground, red light below the balloon and all. Through the
+    balloon one sees no ground."""
+    stage = new_stage(tmp_path / "stage.usda")
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    add_sphere(stage, "Ball", (-0.9, 0.0, 0.0), 0.5, BLACK, roughness=1.0)
+    add_mesh(stage, "Balloon", *quad_sphere(8, 0.5, (0.9, 0.0, 0.0)), RED, **LATEX)
+    without = picture(stage, elevation=50.0, transparent=True)
+    add_ground(stage, -0.6)
+    whole, over = picture(stage, elevation=50.0), picture(stage, elevation=50.0, transparent=True)
+    things, opacity = without[..., 3] > 0, over[..., 3:] / 255.0
+    shaded = ~things & (over[..., 3] > 10)
+    assert shaded.sum() > 500
+    assert over[shaded][:, 3].max() > 100
+    reddish = shaded & (over[..., 0] > over[..., 1] + 20)
+    assert reddish.sum() > 100
+    bare = np.median(whole[~things & (over[..., 3] == 0)], axis=0)
+    together = opacity * over[..., :3] + (1.0 - opacity) * bare
+    off = np.abs(together - whole)[shaded]
+    # Far away the ground turns into the backdrop, 3 off; the film's curve darkens what is darkest, 10 more in 110.
+    assert off.mean() < 2.5
+    assert off.max() < 12.0
+    np.testing.assert_allclose(over[100, 130:140], without[100, 130:140], atol=2)  # there the ground sends up no light
+
+
+def test_there_is_no_shadow_at_the_bottom_of_water_that_is_left_out(tmp_path: Path):
+    stage = new_stage(tmp_path / "stage.usda")
+    add_sphere(stage, "Ball", (0.0, 0.0, 0.0), 0.5, BLACK, roughness=1.0)
+    add_ground(stage, -0.6)
+    shaded = (picture(stage, transparent=True)[..., 3] > 0).sum()
+    add_mesh(stage, "Water", [(-9, 0, 9), (9, 0, 9), (9, 0, -9), (-9, 0, -9)], [4], [0, 1, 2, 3], (0.1, 0.4, 0.5))
+    assert (picture(stage, transparent=True)[..., 3] > 0).sum() < 0.9 * shaded

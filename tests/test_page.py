@@ -1,9 +1,11 @@
 """Where the page is, how far it sees, and what it refuses: without a browser."""
 
+import re
 import socket
 import sys
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,10 +17,11 @@ from typer.testing import CliRunner
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, String, Touch, Water
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Material, Scene, String, Touch, Water
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.session import Session
+from balloon_warp.viewer.status import status_line
 
 
 def served(tmp_path: Path):
@@ -136,11 +139,36 @@ def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
         page = answer.read()
     assert b"bw-keys" in page
     assert page.index(b"charset") < 1024  # or browsers do not look for it
-    assert shown.page.session.playground.frame == 0
     shown.close()
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(shown.address, timeout=60)
     assert simulator.frame_number == 1
+
+
+def test_the_page_begins_where_a_simulator_is(tmp_path):
+    """Its second world, after a planned change, and goes on as it does; a reset goes to the scene's start."""
+    pytest.importorskip("viser")
+    helium = Balloon(mesh=quad_sphere(3), helium=5.0)
+    scene = Scene(balloon=[helium], change=[Change(time=2.0 / 60.0, set={"balloon.0.helium": 50.0})])
+    simulator = Simulator(scene, "cpu", world_count=2)
+    points = simulator.state.points.numpy()
+    points[1] += 1.0
+    simulator.state.points.assign(points)
+    for _ in range(4):
+        simulator.step()
+    with pytest.raises(InputError, match="world: 2; expected 0 to 1"):
+        simulator.show(2, folder=tmp_path)
+    shown = simulator.show(1, folder=tmp_path)
+    session = shown.page.session  # time stands still, as nobody looks
+    assert (session.picture.frame.number, session.playground.frame) == (4, 4)
+    np.testing.assert_array_equal(session.playground.points, simulator.state.points.numpy()[1])
+    shown.close()
+    simulator.step()
+    session.playground.step()
+    # Other kernels run two worlds than one: within float32's rounding.
+    np.testing.assert_allclose(session.playground.points, simulator.state.points.numpy()[1], atol=1e-5)
+    session.playground.reset()
+    assert session.playground.frame == 0
 
 
 def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
@@ -149,6 +177,28 @@ def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match=r"^view needs viser: pip install 'balloon-warp\[view\]'$"):
         simulator.show()
+
+
+def test_the_line_of_status_says_how_fast_time_runs_and_why():
+    """In one line; where it is slower than asked, the reason fits the numbers that it names."""
+    picture = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu").picture
+
+    def said(**how) -> tuple[str, str]:
+        line = status_line(replace(picture, **{"running": True, "speed": 1.0, "rate": 1.0, "seconds": 2.0} | how))
+        found = re.fullmatch(r'<div class="bw-status" title="(.*)"><span>(.*)</span></div>', line)
+        assert found
+        return found[2], found[1]
+
+    assert said() == ("<b>2.00 s</b> · real time", "")
+    assert said(running=False) == ("<b>2.00 s</b> · stands still", "")
+    assert said(recorded_seconds=1.5)[0].endswith(" · ● 1.5 s")
+    assert said(speed=0.5, rate=0.49) == ("<b>2.00 s</b> · 0.49 of real time", "")
+    slow, why = said(rate=0.5, step_seconds=2.0 / 60.0)
+    assert (slow, why) == (
+        "<b>2.00 s</b> · 0.50 of real time",
+        "slower than asked: to simulate a frame takes 33 ms, and one is due every 17 ms",
+    )
+    assert said(rate=0.5, step_seconds=0.006)[1].endswith("is busy with other things than the 6 ms that a frame takes")
 
 
 @pytest.mark.parametrize(

@@ -4,14 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from glb_files import Glb
 from PIL import Image
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils, UsdValidation
 from render_stages import add_camera, add_mesh, new_stage
 
-from balloon_warp import animate, load_scene
+from balloon_warp import animate, export_stage, load_scene
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import read_obj, write_obj
-from balloon_warp.outputs.render import render_stage
+from balloon_warp.outputs.render import printed, render_stage
 from balloon_warp.scene.write import write_scene
 from balloon_warp.scenes.model_print import dots
 
@@ -127,6 +129,62 @@ def test_prints_that_cannot_be_get_a_sentence(image: Path, tmp_path: Path):
     (tmp_path / "cloth.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(InputError, match=r"cloth\.obj: has no texture coordinates, which say where image\.png is"):
         animate(load_scene(scene), tmp_path / "out.usdc", device="cpu")
+
+
+def assert_printed(path: Path, corners: int) -> None:
+    """A square's corners in a .glb have the image's colors, as another program reads it."""
+    [cloth] = trimesh.load(path, process=False).geometry.values()
+    image = np.asarray(cloth.visual.material.baseColorTexture.convert("RGB")).astype(int)
+    assert len(cloth.vertices) == corners
+    colors = {(-1, 1): WHITE, (1, 1): RED, (-1, -1): GREEN, (1, -1): BLUE}
+    for (x, y, _), (u, v) in zip(np.sign(np.round(cloth.vertices, 3)), cloth.visual.uv, strict=True):
+        row, column = (np.clip(np.array([1.0 - v, u]) * image.shape[:2], 0, 63)).astype(int)
+        assert np.abs(image[row, column] - colors[x, y]).max() <= 1
+    np.testing.assert_array_equal(cloth.visual.material.baseColorFactor[:3], 255)
+
+
+@pytest.mark.parametrize("interpolation", ["faceVarying", "vertex"])
+def test_a_glb_has_the_image_in_it(image: Path, tmp_path: Path, interpolation: str):
+    square(tmp_path / "stage.usda", image.name, interpolation)
+    export_stage(tmp_path / "stage.usda", tmp_path / "out.glb")
+    assert image.read_bytes() in (tmp_path / "out.glb").read_bytes()
+    image.unlink()
+    assert_printed(tmp_path / "out.glb", 4)
+
+
+def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Another kind becomes PNG, and a large one small."""
+    Image.open(image).save(tmp_path / "image.bmp")
+    square(tmp_path / "stage.usda", "image.bmp")
+    export_stage(tmp_path / "stage.usda", tmp_path / "out.glb")
+    assert_printed(tmp_path / "out.glb", 4)
+    assert Glb(tmp_path / "out.glb").said["images"][0]["mimeType"] == "image/png"
+    monkeypatch.setattr(printed, "LARGEST", 16)
+    square(tmp_path / "large.usda", image.name)
+    export_stage(tmp_path / "large.usda", tmp_path / "out.glb")
+    [cloth] = trimesh.load(tmp_path / "out.glb").geometry.values()
+    assert cloth.visual.material.baseColorTexture.size == (16, 16)
+    image.write_text("hello")
+    with pytest.raises(InputError, match=r"/World/Square: its texture .*image\.png cannot be read; expected an image"):
+        export_stage(tmp_path / "large.usda", tmp_path / "out.glb")
+
+
+def test_balloons_of_one_print_share_it_in_a_glb(image: Path, tmp_path: Path):
+    image.write_bytes(image.read_bytes() + bytes(1 + -len(image.read_bytes()) % 4))  # what follows is still aligned
+    scene = printed_scene(tmp_path)
+    other = '[[balloon]]\nmesh = "cloth.obj"\nprint = "image.png"\nposition = [4.0, 0.0, 0.0]\n'
+    foil = '[[balloon]]\nmesh = "cloth.obj"\nlook = "foil"\nposition = [8.0, 0.0, 0.0]\n'
+    scene.write_text(scene.read_text() + other + foil)
+    animate(load_scene(scene), tmp_path / "out.usdc", device="cpu")
+    export_stage(tmp_path / "out.usdc", tmp_path / "out.glb")
+    file = Glb(tmp_path / "out.glb")
+    first, second, plain = (material["pbrMetallicRoughness"] for material in file.said["materials"])
+    assert first["baseColorTexture"] == second["baseColorTexture"] == {"index": 0}
+    assert file.said["textures"] == [{"source": 0}]
+    assert len(file.said["images"]) == 1
+    assert not any(view["byteOffset"] % 4 for view in file.said["bufferViews"])
+    assert "baseColorTexture" not in plain
+    assert (first["metallicFactor"], plain["metallicFactor"]) == (0.0, 1.0)
 
 
 def test_a_scene_is_copied_with_its_print(tmp_path: Path):

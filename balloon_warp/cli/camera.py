@@ -73,7 +73,7 @@ Transparent = Annotated[
     typer.Option(
         "--transparent",
         metavar="",
-        help="Leave out backdrop, ground and water: a .png or .webp to lay over something else.",
+        help="Leave out backdrop, ground and water, and keep the shadow: a .png or .webp to lay over something else.",
         rich_help_panel=CAMERA,
     ),
 ]

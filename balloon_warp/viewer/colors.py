@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS
+from balloon_warp.outputs.usd import material
+from balloon_warp.outputs.usd.material import BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS
 from balloon_warp.scene import Scene
 
 Color = tuple[int, int, int]
@@ -31,8 +32,8 @@ STRAIN: tuple[Color, ...] = (
 
 
 def balloon_color(scene: Scene, number: int) -> Color:
-    """As in the stage: the scene's, or the palette's."""
-    return _encoded(scene.balloon[number].color or BALLOON_COLORS[number % len(BALLOON_COLORS)])
+    """As in the stage."""
+    return _encoded(material.balloon_color(scene, number))
 
 
 def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:

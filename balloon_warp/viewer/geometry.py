@@ -69,16 +69,27 @@ class Drawing:
         band = np.digitize(of_particles[self.triangles[number]].mean(axis=1), STRAIN_BOUNDS)
         return [self.triangles[number][band == which] for which in range(len(STRAIN_BOUNDS) + 1)]
 
-    def strings(self, picture: Picture) -> tuple[Lines, NDArray[np.bool_]]:
-        """The strings that are there, and which of their segments are hands."""
+    def string_curves(self, picture: Picture) -> dict[int, NDArray[np.float32]]:
+        """Points along the strings that are there [m], by their numbers."""
         model, points = self.model, np.concatenate(picture.frame.points)
         ground = picture.scene.ground.height if picture.scene.ground else -np.inf
         strong = picture.model.parameters["string_stiffness"].numpy()[0] > 0.0
         held, lengths = picture.model.string_particle.numpy(), picture.model.parameters["string_length"].numpy()[0]
+        anchors = picture.frame.string_anchors
+        return {
+            string: string_curve(anchors[string], points[held[string]], lengths[string], model.scene.up, ground)
+            for string in np.flatnonzero(strong).tolist()
+        }
+
+    @staticmethod
+    def strings(picture: Picture, drawn: dict[int, NDArray[np.float32]]) -> tuple[Lines, NDArray[np.bool_]]:
+        """The segments of strings, and which of them are hands'.
+
+        Args:
+            drawn: points along them, by their numbers.
+        """
         curves, hands = [np.zeros((0, 2, 3), np.float32)], [np.zeros(0, bool)]
-        for string in np.flatnonzero(strong).tolist():
-            anchor = picture.frame.string_anchors[string]
-            curve = string_curve(anchor, points[held[string]], lengths[string], model.scene.up, ground)
+        for string, curve in drawn.items():
             curves.append(np.stack([curve[:-1], curve[1:]], axis=1))
             hands.append(np.full(len(curve) - 1, string in picture.hands))
         return np.concatenate(curves), np.concatenate(hands)

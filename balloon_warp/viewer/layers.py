@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
+from balloon_warp.viewer.knots import ROOT as KNOTS
+from balloon_warp.viewer.knots import KnotLayer
 from balloon_warp.viewer.obstacles import ROOT, ObstacleLayer
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.smooth import surfaces_of
@@ -81,7 +83,7 @@ class Layers:
     def _build(self, picture: Picture) -> None:
         """Everything anew, for another model."""
         scene, self._load = self.server.scene, picture.load
-        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", "/ground", ROOT):
+        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", "/ground", KNOTS, ROOT):
             scene.remove_by_name(name)
         self._drawing = Drawing(picture.model)
         start = np.concatenate([shape.mesh.points for shape in picture.model.shapes])
@@ -126,6 +128,7 @@ class Layers:
         self._strings = scene.add_line_segments(
             "/strings", nothing, np.zeros((1, 2, 3), np.uint8), thickness=0.008 * self.size
         )
+        self._knots = KnotLayer(self.server)
         self._spheres: dict[int, viser.IcosphereHandle] = {}
         if picture.scene.ground:
             self._add_ground(picture.scene.ground.height, center, up)
@@ -209,7 +212,9 @@ class Layers:
             self._spheres[number].position = position
 
     def _draw_strings(self, picture: Picture) -> None:
-        segments, hands = self._drawing.strings(picture)
+        curves = self._drawing.string_curves(picture)
+        self._knots.draw(picture, curves)
+        segments, hands = self._drawing.strings(picture, curves)
         _see(self._strings, len(segments) > 0)
         if len(segments):
             colored = np.where(hands[:, None, None], np.array(colors.HAND), np.array(colors.STRING)).astype(np.uint8)

@@ -1,9 +1,11 @@
 """The page in a notebook's cell."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
@@ -44,13 +46,26 @@ class Shown:
         return f"Shown({self.address})"
 
 
-def show(scene: Scene, name: str, device: str, laws: Sequence[Law], folder: str | Path, size: tuple[str, int]) -> Shown:
+def show(
+    scene: Scene,
+    name: str,
+    device: str,
+    laws: Sequence[Law],
+    folder: str | Path,
+    size: tuple[str, int],
+    now: Mapping[str, NDArray] | None = None,
+) -> Shown:
     """Serve a page, see `view`, and go on.
+
+    Args:
+        now: where it begins, as `Simulator.restore` takes it; the scene's start when missing.
 
     Raises:
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
         MissingExtraError: viser is not installed.
     """
     page = make_page(scene, name, device, folder, laws)
+    if now is not None:
+        page.session.begin_at(now)
     page.start()
     return Shown(page, size)

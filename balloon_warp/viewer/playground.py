@@ -125,10 +125,10 @@ class Playground:
         numbers.append(self.journal.add_sphere(self.frame, sphere))
         self._rebuild(self.live.model_copy(update={"sphere": spheres}), [*kept, None])
 
-    def tie(self, particle: int, anchor: NDArray, stiffness: float | None = None, length: float | None = None) -> int:
+    def tie(self, particle: int, anchor: NDArray, length: float | None = None, knot: bool = True) -> int:
         """Tie a string from a place to a particle, numbered over all balloons; returns its number in the live scene.
 
-        It is taut, and as strong as the balloon is heavy, when nothing is said.
+        It is taut, and as strong as the balloon is heavy; shorter where a length is given [m].
 
         Raises:
             InputError: it would be somewhere that cannot be.
@@ -141,7 +141,8 @@ class Playground:
             balloon=balloon,
             particle=particle - offsets[balloon],
             length=length or max(float(np.linalg.norm(self.points[particle] - anchor)), 1e-6),
-            stiffness=stiffness or 60.0 * weight / self.size,
+            stiffness=60.0 * weight / self.size,
+            knot=knot,
         )
         self._take_over()
         self.numbers[1].append(self.journal.add_string(self.frame, string))
@@ -165,7 +166,7 @@ class Playground:
     def grab(self, who: object, particle: int, place: NDArray) -> None:
         """Take hold of a particle; the hand is at a place."""
         self.release(who)
-        self.hands[who] = self.tie(particle, place, length=1e-3 * self.size)
+        self.hands[who] = self.tie(particle, place, length=1e-3 * self.size, knot=False)
 
     def pull(self, who: object, place: NDArray) -> None:
         """Move a hand, where it holds anything."""

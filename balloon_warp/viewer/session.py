@@ -4,11 +4,12 @@ is to be seen it leaves where whoever shows it can take it."""
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws import Law
@@ -78,6 +79,12 @@ class Session:
         with _DEVICE_WORK:
             self.picture = self._take_picture()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+
+    def begin_at(self, state: Mapping[str, NDArray]) -> None:
+        """Before the start: go on from a state, as `Simulator.restore` takes it. A reset goes to the scene's start."""
+        with _DEVICE_WORK:
+            self.playground.simulator.restore(state)
+            self.picture = self._take_picture()
 
     def start(self) -> None:
         """Begin to simulate."""

@@ -33,7 +33,7 @@ class Camera:
     focus: float
     """how far away everything is sharp"""
     transparent: wp.bool
-    """whether there is no backdrop"""
+    """whether there is no backdrop, and of the ground its shadows alone"""
 
 
 @wp.func
@@ -68,8 +68,11 @@ def cast_pixels(
     places: wp.array2d[wp.vec3],
     normals: wp.array2d[wp.vec3],
     backdrops: wp.array2d[float],
+    ground_key: wp.array2d[wp.vec3],
+    ground_sky: wp.array2d[wp.vec3],
+    ground_shares: wp.array2d[float],
 ):
-    """A thread a (row of the band, column)."""
+    """A thread a (row of the band, column). The ground's light goes apart where the picture is transparent."""
     band_row, column = wp.tid()
     row = band + band_row * band_count
     height = places.shape[0]
@@ -81,6 +84,9 @@ def cast_pixels(
     sum_key_share = wp.vec4()
     sum_sky_share = wp.vec4()
     sum_backdrop = wp.float32(0.0)
+    sum_ground_key = wp.vec3()
+    sum_ground_sky = wp.vec3()
+    sum_ground = wp.float32(0.0)
     for sample in range(pixel_samples.shape[0]):
         offset = pixel_samples[sample]
         x = 2.0 * (float(column) + offset[0]) / float(width) - 1.0
@@ -97,10 +103,16 @@ def cast_pixels(
         disc = disc_samples[sample / 2, tile]
         asks_key = sample % 2 == 0
         asks_sky = sample % 2 == 1 or pixel_samples.shape[0] == 1
-        seen = look_along(shapes, studio, origin, wp.normalize(toward), behind, disc, asks_key, asks_sky)
+        clear = camera.transparent
+        seen = look_along(shapes, studio, origin, wp.normalize(toward), behind, disc, asks_key, asks_sky, clear)
         sum_plain += seen.plain
-        sum_key += seen.key
-        sum_sky += seen.sky
+        if seen.caught > 0.0:
+            sum_ground_key += seen.key
+            sum_ground_sky += seen.sky
+            sum_ground += seen.caught
+        else:
+            sum_key += seen.key
+            sum_sky += seen.sky
         sum_key_share += seen.key_share
         sum_sky_share += seen.sky_share
         sum_backdrop += seen.backdrop
@@ -114,6 +126,10 @@ def cast_pixels(
     key_shares[row, column] = scale * sum_key_share
     sky_shares[row, column] = scale * sum_sky_share
     backdrops[row, column] = scale * sum_backdrop
+    if camera.transparent:
+        ground_key[row, column] = scale * sum_ground_key
+        ground_sky[row, column] = scale * sum_ground_sky
+        ground_shares[row, column] = scale * sum_ground
 
 
 @wp.kernel
@@ -157,6 +173,29 @@ def smooth_light(
     smooth_sky[row, column] = sum_sky
 
 
+@wp.func
+def catch_shadow(key: wp.vec3, sky: wp.vec3, key_share: wp.vec3, sky_share: wp.vec3, ground: float):
+    """Light and opacity of the ground's shadow alone, so that it darkens what it is laid over as it does the ground.
+
+    Pictures are laid over each other by the numbers that are shown: about the power 1/2.2 of the light.
+
+    Args:
+        key, sky: what the lights would add where nothing stands in their way, times `ground`.
+        ground: the share of the pixel that is the ground's.
+    """
+    most = key + sky
+    left = wp.cw_div(wp.cw_mul(key, key_share) + wp.cw_mul(sky, sky_share), wp.max(most, wp.vec3(1.0e-6)))
+    shown = wp.vec3()
+    for color in range(3):
+        shown[color] = wp.pow(wp.clamp(left[color], 0.0, 1.0), 1.0 / 2.2)
+    cover = 1.0 - wp.min(shown)
+    light = wp.vec3()
+    for color in range(3):
+        tint = (shown[color] - 1.0 + cover) / wp.max(cover, 1.0e-3)
+        light[color] = most[color] * wp.pow(wp.max(tint, 0.0), 2.2)
+    return cover * light, cover * ground
+
+
 @wp.kernel
 def develop(
     plain: wp.array2d[wp.vec3],
@@ -165,6 +204,9 @@ def develop(
     key_shares: wp.array2d[wp.vec4],
     sky_shares: wp.array2d[wp.vec4],
     backdrops: wp.array2d[float],
+    ground_key: wp.array2d[wp.vec3],
+    ground_sky: wp.array2d[wp.vec3],
+    ground_shares: wp.array2d[float],
     band: int,
     band_count: int,
     # out
@@ -174,10 +216,18 @@ def develop(
     band_row, column = wp.tid()
     row = band + band_row * band_count
     light = plain[row, column]
-    light += wp.cw_mul(key_light[row, column], mean_share(key_shares[row, column]))
-    light += wp.cw_mul(sky_light[row, column], mean_share(sky_shares[row, column]))
+    key_share = mean_share(key_shares[row, column])
+    sky_share = mean_share(sky_shares[row, column])
+    light += wp.cw_mul(key_light[row, column], key_share)
+    light += wp.cw_mul(sky_light[row, column], sky_share)
     if picture.shape[2] == 4:
-        cover = wp.clamp(1.0 - backdrops[row, column], 0.0, 1.0)
+        ground = ground_shares[row, column]
+        cover = 1.0 - backdrops[row, column] - ground
+        if ground > 0.0:
+            added, shadow = catch_shadow(ground_key[row, column], ground_sky[row, column], key_share, sky_share, ground)
+            light += added
+            cover += shadow
+        cover = wp.clamp(cover, 0.0, 1.0)
         light /= wp.max(cover, 1.0e-3)
         picture[row, column, 3] = wp.uint8(255.0 * cover + 0.5)
     shown = tone(light)

@@ -41,6 +41,8 @@ class Sight:
     place: wp.vec3
     """what is met first"""
     normal: wp.vec3
+    caught: float
+    """the share of the light that is the ground's, where that only catches shadows"""
 
 
 @wp.func
@@ -86,6 +88,7 @@ def look_along(
     disc: wp.vec2,
     asks_key: wp.bool,
     asks_sky: wp.bool,
+    catches: wp.bool,
 ):
     """What a ray sees.
 
@@ -93,6 +96,7 @@ def look_along(
         behind: the backdrop's light there.
         disc: where on the lights, and of the sky, it asks how much comes through.
         asks_key, asks_sky: whether it does.
+        catches: whether nothing is seen of the ground but the shadows on it, and those not through anything.
     """
     seen = Sight()
     start = origin
@@ -107,7 +111,9 @@ def look_along(
         if layer == 0:
             seen.place = hit.point
             seen.normal = hit.normal
-        if hit.kind == NOTHING:
+        # A mirror shows the ground all the same.
+        clear_ground = catches and hit.kind == GROUND and backdrop > 0.0
+        if hit.kind == NOTHING or (clear_ground and layer > 0):
             break
         answer = answer_of(hit, studio, along, shapes.ground_color, inside)
         if hit.kind != SURFACE and hit.kind != LINE:
@@ -115,6 +121,8 @@ def look_along(
             seen.plain += fade * wp.cw_mul(weight, far_light)
             seen.backdrop += fade * backdrop * luminance(weight)
             weight *= 1.0 - fade
+            if clear_ground:
+                seen.caught = luminance(weight)
         key = wp.cw_mul(weight, answer.key)
         sky = wp.cw_mul(weight, answer.sky)
         seen.plain += wp.cw_mul(weight, answer.lights)

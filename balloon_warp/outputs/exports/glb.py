@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pxr import UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
@@ -20,6 +21,8 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.exports.glb_buffer import CORNERS, VERTICES, GlbBuffer
 from balloon_warp.outputs.exports.parts import Animation, Part
 from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
+from balloon_warp.outputs.render.prims import is_round
+from balloon_warp.outputs.render.printed import packed_image
 
 MOST_TARGETS = 256
 """morph targets of a mesh: as many layers as every WebGL 2 has in the texture that three.js keeps them in"""
@@ -107,7 +110,8 @@ def _ordinal(number: int) -> str:
 
 def _surface(part: Part) -> Surface:
     """What moves is smooth everywhere: what bends sharply in one frame is round in the next."""
-    cut = leave_whole(part.mesh) if part.soft else cut_at_creases(part.mesh)
+    smooth = part.soft or is_round(UsdGeom.Mesh(part.prim))
+    cut = leave_whole(part.mesh) if smooth else cut_at_creases(part.mesh)
     points, counts = part.mesh.points[cut.vertex_points], part.mesh.face_vertex_counts
     topology = PolygonMesh(points, counts, cut.corner_vertices)
     uv = part.mesh.texture_coordinates
@@ -135,6 +139,8 @@ class _Glb:
         self._nodes: list[dict[str, Any]] = []
         self._channels: list[dict[str, Any]] = []
         self._samplers: list[dict[str, Any]] = []
+        self._pictures: dict[str, dict[str, Any]] = {}
+        """images by their paths"""
 
     def add(self, part: Part, surface: Surface) -> None:
         """A node, its mesh and material, and how it moves."""
@@ -167,13 +173,22 @@ class _Glb:
             mesh["extras"] = {"targetNames": [f"frame {frame}" for frame in self.frames[1:]]}
         self._nodes.append(node)
         self._meshes.append(mesh)
-        self._materials.append(_material(part))
+        self._materials.append(_material(part, self._image(part)))
         if targets:  # the first frame is the mesh itself, and each other a target of its own
             weights = np.eye(len(targets) + 1, dtype=np.float32)[:, 1:]
             self._animate("weights", weights.ravel())
         if not baked:
             self._place(node, matrices)
         self._show(part, node)
+
+    def _image(self, part: Part) -> int | None:
+        """The number of the texture that is on a part; parts with the same file share it."""
+        if part.texture is None:
+            return None
+        if part.texture.path not in self._pictures:
+            data, kind = packed_image(part.texture)
+            self._pictures[part.texture.path] = {"bufferView": self.buffer.add_bytes(data), "mimeType": kind}
+        return list(self._pictures).index(part.texture.path)
 
     def write(self, path: Path) -> None:
         root: dict[str, Any] = {"name": "World", "children": list(range(len(self._nodes)))}
@@ -191,6 +206,9 @@ class _Glb:
         }
         if any("KHR_materials_clearcoat" in material.get("extensions", {}) for material in self._materials):
             content["extensionsUsed"] = ["KHR_materials_clearcoat"]
+        if self._pictures:
+            content["images"] = list(self._pictures.values())
+            content["textures"] = [{"source": number} for number in range(len(self._pictures))]
         if self._channels:
             said = {"name": "Balloon Warp", "channels": self._channels, "samplers": self._samplers}
             content["animations"] = [said]
@@ -243,7 +261,12 @@ def _is_placed(matrix: NDArray[np.float64]) -> bool:
     return bool(sizes.all() and np.linalg.det(rows) > 0.0 and square)
 
 
-def _material(part: Part) -> dict[str, Any]:
+def _material(part: Part, image: int | None) -> dict[str, Any]:
+    """Of a part.
+
+    Args:
+        image: the number of the texture that takes the place of its color.
+    """
     finish = part.finish
     opacity = 1.0 if finish.opacity >= OPAQUE else finish.opacity
     color = np.clip(part.color, 0.0, 1.0).tolist()
@@ -252,10 +275,13 @@ def _material(part: Part) -> dict[str, Any]:
         "doubleSided": True,
         "pbrMetallicRoughness": {
             "baseColorFactor": [*color, opacity],
-            "metallicFactor": 0.0,
+            "metallicFactor": finish.metallic,
             "roughnessFactor": finish.roughness,
         },
     }
+    if image is not None:
+        shine = material["pbrMetallicRoughness"]
+        shine |= {"baseColorTexture": {"index": image}, "baseColorFactor": [1.0, 1.0, 1.0, opacity]}
     if opacity < 1.0:
         material["alphaMode"] = "BLEND"
     if finish.clearcoat > 0.0:

@@ -49,6 +49,13 @@ class GlbBuffer:
         self._length += data.nbytes
         return len(self.accessors) - 1
 
+    def add_bytes(self, data: bytes) -> int:
+        """Add what is no array, such as an image's file, and get the number of its view."""
+        self._views.append({"buffer": 0, "byteOffset": self._length, "byteLength": len(data)})
+        self._chunks.append(data + b"\0" * (-len(data) % 4))
+        self._length += len(self._chunks[-1])
+        return len(self._views) - 1
+
     def write(self, path: Path, content: dict[str, Any]) -> None:
         """Write the file: what glTF says, with these arrays."""
         said = content | {

@@ -11,9 +11,10 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.outputs.render.appearance import Finish, read_colors, read_finish
+from balloon_warp.outputs.render.appearance import Finish, bound_surface, read_colors, read_finish
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.prims import CORNERS, SIDES
+from balloon_warp.outputs.render.printed import Texture, find_texture
 from balloon_warp.outputs.render.stage_reader import DRAWN, RenderStage
 from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
 from balloon_warp.outputs.usd.presence import is_shown
@@ -37,6 +38,8 @@ class Part:
     color: tuple[float, float, float]
     """linear RGB"""
     finish: Finish
+    texture: Texture | None = None
+    """an image that is on it, where `mesh.texture_coordinates` say"""
 
     def matrix(self, frame: float) -> NDArray[np.float64]:
         """From the prim's own coordinates to the stage's, of row vectors, shape (4, 4)."""
@@ -128,7 +131,7 @@ def _is_level(part: Part) -> bool:
 
 def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
     """Of a prim that is drawn; None where it has no faces."""
-    soft, uv = False, None
+    soft, uv, texture = False, None, None
     place: Callable[[float], NDArray[np.float64]]
     if UsdGeom.Mesh(prim):
         mesh = UsdGeom.Mesh(prim)
@@ -137,7 +140,8 @@ def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
             np.asarray(attribute.Get(first) or [], np.int32)
             for attribute in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
         )
-        place, uv = _points_of(mesh), _texture_coordinates(mesh, len(indices))
+        texture = find_texture(mesh, bound_surface(prim), indices)
+        place, uv = _points_of(mesh), texture.places if texture else _texture_coordinates(mesh, len(indices))
         point_count = len(place(first))
         if np.any(counts < 0) or counts.sum() != len(indices) or np.any((indices < 0) | (indices >= point_count)):
             raise InputError(f"{prim.GetPath()}: its faces do not fit its {point_count} points")
@@ -172,7 +176,7 @@ def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
         return None
     mesh = PolygonMesh(place(first), counts, indices, name=name, texture_coordinates=uv)
     red, green, blue = read_colors(UsdGeom.Gprim(prim), np.ones(1, np.int32))[0].tolist()
-    return Part(name, prim, mesh, soft, place, (red, green, blue), read_finish(prim))
+    return Part(name, prim, mesh, soft, place, (red, green, blue), read_finish(prim), texture)
 
 
 def _still(points: NDArray[np.float64]) -> Callable[[float], NDArray[np.float64]]:

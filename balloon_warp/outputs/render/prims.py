@@ -59,7 +59,7 @@ class MeshPrim:
         self.finish = read_finish(prim)
         # Foil is two flat sheets at first: where they are joined, its seam is sharp ever after.
         sharp = self.points(start) if self.soft and self.finish.metallic > 0.0 else points
-        creased = not self.soft or self.finish.metallic > 0.0
+        creased = not (self.soft or is_round(self._mesh)) or self.finish.metallic > 0.0
         self.surface = SmoothSurface(PolygonMesh(sharp, counts[seen], indices[whole]), creased)
         self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
         self.printed = read_print(self._mesh, bound_surface(prim), indices)
@@ -197,6 +197,12 @@ class CurvesPrim:
         if len(widths) == len(self._counts):
             return np.repeat(widths, self._counts)
         return np.full(self._counts.sum(), widths.mean())
+
+
+def is_round(mesh: UsdGeom.Mesh) -> bool:
+    """Whether a mesh says that it stands for a smooth surface. USD has it so of all that say nothing: few mean it."""
+    scheme = mesh.GetSubdivisionSchemeAttr() if mesh else None
+    return bool(scheme) and scheme.HasAuthoredValue() and scheme.Get() == UsdGeom.Tokens.catmullClark
 
 
 def _points(prim: UsdGeom.PointBased, moment: Moment) -> NDArray[np.float64]:

@@ -36,7 +36,8 @@ class RayCaster:
         samples: rays a pixel.
         device: a Warp device; the GPU where there is one, when missing.
         threads: CPU threads; all cores when missing. The picture does not depend on it.
-        transparent: leave out backdrop, ground and water; pictures say how opaque they are then.
+        transparent: leave out backdrop, water, and ground but for the shadows on it; pictures say how opaque they are
+            then.
 
     Raises:
         InputError: there is no such device.
@@ -95,10 +96,11 @@ class RayCaster:
         light = [self._plain, self._key, self._sky]
         radius = max(2, round(WIDEST_BLUR * min(1.0, (4.0 / self._samples) ** 0.5)))
         inputs = [self._shapes, studio, lens, self._pixel_samples, self._disc_samples, self._lens_samples]
-        self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface, self._backdrops])
+        ground = [*self._ground_light, self._ground_shares]
+        self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface, self._backdrops, *ground])
         self._launch(raycast.smooth_light, [*noisy, *surface, radius, 0, 1], smooth)
         self._launch(raycast.smooth_light, [*smooth, *surface, radius, 1, 0], noisy)
-        self._launch(raycast.develop, [*light, *noisy, self._backdrops], [self._picture])
+        self._launch(raycast.develop, [*light, *noisy, self._backdrops, *ground], [self._picture])
         return np.array(self._picture.numpy(), np.uint8)  # a copy: on the CPU the next picture would change a view
 
     def _launch(self, kernel: Any, inputs: list, outputs: list) -> None:
@@ -135,7 +137,9 @@ class RayCaster:
             finishes = [np.tile(shape.finish.as_row(), (shape.segment_count, 1)) for shape in shapes]
             self._shapes.capsule_finishes = self._array(np.concatenate(finishes), wp.vec4)
         ground = self._stage.ground
-        self._shapes.has_ground = int(ground is not None and not self._transparent)
+        # Nobody sees that a picture without its water had some: a shadow at the bottom would be nowhere.
+        caught = self._stage.water is None
+        self._shapes.has_ground = int(ground is not None and (caught or not self._transparent))
         self._shapes.ground_color = wp.vec3(0.5)
         if ground is not None:
             self._shapes.ground_color = wp.vec3(*ground.color.tolist())
@@ -168,6 +172,9 @@ class RayCaster:
             self._plain, self._key, self._sky, self._places, self._normals = vectors
             self._shares = [wp.zeros(shape, dtype=wp.vec4) for _ in range(4)]
             self._backdrops = wp.zeros(shape, dtype=float)
+            caught = shape if self._transparent else (0, 0)
+            self._ground_light = [wp.zeros(caught, dtype=wp.vec3) for _ in range(2)]
+            self._ground_shares = wp.zeros(caught, dtype=float)
             self._picture = wp.zeros((*shape, 4 if self._transparent else 3), dtype=wp.uint8)
             self._pixel_samples = wp.array(spread_points(self._samples), dtype=wp.vec2)
             self._lens_samples = wp.array(disc_points(self._samples), dtype=wp.vec2)

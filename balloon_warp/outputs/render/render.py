@@ -88,7 +88,8 @@ def render_stage(
         zoom, look_at, follow, aperture, focus: as `View` has them. What is not asked for is as the stage says, if it
             says from where its picture is taken.
         shutter: how long it is open, in frames, 0 to 1: what moves is blurred. It takes `MOMENTS` times as long.
-        transparent: leave out backdrop, ground and water, for a .png or .webp that is laid over something else.
+        transparent: leave out backdrop, ground and water, for a .png or .webp that is laid over something else. The
+            ground's shadow stays, unless there is water.
         frames: the first and the last of an animation; when missing, the stage's.
         frames_per_second: of an animation, which keeps its true speed; the stage's when missing.
 

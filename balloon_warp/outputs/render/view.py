@@ -15,6 +15,7 @@ from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, Camera, Camer
 from balloon_warp.outputs.render.framing import Framing, frame_action
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.outputs.usd.presence import SHOWN
 
 Point = tuple[float, float, float]
 CLEAR = (".png", ".webp")
@@ -137,7 +138,7 @@ class View:
         if not isinstance(named, str):
             return np.array([named]) @ turn
         prims = [prim for prim in stage.stage.Traverse() if prim.GetName() == named]
-        bounds = UsdGeom.BBoxCache(Usd.TimeCode(frame), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
+        bounds = UsdGeom.BBoxCache(Usd.TimeCode(frame), [*SHOWN, UsdGeom.Tokens.proxy])  # a string's curve is a proxy
         boxes = [bounds.ComputeWorldBound(prim).ComputeAlignedRange() for prim in prims]
         boxes = [box for box in boxes if not box.IsEmpty()]
         if not boxes:

@@ -15,6 +15,7 @@ from pxr import Gf, Sdf, Tf, UsdGeom, Vt
 
 from balloon_warp.mesh.corners import corner_faces, corners_beside
 from balloon_warp.model import ModelPlan
+from balloon_warp.outputs.knot import Knot
 from balloon_warp.outputs.usd.body import inertia_of
 from balloon_warp.outputs.usd.grid_obstacles import PLACE, TURN, GridObstacles, values_over_time
 from balloon_warp.outputs.usd.metadata import prim_names
@@ -77,10 +78,17 @@ class GridWorld:
             _animated(_referring(world, path.name, path), {"points": Types.Point3fArray, "extent": Types.Float3Array})
             for path in prototypes.strings
         ]
+        self._knots = {}
+        """of the strings that have one: how it stands, and the paths of its place and turn"""
+        for number, path in prototypes.knots.items():
+            knot = Knot(plan.shapes[plan.scene.string[number].balloon].mesh, plan.held[number])
+            animated = _animated(_referring(world, path.name, path), {PLACE: Types.Double3, TURN: Types.Quatf})
+            self._knots[number] = knot, animated
         self._lasting = []
         """what appears or ends: the path of its visibility, and the sphere or string"""
-        bodies = zip((*prototypes.spheres, *prototypes.strings), (*plan.scene.sphere, *plan.scene.string), strict=True)
-        for path, body in bodies:
+        strings = [*zip(prototypes.strings, plan.scene.string, strict=True)]
+        strings += [(path, plan.scene.string[number]) for number, path in prototypes.knots.items()]
+        for path, body in (*zip(prototypes.spheres, plan.scene.sphere, strict=True), *strings):
             if body.start > 0.0 or body.end is not None:
                 prim = self.layer.GetPrimAtPath(world.path.AppendChild(path.name))
                 self._lasting.append((_animated(prim, {"visibility": Types.Token})[0], body))
@@ -135,10 +143,16 @@ class GridWorld:
             for path, value in zip(paths, as_gf(pose), strict=True):
                 self.layer.SetTimeSample(path, time, value)
         for number, (point_path, extent_path) in enumerate(self._strings):
-            places = Vt.Vec3fArray.FromNumpy(self._string_curve(number, points, time))
+            own = self._held(number, points)
+            curve = self._string_curve(number, own, time)
+            places = Vt.Vec3fArray.FromNumpy(curve)
             extent = UsdGeom.Curves.ComputeExtent(places, self._string_widths[number])
             self.layer.SetTimeSample(point_path, time, places)
             self.layer.SetTimeSample(extent_path, time, extent)
+            if number in self._knots:
+                knot, paths = self._knots[number]
+                for path, value in zip(paths, as_gf(knot.pose(own, curve, self.plan.scene.up)), strict=True):
+                    self.layer.SetTimeSample(path, time, value)
         for path, value in zip(self.obstacles.paths, self.obstacles.samples(time), strict=True):
             self.layer.SetTimeSample(path, time, value)
         for path, body in self._lasting:
@@ -171,16 +185,23 @@ class GridWorld:
     def copy(self, source: Sdf.Layer, time: int) -> None:
         """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
         balloons = ((points, extent) for points, _, extent in self._balloons)
-        balloons, strings, bodies = (chain.from_iterable(paths) for paths in (balloons, self._strings, self._bodies))
+        knots = (paths for _, paths in self._knots.values())
+        each = (balloons, self._strings, self._bodies, knots)
+        balloons, strings, bodies, knots = (chain.from_iterable(paths) for paths in each)
         lasting = (path for path, _ in self._lasting)
         corners = (path for _, path in self._corners)
-        for path in chain(balloons, corners, self._spheres, bodies, strings, self.obstacles.paths, lasting):
+        for path in chain(balloons, corners, self._spheres, bodies, strings, knots, self.obstacles.paths, lasting):
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
+    def _held(self, number: int, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The points of the balloon that a string holds."""
+        balloon = self.plan.scene.string[number].balloon
+        before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[:balloon])
+        return points[before : before + self.plan.shapes[balloon].mesh.vertex_count]
+
     def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:
-        string = self.plan.scene.string[number]
-        before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[: string.balloon])
-        end = points[before + self.plan.held[number]]
+        """Of the points of the balloon that it holds."""
+        end = points[self.plan.held[number]]
         anchors, lengths = (
             next(values for frame, values in reversed(over_time) if frame <= time)
             for over_time in (self._string_anchors, self._string_lengths)

@@ -4,6 +4,8 @@ from pathlib import Path
 
 from pxr import Gf, Sdf, UsdGeom, UsdShade
 
+from balloon_warp.scene import Scene
+
 Color = tuple[float, float, float]
 """linear RGB"""
 
@@ -17,6 +19,11 @@ GROUND_COLOR: Color = (0.72, 0.70, 0.66)
 WATER_COLOR: Color = (0.06, 0.40, 0.52)
 LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.8, "coat_roughness": 0.08}
 """of a rubber balloon, as OpenPBR names it: of thin walls, the subsurface's weight is of light that comes through"""
+
+
+def balloon_color(scene: Scene, number: int) -> Color:
+    """Of a balloon: its own, or the palette's for its number."""
+    return scene.balloon[number].color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
 
 
 def paint(

@@ -9,8 +9,10 @@ from pxr import Sdf, Usd
 
 from balloon_warp.model import ModelPlan
 from balloon_warp.model.obstacle_motion import obstacle_motion, obstacle_poses
+from balloon_warp.outputs.knot import has_knot
 from balloon_warp.outputs.usd.balloon import define_balloon
 from balloon_warp.outputs.usd.body import body_names, define_body
+from balloon_warp.outputs.usd.knot import define_knot, knot_path
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, define_obstacle, obstacle_names
 from balloon_warp.outputs.usd.planes import Plane, define_square
@@ -37,7 +39,7 @@ class Prototypes:
         self.spheres = [HOME.AppendChild(f"Sphere_{number}") for number in range(len(scene.sphere))]
         self.strings = [HOME.AppendChild(f"String_{number}") for number in range(len(scene.string))]
         self.pieces: dict[Plane, Sdf.Path] = {}
-        bodies = [path.name for path in (*self.spheres, *self.strings)]
+        bodies = [path.name for path in (*self.spheres, *self.strings, *map(knot_path, self.strings))]
         self.obstacles = [HOME.AppendChild(name) for name in obstacle_names(scene, bodies)]
         self.obstacle_motion = obstacle_motion(scene)
         named = [*bodies, *(path.name for path in self.obstacles)]
@@ -58,6 +60,12 @@ class Prototypes:
             define_string(stage, path, plans[0].shapes[string.balloon].mesh).GetWidthsAttr().Get()
             for path, string in zip(self.strings, scene.string, strict=True)
         ]
+        self.knots: dict[int, Sdf.Path] = {}
+        """of the strings that have one, by their numbers"""
+        for number, string in enumerate(scene.string):
+            if has_knot(string, scene.balloon[string.balloon]):
+                self.knots[number] = knot_path(self.strings[number])
+                define_knot(stage, self.knots[number], scene, number, plans[0].shapes[string.balloon].mesh)
 
     def define_piece(
         self, stage: Usd.Stage, plane: Plane, middle: NDArray[np.float64], half: float, up_axis: str

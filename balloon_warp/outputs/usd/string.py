@@ -6,6 +6,8 @@ from pxr import Sdf, Usd, UsdGeom
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
+from balloon_warp.outputs.knot import has_knot
+from balloon_warp.outputs.usd.knot import KnotPrim, knot_path
 from balloon_warp.outputs.usd.lines import define_lines
 from balloon_warp.outputs.usd.material import STRING_COLOR, paint
 from balloon_warp.outputs.usd.presence import show_while_there
@@ -21,19 +23,28 @@ def define_string(stage: Usd.Stage, path: Sdf.Path, held: PolygonMesh) -> UsdGeo
 
 
 class StringPrim:
-    """One string of the scene, as a curve and the mesh around it."""
+    """One string of the scene, as a curve, the mesh around it, and the knot where it is tied."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.model, self.number = model, number
         self.string = model.scene.string[number]
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
-        self.prim = define_string(stage, path, model.shapes[self.string.balloon].mesh)
+        held = model.shapes[self.string.balloon].mesh
+        self.prim = define_string(stage, path, held)
         self._strand = Strand(stage, self.prim)
+        self._knot = None
+        if has_knot(self.string, model.scene.balloon[self.string.balloon]):
+            self._knot = KnotPrim(stage, knot_path(path), model.scene, number, held, self.particle)
 
     def write(self, frame: Frame) -> None:
-        anchor, end = frame.string_anchors[self.number], frame.points[self.string.balloon][self.particle]
+        points = frame.points[self.string.balloon]
+        anchor, end = frame.string_anchors[self.number], points[self.particle]
         length = float(frame.string_lengths[self.number])
         curve = string_curve(anchor, end, length, self.model.scene.up, frame.ground_height)
         self._strand.write(curve, frame.number)
-        for prim in (self.prim, self._strand.mesh):
+        seen: list[UsdGeom.Gprim] = [self.prim, self._strand.mesh]
+        if self._knot:
+            self._knot.write(points, curve, frame.number)
+            seen.append(self._knot.prim)
+        for prim in seen:
             show_while_there(prim, self.model.scene, self.string, frame.number)

@@ -61,5 +61,7 @@ class String(Table):
     """when it is tied [s]"""
     end: NonNegative | None = None
     """when it is cut [s]; never when missing"""
+    knot: bool = True
+    """whether the balloon has a neck and a knot there, to be seen and not simulated; foil has none"""
 
     _lives = model_validator(mode="after")(_ends_after_its_start)

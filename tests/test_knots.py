@@ -1,0 +1,219 @@
+"""Knots: drawn where strings are tied, and nothing else of a simulation."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from glb_files import Glb
+from meshes import quad_sphere
+from pxr import Usd, UsdGeom, UsdShade
+
+from balloon_warp import Scene, animate, export_stage
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.outputs.knot import AROUND, PROFILE, Knot, knot_mesh, knot_size, turn_between
+from balloon_warp.outputs.render.moment import Z_TO_Y_UP
+from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.outputs.render.surface import SmoothSurface
+from balloon_warp.outputs.render.view import View
+from balloon_warp.scene import Balloon, String
+
+FRAMES = 3
+BALL = quad_sphere(6)
+LOWEST = int(BALL.points[:, 1].argmin())
+UPS = [np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])]
+
+
+def turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """A vector, turned by a quaternion (x, y, z, w)."""
+    axis, w = quaternion[:3], quaternion[3]
+    return vector + 2.0 * np.cross(axis, np.cross(axis, vector) + w * vector)
+
+
+@pytest.mark.parametrize("up", UPS, ids=["Y", "Z"])
+def test_a_knot_hangs_down_and_is_closed_but_for_its_neck(up: np.ndarray):
+    mesh = knot_mesh(2.0, up)
+    along = mesh.points @ -up
+    assert (along.min(), along.max()) == pytest.approx((2.0 * PROFILE[:, 0].min(), 2.0 * PROFILE[:, 0].max()))
+    assert np.linalg.norm(mesh.points - np.outer(mesh.points @ up, up), axis=1).max() == pytest.approx(0.076)
+    # Closed across the neck, it is a row of pieces of pyramids with twelve sides, each of 3 r^2 across.
+    neck = np.arange(AROUND)[::-1].astype(np.int32)
+    counts, indices = np.append(mesh.face_vertex_counts, AROUND), np.append(mesh.face_vertex_indices, neck)
+    (high, big), (low, small) = 2.0 * PROFILE[:-1].T, 2.0 * PROFILE[1:].T
+    pieces = (low - high) * (big**2 + big * small + small**2)
+    closed = PolygonMesh(mesh.points, counts.astype(np.int32), indices)
+    # The funnel's end is closed by bent quads, which are 1e-6 off.
+    assert signed_volume(closed) == pytest.approx(pieces.sum(), abs=2e-6)
+
+
+def test_a_turn_takes_one_direction_to_the_other():
+    rng = np.random.default_rng(3)
+    pairs = [vectors / np.linalg.norm(vectors, axis=1, keepdims=True) for vectors in rng.normal(size=(20, 2, 3))]
+    pairs += [np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])]
+    for one, other in pairs:
+        quaternion = turn_between(one, other)
+        assert np.linalg.norm(quaternion) == pytest.approx(1.0)
+        np.testing.assert_allclose(turned(quaternion, one), other, atol=1e-7)
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 150.0, 180.0])
+def test_a_knot_goes_along_its_string_as_far_as_the_balloon_lets_it(angle: float):
+    """From 0, straight away from the balloon, to 180, straight through it."""
+    up, slope = UPS[0], np.radians(angle)
+    end = BALL.points[LOWEST]
+    string = np.array([np.sin(slope), -np.cos(slope), 0.0])
+    curve = end + np.array([1.0, 0.5, 0.0])[:, None] * string
+    pose = Knot(BALL, LOWEST).pose(BALL.points, curve, up)
+    np.testing.assert_array_equal(pose[:3], end)
+    direction = turned(pose[3:], -up)
+    outward = float(direction @ -up)
+    assert outward >= np.sqrt(0.5) - 1e-9
+    assert direction @ string > 0.0 or angle > 135.0
+    if angle in (0.0, 180.0):
+        np.testing.assert_allclose(direction, -up, atol=1e-9)
+    elif angle == 30.0:  # within 5 degrees of the string
+        assert direction @ string > np.cos(np.radians(5.0))
+
+
+def test_a_knot_where_there_is_no_surface_follows_its_string():
+    """Torn to nothing, a balloon has no outside there; a string of no length, no direction."""
+    flat, up = np.zeros_like(BALL.points), UPS[0]
+    knot = Knot(BALL, LOWEST)
+    along = knot.pose(flat, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), up)
+    np.testing.assert_allclose(turned(along[3:], -up), [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(turned(knot.pose(flat, np.zeros((2, 3)), up)[3:], -up), -up, atol=1e-9)
+
+
+@pytest.fixture(scope="module", params=["Y", "Z"])
+def stage(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Usd.Stage:
+    """Four balls on strings: one knotted for a while, one of foil, one without a knot, one on its side."""
+    path = tmp_path_factory.mktemp("knots") / "knots.usdc"
+
+    def up(x: float, height: float) -> tuple[float, float, float]:
+        return (x, height, 0.0) if request.param == "Y" else (x, 0.0, height)
+
+    balls = [Balloon(mesh=BALL, name=f"ball{n}", position=up(4.0 * n, 2.0), helium=20.0) for n in range(4)]
+    balls[1] = balls[1].model_copy(update={"look": "foil"})
+    strings = [
+        String(anchor=up(0.0, 0.0), end=2.0 / 60.0),
+        String(anchor=up(4.0, 0.0), balloon=1),
+        String(anchor=up(8.0, 0.0), balloon=2, knot=False),
+        String(anchor=up(14.0, 2.0), balloon=3, particle=int(BALL.points[:, 0].argmax())),
+    ]
+    animate(Scene(balloon=balls, string=strings, frames=FRAMES, up_axis=request.param), path, device="cpu")
+    return Usd.Stage.Open(str(path))
+
+
+def test_a_stage_has_a_knot_where_a_string_is_tied(stage: Usd.Stage):
+    group = stage.GetPrimAtPath("/World/Strings")
+    assert [name for name in group.GetChildrenNames() if name.endswith("Knot")] == ["String_0_Knot", "String_3_Knot"]
+    for number in (0, 3):
+        knot = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/Strings/String_{number}_Knot"))
+        curve = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/Strings/String_{number}"))
+        ball = UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/ball{number}"))
+        tip = np.array(knot.GetPointsAttr().Get()).mean(axis=0)
+        for frame in range(FRAMES + 1):
+            matrix = np.array(knot.ComputeLocalToWorldTransform(frame))
+            points = np.array(curve.GetPointsAttr().Get(frame))
+            np.testing.assert_allclose(matrix[3, :3], points[-1], atol=1e-6)
+            # Both strings begin straight away from the balloon, which turns little in three frames.
+            outward = (points[-2] - points[-1]) / np.linalg.norm(points[-2] - points[-1])
+            assert tip @ matrix[:3, :3] @ outward > 0.99 * np.linalg.norm(tip)
+        color = [
+            UsdShade.Shader(UsdShade.MaterialBindingAPI(gprim).ComputeBoundMaterial()[0].ComputeSurfaceSource()[0])
+            .GetInput("diffuseColor")
+            .Get()
+            for gprim in (knot.GetPrim(), ball.GetPrim())
+        ]
+        assert color[0] == color[1]
+
+
+def test_a_knot_is_there_while_its_string_is(stage: Usd.Stage):
+    knot = UsdGeom.Imageable(stage.GetPrimAtPath("/World/Strings/String_0_Knot"))
+    seen = [knot.ComputeVisibility(frame) != "invisible" for frame in range(FRAMES + 1)]
+    string = UsdGeom.Imageable(stage.GetPrimAtPath("/World/Strings/String_0"))
+    assert seen == [string.ComputeVisibility(frame) != "invisible" for frame in range(FRAMES + 1)]
+    assert seen[0]
+    assert not seen[-1]
+
+
+def test_a_string_and_its_knot_can_be_looked_at(stage: Usd.Stage):
+    """Pictures take a string's curve, which USD's purposes call a proxy."""
+    opened = RenderStage(Path(stage.GetRootLayer().realPath))
+    opened.read_prims(0)
+    turn = np.eye(3) if UsdGeom.GetStageUpAxis(stage) == "Y" else Z_TO_Y_UP
+    for name, middle in (("String_0", 0.5), ("String_0_Knot", 1.0)):
+        camera = View(look_at=name).cameras(opened, [0], 16 / 9)[1](0)
+        points = np.array(UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0")).GetPointsAttr().Get(0))
+        place = (points[0] + middle * (points[-1] - points[0])) @ turn
+        x, y, z = camera.axes @ (place - camera.eye)
+        assert np.hypot(x / z, y / z) < 0.02
+
+
+def test_a_knot_is_round_in_pictures_and_in_a_glb(stage: Usd.Stage, tmp_path: Path):
+    """A vertex for each point: none is split where faces meet at more than 40 degrees."""
+    path, made = Path(stage.GetRootLayer().realPath), knot_mesh(knot_size(BALL), UPS[0])
+    opened = RenderStage(path)
+    opened.read_prims(0)
+    knots = [mesh for mesh in opened.meshes if mesh.point_count == made.vertex_count]
+    assert [knot.surface.vertex_count for knot in knots] == 2 * [SmoothSurface(made).vertex_count]
+    export_stage(path, tmp_path / "out.glb")
+    file = Glb(tmp_path / "out.glb")
+    assert len(file.array(file.primitive("String_3_Knot")["attributes"]["POSITION"])) == made.vertex_count
+
+
+class Drawn:
+    """Stands for the page's server: knows what is drawn."""
+
+    def __init__(self):
+        self.scene, self.meshes = self, {}
+
+    def add_mesh_simple(self, name: str, *_: object, **__: object) -> SimpleNamespace:
+        self.meshes[name] = SimpleNamespace(position=None, wxyz=None)
+        return self.meshes[name]
+
+    def add_frame(self, *_: object, **__: object) -> None:
+        """Nothing is seen of it."""
+
+    def remove_by_name(self, root: str) -> None:
+        self.meshes = {name: mesh for name, mesh in self.meshes.items() if not name.startswith(root)}
+
+
+def test_the_page_has_knots_where_strings_are_tied_and_none_in_hands():
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.geometry import Drawing
+    from balloon_warp.viewer.knots import KnotLayer
+    from balloon_warp.viewer.session import Session
+
+    scene = Scene(balloon=[Balloon(mesh=BALL)], string=[String(anchor=(0, -3, 0))])
+    session = Session("ball", scene, "cpu")
+    server, playground = Drawn(), session.playground
+    layer = KnotLayer(cast(Any, server))
+
+    def drawn() -> dict[str, SimpleNamespace]:
+        picture = session._take_picture()
+        layer.draw(picture, Drawing(picture.model).string_curves(picture))
+        return server.meshes
+
+    particle = int(playground.simulator.model.string_particle.numpy()[0])
+    assert list(drawn()) == ["/knots/0"]
+    assert drawn()["/knots/0"].position == pytest.approx(playground.points[particle])
+    first = drawn()["/knots/0"]
+    playground.step()
+    assert drawn()["/knots/0"] is first  # moved, not made anew
+    assert first.position == pytest.approx(playground.points[particle])
+    playground.grab("hand", 3, playground.points[3])
+    assert list(drawn()) == ["/knots/0"]
+    playground.tie(5, playground.points[5] - [0.0, 0.4, 0.0])
+    assert list(drawn()) == ["/knots/0", "/knots/2"]
+    playground.cut_all()
+    assert list(drawn()) == []
+
+
+def test_a_knot_is_sized_by_its_balloon():
+    """A tenth of the diameter; of a letter or of a heart, that of a sphere of as large a skin."""
+    many = quad_sphere(24, 0.15)
+    assert knot_size(many) == pytest.approx(0.3, rel=0.01)  # flat faces have a little less area
+    assert np.ptp(knot_mesh(knot_size(many), UPS[0]).points[:, 1]) == pytest.approx(0.04, rel=0.02)
