@@ -21,13 +21,25 @@ CROWDED = (
 """files of tests that start processes or wait for a page: one process goes through them while others do the rest, or a
 machine of two cores is too slow for the clocks that people and networks go by"""
 
+BY_OCTETS = (
+    *("added_mass", "atmosphere", "breathing", "fills", "friction", "gas", "gas_heat", "membrane_motion", "necks"),
+    *("obstacles", "softening", "touch_stack", "tubes", "wind"),
+)
+"""files of tests of physics that leave `lanes` to test_matrix.py, which has each feature there: `octets` runs the same
+functions with another layout"""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.path.stem.startswith("test_bundled_"):
-            item.add_marker(pytest.mark.xdist_group("bundled"))  # each scene is simulated once, see `played`
-        if item.path.stem.removeprefix("test_") in CROWDED:
-            item.add_marker(pytest.mark.xdist_group("crowded"))
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(process_of(item.path.stem)))
+
+
+def process_of(file: str) -> str:
+    """A file's tests share kernels and simulations, which one process makes once."""
+    if file.removeprefix("test_") in CROWDED:
+        return "crowded"
+    return "bundled" if file.startswith("test_bundled_") else file  # each scene is simulated once, see `played`
 
 
 @pytest.fixture(params=["cpu", "cuda:0"])
@@ -43,6 +55,8 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
     """Each schedule that is tested against `scatter`, where it runs."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
+    if request.param == "lanes" and request.path.stem.removeprefix("test_") in BY_OCTETS:
+        pytest.skip("octets runs the same functions")
     return request.param
 
 

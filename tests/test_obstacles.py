@@ -209,7 +209,10 @@ def test_contact_gives_no_energy(device: str):
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 def test_a_sphere_bounces_on_an_obstacle_and_rests(contact: str, schedule: str, device: str):
-    """From a height it comes back to restitution^2 of that; on a slope without friction it slides as g sin says."""
+    """From a height it comes back to restitution^2 of that; on a slope without friction it slides as g sin says. How it
+    meets particles is another matter: on a CPU gather takes both of these rules, octets and block one each."""
+    if device == "cpu" and schedule == {"penalty": "block", "impulse": "octets"}[contact]:
+        pytest.skip("has the other rule")
     far = particles([(0, 50, 0), (0, 50, 0.1), (0.1, 50, 0.1), (0.1, 50, 0)])
     table = Obstacle(size=(2.0, 0.2, 2.0), position=(0, -0.1, 0), restitution=0.6)
     ramp = Obstacle(mesh=slab(), position=(20.0, 0, 0), rotation=(0, 0, 30.0), restitution=0.0)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from features import some_bundled_scenes
 from meshes import quad_sphere
 
 from balloon_warp.errors import BlowUpError, InputError
@@ -270,8 +271,10 @@ def test_a_journal_does_not_grow_forever(monkeypatch):
 
 
 @pytest.mark.parametrize("name", bundled_scenes())
-def test_every_bundled_scene_can_be_played_with(name):
-    """And replays, to the last bit."""
+def test_bundled_scenes_can_be_played_with(name):
+    """And replay, to the last bit."""
+    if name not in some_bundled_scenes():
+        pytest.skip("has nothing that others do not have")
     playground = Playground(load_scene(name), "cpu")
     steps(playground, 2)
     playground.inflate(0.5 * playground.inflation + 0.001)
