@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from overlaps import deepest_in_itself
 from played import played, shape_at
 from scipy.spatial.transform import Rotation
 
 import balloon_warp.scenes
 from balloon_warp import Simulator, load_scene, run_batch
-from balloon_warp.benchmarks.overlap import deepest_overlap
+from balloon_warp.benchmarks.overlap import deepest_in_itself, deepest_overlap
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.scenes.model_bead import RADIUS
