@@ -1,10 +1,12 @@
-"""How deep particles of a simulation are in other balloons."""
+"""How deep balloons of a simulation are in each other."""
 
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from balloon_warp.benchmarks.overlap import deepest_overlap
+from balloon_warp.benchmarks.overlap import Points, deepest_overlap, dot, surface
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.simulator import Simulator
 
 
@@ -13,3 +15,23 @@ def deepest(simulator: Simulator, world: int = 0) -> float:
     points = simulator.state.points.numpy()[world].astype(np.float64)
     parts = [points[begin:end] for begin, end in pairwise(simulator.model.particle_offsets)]
     return deepest_overlap(parts, [shape.mesh for shape in simulator.model.shapes])
+
+
+def edges_through(points: Points, ends: NDArray[np.int64], mesh: PolygonMesh) -> int:
+    """How many edges of one balloon go through faces of another (Möller and Trumbore 1997).
+
+    Args:
+        points: of the one's particles.
+        ends: of its edges, shape (E, 2).
+        mesh: the other.
+    """
+    triangles, count = surface(mesh), 0
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    for begin, end in points[ends]:
+        across, start = np.cross(end - begin, second), begin - triangles[:, 0]
+        whole = dot(first, across)
+        whole = np.where(np.abs(whole) > 1e-15, whole, np.inf)
+        beside = np.cross(start, first)
+        u, v, part = dot(start, across) / whole, (beside @ (end - begin)) / whole, dot(beside, second) / whole
+        count += bool(((u > 0.0) & (v > 0.0) & (u + v < 1.0) & (part > 0.0) & (part < 1.0)).any())
+    return count

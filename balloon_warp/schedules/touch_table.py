@@ -12,6 +12,7 @@ from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model
+from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.model.touch import STIFFNESSES, THICKNESS, crowd_of, edge_length
 
 SEARCH_SECONDS = 1.0 / 480.0
@@ -65,6 +66,10 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.depth = array(DEPTH * np.array(extents), float)
     table.crowd = array([crowd_of(shapes, number, traits.touches_itself) for number in range(len(shapes))], float)
     table.stiffness = model.parameters[STIFFNESSES]
+    if traits.edges_meet:
+        sharp = [sharp_edges(shape.mesh) for shape in shapes]
+        table.edges = array(np.concatenate([own + o for own, o in zip(sharp, offsets[:-1], strict=True)]), wp.vec2i)
+        table.balloon_edges = array(np.cumsum([0, *map(len, sharp)]), wp.int32)
     rest, boxes = np.zeros((0, 3)), np.zeros((0, 2, 3))
     if traits.touches_itself:
         rest = np.concatenate([shape.mesh.points for shape in shapes])

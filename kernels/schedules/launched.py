@@ -83,7 +83,12 @@ class Working:
     contacts: wp.array2d[float]
     """how many they had in the substep before"""
     crowded: wp.array[wp.int32]
-    """how often a triangle had no place in a list"""
+    """how often a triangle, or an edge, had no place in a list"""
+    edge_candidates: wp.array3d[wp.int32]
+    """edges that each may meet: shape (world_count, edges, most); empty unless sharp edges meet, see `launched_edges`,
+    as is the next"""
+    edge_counts: wp.array2d[wp.int32]
+    """how many they are"""
 
 
 @cache
