@@ -34,6 +34,19 @@ def sheets() -> Scene:
     return Scene(balloon=balloons, touch=Touch(friction=0.5), **VACUUM)
 
 
+def all_energy(simulator: Simulator) -> float:
+    """Of motion and springs [J]."""
+    points, velocities = motion(simulator)
+    total = 0.5 * masses(simulator) @ (velocities**2).sum(axis=1)
+    stiffness = simulator.model.scene.balloon[0].stiffness
+    kinds = np.array([stiffness.structural, stiffness.shear, stiffness.flexion])
+    for shape, part in zip(simulator.model.shapes, np.split(points, 2), strict=True):
+        first, second = part[shape.springs.pairs].swapaxes(0, 1)
+        strain = np.linalg.norm(second - first, axis=1) - shape.springs.rest_lengths
+        total += 0.5 * kinds[shape.springs.kind] @ strain**2
+    return float(total)
+
+
 @pytest.fixture
 def flown(device: str) -> list[Simulator]:
     return flown_on(device)
@@ -62,13 +75,12 @@ def test_flat_sheets_that_cross_edge_on_stop_each_other(flown):
 
 
 def test_edges_that_meet_keep_what_is_kept(flown, device):
-    """Momentum and angular momentum to float32's rounding of thousands of substeps, and no energy is gained: that of
-    springs comes on top of that of the motion, which is less for it."""
+    """Momentum and angular momentum to float32's rounding of two hundred substeps, and of energy no more than there was
+    is in motion and springs together: what a symplectic step lets it swing is less than friction takes."""
     simulator, start = flown[1], Simulator(sheets(), device, schedule="gather")
     for kept in (momentum, angular_momentum):
         assert kept(simulator) == pytest.approx(kept(start), abs=2e-6 * np.abs(kept(start)).max())
-    before, after = (0.5 * masses(s) @ (motion(s)[1] ** 2).sum(axis=1) for s in (start, simulator))
-    assert after < before
+    assert 0.5 * all_energy(start) < all_energy(simulator) < all_energy(start)
 
 
 def test_worlds_do_not_feel_each_other(flown):
@@ -102,28 +114,29 @@ def cushion(cells: int) -> PolygonMesh:
 
 
 def test_foil_cushions_thrown_at_each_other_stay_apart(device):
-    """At 2 m/s, one lying, one upright, while they fill: no seam cuts into the other, and no particle comes deeper into
-    it than 1 mm, a third of a hundredth of its width."""
-    mesh = cushion(8)
+    """At 2 m/s, one lying, one upright, while they fill: no seam ever cuts into the other, and no particle comes deeper
+    into it than 1 mm, a third of a hundredth of its width. Without it seams were in each other for six frames."""
+    mesh = cushion(3)
     upright = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, -1.0, 1.0])
     foil = {"mass": 0.01, "damping": 0.0, "stiffness": Stiffness(structural=200.0, shear=100.0, flexion=0.0)}
     foil["inflation"] = Inflation(kind="pressure", pressure=[(0.0, 0.0), (0.1, 200.0)])
     balloons = [
         Balloon(mesh=mesh, velocity=(1.0, 0.0, 0.0), **foil),
-        Balloon(mesh=upright, position=(0.45, 0.01, 0.02), velocity=(-1.0, 0.0, 0.0), **foil),
+        Balloon(mesh=upright, position=(0.5, 0.01, 0.02), velocity=(-1.0, 0.0, 0.0), **foil),
     ]
     simulator = Simulator(Scene(balloon=balloons, touch=Touch(), **VACUUM), device, schedule="gather")
     meshes = [shape.mesh for shape in simulator.model.shapes]
     nearest, parts = np.inf, []
-    for number in range(16):
+    for _ in range(16):
         simulator.step()
         parts = [motion(simulator)[0][begin:end] for begin, end in pairwise(simulator.model.particle_offsets)]
         nearest = min(nearest, parts[1][:, 0].min() - parts[0][:, 0].max())
-        if number % 3 == 0:
-            assert deepest_overlap(parts, meshes) < 1e-3
-            for one, other in ((0, 1), (1, 0)):
-                assert not edges_through(parts[one], sharp_edges(mesh), replace(meshes[other], points=parts[other]))
-    assert nearest < 0.0 < parts[1][:, 0].mean() - parts[0][:, 0].mean() - 0.3
+        assert deepest_overlap(parts, meshes) < 1e-3
+        for one, other in ((0, 1), (1, 0)):
+            assert not edges_through(parts[one], sharp_edges(mesh), replace(meshes[other], points=parts[other]))
+    velocities = motion(simulator)[1]
+    assert nearest < 0.01
+    assert velocities[: len(parts[0]), 0].mean() < 0.0 < velocities[len(parts[0]) :, 0].mean()  # bounced off
 
 
 def test_which_edges_are_sharp():

@@ -83,7 +83,8 @@ def crowding_remarks(crowded: int) -> list[str]:
         return []
     return [
         f"touch: {crowded:,} times a particle had more triangles of a balloon near than the {int(MOST_OF_BALLOON)} "
-        "nearest, which it keeps until the next search; more substeps help"
+        f"nearest, which it keeps until the next search, or a sharp edge more than {int(MOST_EDGES)} others; more "
+        "substeps help"
     ]
 
 
