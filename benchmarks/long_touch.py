@@ -31,8 +31,8 @@ BEGINNING, OFTEN = 300, 30
 """frames, and how often they are looked at"""
 ROUNDING = 2e-5
 """float32's, of points on a surface a meter from the origin [m]"""
-APART = 4.0
-"""edges, that parts of one balloon are from each other at the start"""
+APART = 3.0
+"""edges, that parts of one balloon are from each other at the start: one more than those that may touch"""
 
 
 @dataclass(frozen=True)

@@ -75,12 +75,16 @@ def test_flat_sheets_that_cross_edge_on_stop_each_other(flown):
 
 
 def test_edges_that_meet_keep_what_is_kept(flown, device):
-    """Momentum and angular momentum to float32's rounding of two hundred substeps, and of energy no more than there was
-    is in motion and springs together: what a symplectic step lets it swing is less than friction takes."""
+    """Momentum and angular momentum to float32's rounding of two hundred substeps; and in motion and springs together
+    there is never more energy than at the start."""
     simulator, start = flown[1], Simulator(sheets(), device, schedule="gather")
     for kept in (momentum, angular_momentum):
         assert kept(simulator) == pytest.approx(kept(start), abs=2e-6 * np.abs(kept(start)).max())
-    assert 0.5 * all_energy(start) < all_energy(simulator) < all_energy(start)
+    energies, first = [], all_energy(start)
+    for _ in range(FRAMES):
+        start.step()
+        energies.append(all_energy(start))
+    assert 0.9 * first < min(energies) <= max(energies) < (1.0 + 1e-6) * first
 
 
 def test_worlds_do_not_feel_each_other(flown):

@@ -24,8 +24,9 @@ SLACK = 0.1
 """of an edge, that each of two particles may gain on its way between two searches by accelerating"""
 DEPTH = 0.25
 """of the least extent of a balloon at the start, down to which what is inside is pushed out"""
-APART = 3.0
-"""edges between parts of a balloon at the start that may touch"""
+APART = 2.0
+"""edges between parts of a balloon at the start that may touch: farther than neighbors, nearer than what a sharp fold
+brings together"""
 TRIANGLES = 8
 """at most of a part that has no others in it"""
 

@@ -101,7 +101,7 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
-        "list_lengths": room.array((worlds, 2 if traits.touches else 0), wp.int32),
+        "list_lengths": room.array((worlds, 3 if traits.touches else 0), wp.int32),
         "touch_quanta": room.array((worlds, particles, 3), wp.int64),
         "contact_quanta": room.array((worlds, particles), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),

@@ -106,7 +106,8 @@ def crosses(crossing: Crossing):
     s = crossing.parts[0]
     t = crossing.parts[1]
     least = CROSSED * wp.length(crossing.first) * wp.length(crossing.second)
-    return wp.min(s, t) > 0.0 and wp.max(s, t) < 1.0 and wp.length(wp.cross(crossing.first, crossing.second)) > least
+    across_both = wp.dot(wp.cross(crossing.first, crossing.second), crossing.normal)  # of rounding where the gap is
+    return wp.min(s, t) > 0.0 and wp.max(s, t) < 1.0 and wp.abs(across_both) > least
 
 
 @wp.func

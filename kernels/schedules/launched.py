@@ -75,7 +75,7 @@ class Working:
     particle_lists: wp.array3d[wp.int32]
     """those that look around, and those that have found something, see `touch_search`"""
     list_lengths: wp.array2d[wp.int32]
-    """of both"""
+    """of both, and of all edges that may meet"""
     touch_quanta: wp.array3d[wp.int64]
     """forces of contacts on particles in this substep, see `fixed_point`"""
     contact_quanta: wp.array2d[wp.int64]

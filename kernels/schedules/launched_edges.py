@@ -22,12 +22,14 @@ from balloon_warp.kernels.loops.meeting import pair_friction_function, skin_func
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
-from balloon_warp.kernels.schedules.touch_boxes import APART, ARE_NEAR, LOWER, UPPER, boxes_meet, pad_function
+from balloon_warp.kernels.schedules.touch_boxes import APART, LOWER, UPPER, boxes_meet, pad_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 MOST_EDGES = wp.constant(16)
 """that an edge keeps"""
+PAIRS = wp.constant(2)
+"""of edges that may meet: where their number stands, beside the lengths of lists of particles"""
 MOST_SWEEPS = wp.constant(16)
 """over all pairs in a substep; where nothing is pushed any more it ends sooner"""
 
@@ -91,6 +93,8 @@ def finding_edges_function(traits: Traits) -> Any:
                     elif near:
                         wp.atomic_add(working.crowded, world, 1)
         working.edge_counts[world, edge] = count
+        if count > 0:
+            wp.atomic_add(working.list_lengths, world, PAIRS, count)
 
     return find_edges
 
@@ -188,7 +192,7 @@ def edges_function(traits: Traits) -> Any:
         velocities: wp.array[wp.vec3],
     ):
         """Of a world, by the first thread of a block."""
-        if working.near_balloons[world, working.near_balloons.shape[1] - 1] == ARE_NEAR and thread == 0:
+        if thread == 0 and working.list_lengths[world, PAIRS] > 0:
             pushed = bool(True)
             sweep = wp.int32(0)
             while pushed and sweep < MOST_SWEEPS:
