@@ -31,7 +31,9 @@ MOST_EDGES = wp.constant(16)
 PAIRS = wp.constant(2)
 """of edges that may meet: where their number stands, beside the lengths of lists of particles"""
 MOST_SWEEPS = wp.constant(16)
-"""over all pairs in a substep; where nothing is pushed any more it ends sooner"""
+"""over all pairs in a substep; where none comes too near any more it ends sooner"""
+SETTLED = wp.constant(0.01)
+"""of what edges keep between them, by which they may come nearer in a substep: the next one sees to that"""
 
 
 @wp.func
@@ -148,7 +150,7 @@ def edges_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Whether two edges push each other."""
+        """Two edges push each other. Whether the others have to be looked at again."""
         ends = wp.vec4i(
             t.touch.edges[first][0], t.touch.edges[first][1], t.touch.edges[second][0], t.touch.edges[second][1]
         )
@@ -180,7 +182,7 @@ def edges_function(traits: Traits) -> Any:
         for end in range(4):
             velocities[ends[end]] = velocities[ends[end]] + gains[end]
             points[ends[end]] = points[ends[end]] + h * gains[end]
-        return wp.ddot(gains, gains) > 0.0
+        return h * push_apart(parting, crossing.gap, kept, 1.0, h) > SETTLED * kept
 
     @wp.func
     def meet_edges(
