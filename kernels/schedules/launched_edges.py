@@ -23,11 +23,12 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import APART, LOWER, UPPER, boxes_meet, pad_function
+from balloon_warp.kernels.schedules.touch_lists import Distances, slot_for
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 MOST_EDGES = wp.constant(16)
-"""that an edge keeps"""
+"""that an edge keeps: of too many the nearest"""
 PAIRS = wp.constant(2)
 """of edges that may meet: where their number stands, beside the lengths of lists of particles"""
 MOST_SWEEPS = wp.constant(16)
@@ -75,7 +76,10 @@ def finding_edges_function(traits: Traits) -> Any:
         velocities: wp.array[wp.vec3],
     ):
         own = t.particles.balloon[t.touch.edges[edge][0]]
+        a = points[t.touch.edges[edge][0]]
+        b = points[t.touch.edges[edge][1]]
         lower, upper = edge_box(t, edge, points, velocities)
+        kept = Distances()
         count = wp.int32(0)
         begin = wp.where(wp.static(traits.touches_itself), own, own + 1)
         for balloon in range(begin, working.balloon_boxes.shape[1]):
@@ -89,11 +93,14 @@ def finding_edges_function(traits: Traits) -> Any:
                     near = boxes_meet(lower, upper, other_lower, other_upper, pad)
                     if wp.static(traits.touches_itself):
                         near = near and (balloon != own or may_meet(t, own, edge, other))
-                    if near and count < MOST_EDGES:
-                        working.edge_candidates[world, edge, count] = other
-                        count += 1
-                    elif near:
-                        wp.atomic_add(working.crowded, world, 1)
+                    if near:
+                        ends = t.touch.edges[other]
+                        gap = crossing_of(a, b, points[ends[0]], points[ends[1]]).gap
+                        slot = slot_for(working, world, kept, gap * gap, count, MOST_EDGES)
+                        if slot >= 0:
+                            kept[slot] = gap * gap
+                            working.edge_candidates[world, edge, slot] = other
+                            count = wp.max(count, slot + 1)
         working.edge_counts[world, edge] = count
         if count > 0:
             wp.atomic_add(working.list_lengths, world, PAIRS, count)
