@@ -1,4 +1,5 @@
-"""How deep particles are in other balloons, found on the host in another way than the simulation does."""
+"""How deep particles are in other balloons, and in other parts of their own, found on the host in another way than the
+simulation does."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,6 +24,24 @@ def deepest_overlap(parts: Sequence[Points], meshes: Sequence[PolygonMesh]) -> f
     near = ((lower[:, None] < upper[None]) & (lower[None] < upper[:, None])).all(axis=2)
     pairs = np.argwhere(near & ~np.eye(len(parts), dtype=bool)).tolist()
     return max((depth(parts[own], surfaces[other]) for own, other in pairs), default=0.0)
+
+
+def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
+    """How far the particle of a balloon that is deepest in another part of it is from that [m]: what its surface winds
+    around once more than around those on it.
+
+    Args:
+        points: of its particles.
+        mesh: at the start.
+        apart: from a particle to other parts at the start, at least [m].
+    """
+    triangles, centers = surface(replace(mesh, points=points)), surface(mesh).mean(axis=1)
+    inside = np.concatenate([winding(some, triangles) > 1.2 for some in np.array_split(points, len(points) // 100 + 1)])
+    depths = [
+        distances(points[number], triangles[np.linalg.norm(centers - mesh.points[number], axis=1) > apart]).min()
+        for number in np.flatnonzero(inside)
+    ]
+    return max(depths, default=0.0)
 
 
 def surface(mesh: PolygonMesh) -> Points:

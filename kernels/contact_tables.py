@@ -110,3 +110,7 @@ class TouchTable:
     """of each balloon, how far a particle must have been from a triangle of it at the start to touch it [m]"""
     seconds: float
     """between two searches"""
+    edges: wp.array[wp.vec2i]
+    """the particles of those edges that meet others, balloon by balloon; empty where none do"""
+    balloon_edges: wp.array[wp.int32]
+    """where each balloon's edges begin, and after the last, where they end"""

@@ -14,6 +14,7 @@
     correct      springs that are too long are shortened                            `laws.correction`
     touch        spheres and particles exchange momentum, if they do                `loops.touching`
     leave        particles leave spheres, by the paper's rule, obstacles and ground  `loops.obstacles`
+    meet         bodies and particles, small spheres and faces, and sharp edges     `laws.edges`
 
 Where no balloons touch, there is neither `search` nor `press`. Without gas, a particle goes
 from `pull` to `leave` by itself; with it, all wait for the pressure in between.

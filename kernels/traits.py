@@ -80,6 +80,8 @@ class Traits(NamedTuple):
     """balloons touch each other"""
     touches_itself: bool = False
     """or parts of a balloon do"""
+    edges_meet: bool = False
+    """sharp edges do, between particles"""
     frames: Literal["all", "free", "busy"] = "all"
     """those in which the kernels advance a world: in a free one its particles are far from obstacles and each other,
     see `schedules.free_frames`"""
@@ -174,7 +176,7 @@ class Traits(NamedTuple):
     def always_busy(self) -> bool:
         """Whether no frame is free: particles are near their own balloon, or are shifted once all have moved, so that
         nobody knows how far they go."""
-        return self.touches_itself or self.corrected or self.impulses or self.meets_solids
+        return self.touches_itself or self.corrected or self.impulses or self.bodies > 0 or self.small_spheres
 
     @property
     def obstacles(self) -> bool:
@@ -198,8 +200,8 @@ class Traits(NamedTuple):
 
     @property
     def meets_solids(self) -> bool:
-        """Whether free bodies move, or small spheres meet faces, once particles have left all else."""
-        return self.bodies > 0 or self.small_spheres
+        """Whether free bodies move, small spheres meet faces, or edges meet, once particles have left all else."""
+        return self.bodies > 0 or self.small_spheres or self.edges_meet
 
     @property
     def in_blocks(self) -> bool:

@@ -1,11 +1,11 @@
-"""How deep particles of a simulation are in other balloons, and in other parts of their own."""
+"""How deep balloons of a simulation are in each other."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from balloon_warp.benchmarks.overlap import Points, deepest_overlap, distances, surface, winding
+from balloon_warp.benchmarks.overlap import Points, deepest_overlap, dot, surface
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.simulator import Simulator
 
@@ -17,19 +17,21 @@ def deepest(simulator: Simulator, world: int = 0) -> float:
     return deepest_overlap(parts, [shape.mesh for shape in simulator.model.shapes])
 
 
-def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
-    """How far the particle of a balloon that is deepest in another part of it is from that [m]: what its surface winds
-    around once more than around those on it.
+def edges_through(points: Points, ends: NDArray[np.int64], mesh: PolygonMesh) -> int:
+    """How many edges of one balloon go through faces of another (Möller and Trumbore 1997).
 
     Args:
-        points: of its particles.
-        mesh: at the start.
-        apart: from a particle to other parts at the start, at least [m].
+        points: of the one's particles.
+        ends: of its edges, shape (E, 2).
+        mesh: the other.
     """
-    triangles, centers = surface(replace(mesh, points=points)), surface(mesh).mean(axis=1)
-    inside = np.concatenate([winding(some, triangles) > 1.2 for some in np.array_split(points, len(points) // 100 + 1)])
-    depths = [
-        distances(points[number], triangles[np.linalg.norm(centers - mesh.points[number], axis=1) > apart]).min()
-        for number in np.flatnonzero(inside)
-    ]
-    return max(depths, default=0.0)
+    triangles, count = surface(mesh), 0
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    for begin, end in points[ends]:
+        across, start = np.cross(end - begin, second), begin - triangles[:, 0]
+        whole = dot(first, across)
+        whole = np.where(np.abs(whole) > 1e-15, whole, np.inf)
+        beside = np.cross(start, first)
+        u, v, part = dot(start, across) / whole, (beside @ (end - begin)) / whole, dot(beside, second) / whole
+        count += bool(((u > 0.0) & (v > 0.0) & (u + v < 1.0) & (part > 0.0) & (part < 1.0)).any())
+    return count

@@ -13,6 +13,7 @@ from balloon_warp.kernels.schedules.between import (
 )
 from balloon_warp.kernels.schedules.launched import Working, leave_kernel
 from balloon_warp.kernels.schedules.launched_bodies import body_kernel, tumble_kernel
+from balloon_warp.kernels.schedules.launched_edges import edge_kernel
 from balloon_warp.kernels.schedules.launched_faces import face_kernel
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
@@ -162,7 +163,8 @@ class Pieces:
             self._touching.press(state, points, velocities)
 
     def touch(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
-        """Spheres and particles exchange momentum, as do bodies and particles, and small spheres and faces."""
+        """Spheres and particles exchange momentum, as do bodies and particles, small spheres and faces, and
+        edges."""
         m = self.model
         if self.traits.impulses:
             wp.launch_tiled(
@@ -172,7 +174,11 @@ class Pieces:
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )
-        kernels = {body_kernel: self.traits.bodies > 0, face_kernel: self.traits.small_spheres}
+        kernels = {
+            body_kernel: self.traits.bodies > 0,
+            face_kernel: self.traits.small_spheres,
+            edge_kernel: self.traits.edges_meet,
+        }
         for kernel in [kernel for kernel, needed in kernels.items() if needed]:
             wp.launch_tiled(
                 kernel(self.traits),

@@ -12,6 +12,7 @@ from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model
+from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.model.touch import STIFFNESSES, THICKNESS, crowd_of, edge_length
 
 SEARCH_SECONDS = 1.0 / 480.0
@@ -23,8 +24,9 @@ SLACK = 0.1
 """of an edge, that each of two particles may gain on its way between two searches by accelerating"""
 DEPTH = 0.25
 """of the least extent of a balloon at the start, down to which what is inside is pushed out"""
-APART = 3.0
-"""edges between parts of a balloon at the start that may touch"""
+APART = 2.0
+"""edges between parts of a balloon at the start that may touch: farther than neighbors, nearer than what a sharp fold
+brings together"""
 TRIANGLES = 8
 """at most of a part that has no others in it"""
 
@@ -65,6 +67,10 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.depth = array(DEPTH * np.array(extents), float)
     table.crowd = array([crowd_of(shapes, number, traits.touches_itself) for number in range(len(shapes))], float)
     table.stiffness = model.parameters[STIFFNESSES]
+    if traits.edges_meet:
+        sharp = [sharp_edges(shape.mesh) for shape in shapes]
+        table.edges = array(np.concatenate([own + o for own, o in zip(sharp, offsets[:-1], strict=True)]), wp.vec2i)
+        table.balloon_edges = array(np.cumsum([0, *map(len, sharp)]), wp.int32)
     rest, boxes = np.zeros((0, 3)), np.zeros((0, 2, 3))
     if traits.touches_itself:
         rest = np.concatenate([shape.mesh.points for shape in shapes])

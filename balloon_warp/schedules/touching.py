@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.schedules.launched_edges import MOST_EDGES, find_edges_kernel
 from balloon_warp.kernels.schedules.launched_press import press_kernel, take_counts
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, box_parts, meet_kernel
 from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES
@@ -11,6 +12,7 @@ from balloon_warp.kernels.schedules.touch_search import find_kernel, looking_ker
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
@@ -30,6 +32,7 @@ class TouchPieces:
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
         self._part_threads = tables.touch.part_ends.shape[0] if model.device.is_cuda else 1
+        self._edge_threads = working.edge_counts.shape[1] if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
 
     def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
@@ -53,6 +56,10 @@ class TouchPieces:
         moving = world_state(state), points, velocities, working
         wp.launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
         wp.launch(find_kernel(self._traits), inputs=[t, particles, *moving], **place)
+        if self._traits.edges_meet:
+            threads = self._edge_threads
+            inputs = [t, threads, points, velocities, working]
+            wp.launch(find_edges_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
         if substep == 0:  # what came before is not known where a run begins with a saved state
             working.contact_quanta.zero_()
             self._press(state, points, velocities, only_counts=True)
@@ -76,7 +83,8 @@ def crowding_remarks(crowded: int) -> list[str]:
         return []
     return [
         f"touch: {crowded:,} times a particle had more triangles of a balloon near than the {int(MOST_OF_BALLOON)} "
-        "nearest, which it keeps until the next search; more substeps help"
+        f"nearest, which it keeps until the next search, or a sharp edge more than {int(MOST_EDGES)} others; more "
+        "substeps help"
     ]
 
 
@@ -85,6 +93,7 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     worlds = model.world_count
     balloons, particles = (model.balloon_count, model.particle_count) if traits.touches else (0, 0)
     parts = sum(part_count(shape.mesh) for shape in model.shapes) if traits.touches else 0
+    edges = sum(len(sharp_edges(shape.mesh)) for shape in model.shapes) if traits.edges_meet else 0
     return {
         "balloon_boxes": room.array((worlds, balloons, 3), wp.vec3),
         "part_boxes": room.array((worlds, parts, 2), wp.vec3),
@@ -92,9 +101,11 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
-        "list_lengths": room.array((worlds, 2 if traits.touches else 0), wp.int32),
+        "list_lengths": room.array((worlds, 3 if traits.touches else 0), wp.int32),
         "touch_quanta": room.array((worlds, particles, 3), wp.int64),
         "contact_quanta": room.array((worlds, particles), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
+        "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
+        "edge_counts": room.array((worlds, edges), wp.int32),
         "crowded": room.array(worlds if traits.touches else 0, wp.int32),
     }

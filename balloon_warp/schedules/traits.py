@@ -8,6 +8,7 @@ from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, values_over_time
+from balloon_warp.model.sharp_edges import edges_meet
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
@@ -71,6 +72,7 @@ def model_traits(model: Model) -> Traits:
         body_meshes=any(body.shape == "mesh" for body in scene.body),
         touches=scene.touches,
         touches_itself=scene.touches_itself,
+        edges_meet=edges_meet(scene, model.shapes),
     )
 
 

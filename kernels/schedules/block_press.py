@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat
+from balloon_warp.kernels.schedules.launched_edges import finding_edges_function
 from balloon_warp.kernels.schedules.launched_press import pressing_function, take_count, take_pushes
 from balloon_warp.kernels.schedules.touch_boxes import (
     APART,
@@ -48,6 +49,7 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
     note_looking, list_triangles = looking_function(traits), listing_function(traits)
     press_particle = pressing_function(traits)
     may_meet = meet_function(traits)
+    find_edges = finding_edges_function(traits) if traits.edges_meet else None
     warps = layout.warps
 
     @wp.func
@@ -104,6 +106,9 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
                     t, state, memory.contacts, seat.world, memory.contacts.particle_lists[seat.world, LOOKING, place],
                     state.points[seat.world], velocities,
                 )  # fmt: skip
+            if wp.static(traits.edges_meet):
+                for edge in range(seat.thread, t.touch.edges.shape[0], wp.block_dim()):
+                    find_edges(t, memory.contacts, seat.world, edge, state.points[seat.world], velocities)
             block_barrier()
 
     @wp.func

@@ -1,4 +1,4 @@
-"""Free bodies, and small spheres that meet faces, by the threads of a block.
+"""Free bodies, small spheres that meet faces, and edges that meet, by the threads of a block.
 
 What they do with particles is what launches do, with the same functions: once all particles have moved, they and the
 spheres are put into the state, and taken from there when all have met."""
@@ -14,6 +14,7 @@ from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Seat
 from balloon_warp.kernels.schedules.launched_bodies import bodies_function
+from balloon_warp.kernels.schedules.launched_edges import edges_function
 from balloon_warp.kernels.schedules.launched_faces import faces_function
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
@@ -26,8 +27,8 @@ class Solids(NamedTuple):
     tumble: Any
     """(t, state, memory, seat): bodies by a substep, once spheres have moved; a barrier follows"""
     meet: Any
-    """(t, state, memory, seat, source, target, velocities): bodies and particles, then spheres and faces, once
-    particles have moved and left all else; a barrier follows"""
+    """(t, state, memory, seat, source, target, velocities): bodies and particles, spheres and faces, then
+    edges, once particles have moved and left all else; a barrier follows"""
 
 
 @cache
@@ -36,6 +37,7 @@ def solids_of(traits: Traits, board: Board, gas: GasSums) -> Solids:
     tumble_bodies = tumbling_function(traits) if traits.bodies else None
     touch_bodies = bodies_function(traits) if traits.bodies else None
     meet_faces = faces_function(traits) if traits.small_spheres else None
+    meet_edges = edges_function(traits) if traits.edges_meet else None
     molar_mass = traits.columns.places["molar_mass"]
 
     @wp.func
@@ -106,6 +108,9 @@ def solids_of(traits: Traits, board: Board, gas: GasSums) -> Solids:
             block_barrier()
         if wp.static(traits.small_spheres):
             meet_faces(t, state, memory.contacts, seat.world, seat.thread, points, velocities)
+            block_barrier()
+        if wp.static(traits.edges_meet):
+            meet_edges(t, memory.contacts, seat.world, seat.thread, points, velocities)
             block_barrier()
         take_spheres(t, state, seat)
         for particle in range(seat.thread, seat.count, wp.block_dim()):

@@ -75,7 +75,7 @@ class Working:
     particle_lists: wp.array3d[wp.int32]
     """those that look around, and those that have found something, see `touch_search`"""
     list_lengths: wp.array2d[wp.int32]
-    """of both"""
+    """of both, and of all edges that may meet"""
     touch_quanta: wp.array3d[wp.int64]
     """forces of contacts on particles in this substep, see `fixed_point`"""
     contact_quanta: wp.array2d[wp.int64]
@@ -83,7 +83,12 @@ class Working:
     contacts: wp.array2d[float]
     """how many they had in the substep before"""
     crowded: wp.array[wp.int32]
-    """how often a triangle had no place in a list"""
+    """how often a triangle, or an edge, had no place in a list"""
+    edge_candidates: wp.array3d[wp.int32]
+    """edges that each may meet: shape (world_count, edges, most); empty unless sharp edges meet, see `launched_edges`,
+    as is the next"""
+    edge_counts: wp.array2d[wp.int32]
+    """how many they are"""
 
 
 @cache

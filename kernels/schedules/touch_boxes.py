@@ -125,9 +125,9 @@ def what_to_do(before: wp.int32, near: bool):
 
 @wp.func
 def forget_lists(working: Working, world: wp.int32):
-    """Of particles, see `touch_search`."""
-    working.list_lengths[world, 0] = 0
-    working.list_lengths[world, 1] = 0
+    """Of particles, see `touch_search`, and of edges, see `launched_edges`."""
+    for which in range(3):
+        working.list_lengths[world, which] = 0
 
 
 @cache

@@ -1,0 +1,38 @@
+"""Edges that others may meet between particles: rims of open sheets, and sharp ones."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.corners import corner_faces, next_corners
+from balloon_warp.mesh.geometry import face_vector_areas
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.topology import mesh_edges
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Scene
+
+SHARP = 0.5
+"""cosine of the angle at the start between the normals of an edge's two faces, below which it is sharp: 60 degrees"""
+
+
+def edges_meet(scene: Scene, shapes: Sequence[BalloonShape]) -> bool:
+    """Whether sharp edges of balloons may meet others."""
+    if not scene.touches:
+        return False
+    have = [len(sharp_edges(shape.mesh)) > 0 for shape in shapes]
+    return any(have) if scene.touches_itself else sum(have) > 1
+
+
+def sharp_edges(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """The ends of those of a mesh, shape (E, 2): in the order and direction in which faces first run along them, which
+    hangs on no vertex's number."""
+    edges = mesh_edges(mesh)
+    areas = face_vector_areas(mesh)
+    normals = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)
+    normals = normals[corner_faces(mesh)[edges.corners]] * np.where(edges.forward, 1.0, -1.0)[:, None]
+    other = np.minimum(edges.starts + 1, len(edges.corners) - 1)
+    cosine = -(normals[edges.starts] * normals[other]).sum(axis=1)  # the faces of an edge run along it both ways
+    firsts = np.sort(edges.corners[edges.starts[(edges.face_counts != 2) | (cosine < SHARP)]])
+    following = next_corners(mesh)[firsts]
+    return mesh.face_vertex_indices[np.stack([firsts, following], axis=1)].astype(np.int64)
