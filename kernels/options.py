@@ -19,16 +19,4 @@ def _flags() -> str:
     return f"{flags} -DWP_NO_BFLOAT16= -fpch-instantiate-templates"
 
 
-def _leave_out_what_is_not_called() -> None:
-    """For every struct Warp writes functions that add gradients up, which nothing of ours calls. What is inline and not
-    called is not compiled: half of a small kernel's time. A Warp that writes them otherwise goes on as it is."""
-    try:
-        from warp._src import codegen
-
-        codegen.struct_template = codegen.struct_template.replace("\nCUDA_CALLABLE ", "\ninline CUDA_CALLABLE ")
-    except (ImportError, AttributeError):
-        pass
-
-
 OPTIONS = {"cpu_compiler_flags": _flags()}
-_leave_out_what_is_not_called()
