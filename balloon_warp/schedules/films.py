@@ -1,5 +1,7 @@
 """Membranes as blocks go through them: face by face."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -29,7 +31,7 @@ def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
     return FilmLayout(most, triangles, mixed, bool(traits.measures_areas and all_there and not mixed))
 
 
-def film_table(model: Model, layout: FilmLayout | None) -> FilmTable:
+def film_table(model: Model, layout: FilmLayout | None) -> Any:
     """For the layout; empty without one."""
     table = FilmTable()
     if layout is None:

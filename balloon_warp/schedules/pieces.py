@@ -11,10 +11,10 @@ from balloon_warp.kernels.schedules.between import (
     read_sphere_forces,
     write_sphere_forces,
 )
-from balloon_warp.kernels.schedules.launched import Working, leave_kernel
-from balloon_warp.kernels.schedules.launched_bodies import body_kernel, tumble_kernel
-from balloon_warp.kernels.schedules.launched_edges import edge_kernel
-from balloon_warp.kernels.schedules.launched_faces import face_kernel
+from balloon_warp.kernels.schedules.launched import Working, kernel_of_worlds, leave_kernel
+from balloon_warp.kernels.schedules.launched_bodies import bodies_function, tumble_kernel
+from balloon_warp.kernels.schedules.launched_edges import edges_function
+from balloon_warp.kernels.schedules.launched_faces import faces_function
 from balloon_warp.kernels.schedules.launched_gas import (
     LARGE,
     PARTICLES_OF_PART,
@@ -174,14 +174,14 @@ class Pieces:
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,
                 device=m.device,
             )
-        kernels = {
-            body_kernel: self.traits.bodies > 0,
-            face_kernel: self.traits.small_spheres,
-            edge_kernel: self.traits.edges_meet,
+        meetings = {
+            bodies_function: self.traits.bodies > 0,
+            faces_function: self.traits.small_spheres,
+            edges_function: self.traits.edges_meet,
         }
-        for kernel in [kernel for kernel, needed in kernels.items() if needed]:
+        for meeting in [meeting for meeting, happens in meetings.items() if happens]:
             wp.launch_tiled(
-                kernel(self.traits),
+                kernel_of_worlds(meeting(self.traits)),
                 dim=[m.world_count],
                 inputs=[self.tables, world_state(state), self.working, points, velocities],
                 block_dim=TOUCH_THREADS if m.device.is_cuda else 1,

@@ -110,7 +110,7 @@ def solids_of(traits: Traits, board: Board, gas: GasSums) -> Solids:
             meet_faces(t, state, memory.contacts, seat.world, seat.thread, points, velocities)
             block_barrier()
         if wp.static(traits.edges_meet):
-            meet_edges(t, memory.contacts, seat.world, seat.thread, points, velocities)
+            meet_edges(t, state, memory.contacts, seat.world, seat.thread, points, velocities)
             block_barrier()
         take_spheres(t, state, seat)
         for particle in range(seat.thread, seat.count, wp.block_dim()):

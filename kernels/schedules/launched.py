@@ -217,3 +217,24 @@ def leave_kernel(traits: Traits) -> Any:
             velocities[world, particle] = velocity
 
     return leave_after_correction
+
+
+@cache
+def kernel_of_worlds(act: Any) -> Any:
+    """A kernel in which each world has a block, whose threads all do what a function says."""
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def act_in_worlds(
+        # model
+        t: Tables,
+        # state in and out
+        state: WorldState,
+        working: Working,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+    ):
+        """A block a world."""
+        world, thread = wp.tid()
+        act(t, state, working, world, thread, points[world], velocities[world])
+
+    return act_in_worlds

@@ -192,25 +192,3 @@ def bodies_function(traits: Traits) -> Any:
                 block_barrier()
 
     return touch_bodies
-
-
-@cache
-def body_kernel(traits: Traits) -> Any:
-    """The kernel of that."""
-    touch = bodies_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def touch_bodies(
-        # model
-        t: Tables,
-        # state in and out
-        state: WorldState,
-        working: Working,
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-    ):
-        """A block a world."""
-        world, thread = wp.tid()
-        touch(t, state, working, world, thread, points[world], velocities[world])
-
-    return touch_bodies

@@ -194,6 +194,7 @@ def edges_function(traits: Traits) -> Any:
     @wp.func
     def meet_edges(
         t: Tables,
+        state: WorldState,
         working: Working,
         world: wp.int32,
         thread: wp.int32,
@@ -212,28 +213,5 @@ def edges_function(traits: Traits) -> Any:
                         other = working.edge_candidates[world, edge, place]
                         if push_pair(t, working, world, edge, other, points, velocities):
                             pushed = bool(True)
-
-    return meet_edges
-
-
-@cache
-def edge_kernel(traits: Traits) -> Any:
-    """The kernel of that."""
-    meet = edges_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def meet_edges(
-        # model
-        t: Tables,
-        # state
-        state: WorldState,
-        # in and out
-        working: Working,
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-    ):
-        """A block a world."""
-        world, thread = wp.tid()
-        meet(t, working, world, thread, points[world], velocities[world])
 
     return meet_edges

@@ -15,7 +15,6 @@ from balloon_warp.kernels.laws.collision import NEVER
 from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
-from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import boxes_meet
@@ -243,27 +242,5 @@ def faces_function(traits: Traits) -> Any:
                             lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
                             move_lump(t, state, working, world, sphere, lumped, points, velocities)
                         block_barrier()
-
-    return meet_faces
-
-
-@cache
-def face_kernel(traits: Traits) -> Any:
-    """The kernel of that."""
-    meet = faces_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def meet_faces(
-        # model
-        t: Tables,
-        # state in and out
-        state: WorldState,
-        working: Working,
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-    ):
-        """A block a world."""
-        world, thread = wp.tid()
-        meet(t, state, working, world, thread, points[world], velocities[world])
 
     return meet_faces
