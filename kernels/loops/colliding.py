@@ -58,7 +58,8 @@ def put_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32, po
 
 @cache
 def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
-    """The function that lets the spheres of a world meet, once all have moved: by one thread, in the same order.
+    """The function that lets the spheres of a world meet, once all have moved: by one thread, in the same order; and
+    the one that tells whether two of them may.
 
     Args:
         path_at: the function that gives a sphere's place before the step, its place after it, and its velocity.
@@ -147,6 +148,15 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         return mine, other
 
     @wp.func
+    def may_meet(t: Tables, spheres: Any, world: wp.int32, first: wp.int32, second: wp.int32):
+        """Whether two are so near that they may meet in the step."""
+        start, end, _velocity = path_at(t, spheres, world, first)
+        other_start, other_end, _other_velocity = path_at(t, spheres, world, second)
+        reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
+        way = wp.length(end - start) + wp.length(other_end - other_start)
+        return wp.length(other_start - start) <= 1.001 * (reach + way)
+
+    @wp.func
     def meet_pair(
         t: Tables,
         spheres: Any,
@@ -201,4 +211,4 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
                         moving = moving or moved
             sweep += 1
 
-    return collide
+    return collide, may_meet

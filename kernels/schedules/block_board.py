@@ -16,6 +16,7 @@ from balloon_warp.kernels.measure.health import look_at_sphere
 from balloon_warp.kernels.schedules.block_memory import Layout
 from balloon_warp.kernels.schedules.warps import (
     WARP_THREADS,
+    any_in_warp,
     block_barrier,
     read_entry,
     shared_words,
@@ -162,7 +163,19 @@ def board_of(traits: Traits, layout: Layout) -> Board:
         write_entry(board(), place_of(substep, sphere), position, place[3])
         write_entry(board(), motion_of(substep, sphere), velocity, motion[3])
 
-    collide = colliding_function(traits, path_at, put_path) if traits.spheres_meet else None
+    collide, may_meet = colliding_function(traits, path_at, put_path) if traits.spheres_meet else (None, None)
+
+    @wp.func
+    def meet(t: Tables, spins: wp.array2d[wp.vec3], world: wp.int32, thread: wp.int32, substep: wp.int32, end: float):
+        """By the first warp, which looks at all pairs; few are ever near."""
+        near = bool(False)
+        for pair in range(thread, count * count, wp.min(WARP_THREADS, wp.block_dim())):
+            first = pair // count
+            second = pair % count
+            if first < second:
+                near = near or may_meet(t, substep, world, first, second)
+        if any_in_warp(near) and thread == 0:
+            collide(t, substep, spins, world, end)
 
     @wp.func
     def roll(t: Tables, spins: wp.array2d[wp.vec3], world: wp.int32, thread: wp.int32, substep: wp.int32, end: float):
@@ -171,8 +184,8 @@ def board_of(traits: Traits, layout: Layout) -> Board:
                 _center, _velocity, _radius = roll_sphere(t, spins, world, thread, substep, end, sphere)
         if wp.static(traits.spheres_meet):
             block_barrier()
-            if thread == 0:
-                collide(t, substep, spins, world, end)
+            if thread < WARP_THREADS:
+                meet(t, spins, world, thread, substep, end)
 
     @wp.func
     def sphere_at(t: Tables, substep: wp.int32, world: wp.int32, sphere: wp.int32):

@@ -24,7 +24,7 @@ def roll_function(traits: Traits, layout: Layout) -> Any:
         traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
     )
     roll_by_a_step = rolling_function(traits)
-    collide = colliding_function(traits, path_in_arrays, put_in_arrays) if traits.spheres_meet else None
+    collide = colliding_function(traits, path_in_arrays, put_in_arrays)[0] if traits.spheres_meet else None
 
     @wp.func
     def roll_sphere(t: LaneTables, state: WorldState, lanes: LaneState, world: wp.int32, end: float, sphere: wp.int32):

@@ -66,7 +66,7 @@ def roll_kernel(traits: Traits) -> Any:
 @cache
 def collide_kernel(traits: Traits) -> Any:
     """The kernel by which spheres that have moved meet each other."""
-    collide = colliding_function(traits, path_in_arrays, put_in_arrays)
+    collide = colliding_function(traits, path_in_arrays, put_in_arrays)[0]
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def collide_spheres(
