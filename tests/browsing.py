@@ -126,6 +126,15 @@ def unfold(window, folder: str, inside: str) -> None:
         window.get_by_text(inside, exact=True).wait_for()
 
 
+def click_inside(window, folder: str, label: str) -> None:
+    """What stands in a folder, which a panel that is made anew meanwhile has folded again."""
+    for patience in (5_000, 10_000, 30_000):  # [ms]
+        unfold(window, folder, label)
+        with contextlib.suppress(playwright.TimeoutError):
+            return window.get_by_label(label).click(timeout=patience)
+    raise AssertionError(f"{label}: could not be clicked")
+
+
 def toggle(window, label: str) -> None:
     unfold(window, "Show", "smooth balloon")
     window.get_by_label(label, exact=True).click()

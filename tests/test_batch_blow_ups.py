@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from meshes import cube
 from numpy.typing import NDArray
-from pxr import Usd
+from pxr import Gf, Usd
 
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.mesh.obj import write_obj
@@ -77,6 +77,8 @@ def samples(folder: Path, place: int) -> dict[str, NDArray[np.float64]]:
         for attribute in prim.GetAttributes():
             for time in attribute.GetTimeSamples():
                 value = attribute.Get(time)
+                if isinstance(value, Gf.Quatf):
+                    value = (value.GetReal(), *value.GetImaginary())
                 if not isinstance(value, str):
                     path = attribute.GetPath().MakeRelativePath(root.GetPath())
                     found[f"{path} {time:g}"] = np.array(value, dtype=np.float64)

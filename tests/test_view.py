@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browsing import (
     asked,
+    click_inside,
     click_the_balloon,
     inflation_is,
     middle_of_the_balloon,
@@ -158,8 +159,7 @@ def test_reset_goes_back_to_the_start(fresh, served):
 
 def test_a_blow_up_is_caught_and_undone(fresh, served):
     asked(served, 40)
-    unfold(fresh, "Balloon", "as many substeps as stability asks")
-    fresh.get_by_label("as many substeps as stability asks").click()
+    click_inside(fresh, "Balloon", "as many substeps as stability asks")
     stiffness = "structural springs"
     slide(fresh, stiffness, 200.0, lambda: served.session.picture.scene.balloon[0].stiffness.structural == 200.0)
     served.session.set("balloon.stiffness.structural", 1e9)
