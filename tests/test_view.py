@@ -141,6 +141,7 @@ def test_a_recording_is_a_stage_and_a_scene_that_replays_it(fresh, served):
     stop.click()
     wait_until(lambda: not served.session.recording, "it stops")
     wait_until(lambda: list(served.session.folder.glob("*.toml")), "it is written")
+    see(fresh, served, fresh.get_by_text("wrote ball_1.usdc").is_visible, "it says so")
     folder = served.session.folder
     stage = Usd.Stage.Open(str(folder / "ball_1.usdc"))
     assert UsdGeom.Mesh(stage.GetPrimAtPath("/World/mesh")).GetPointsAttr().GetNumTimeSamples() > 15

@@ -109,7 +109,7 @@ class Page:
     def _tell(self, sentence: str) -> None:
         for client in self.server.get_clients().values():
             color = "green" if isinstance(sentence, Done) else "red"
-            client.add_notification("Balloon Warp", sentence, auto_close_seconds=8.0, color=color)
+            client.add_notification("Balloon Warp", str(sentence), auto_close_seconds=8.0, color=color)
 
     async def _welcome(self, client: viser.ClientHandle) -> None:
         client.camera.position, client.camera.look_at = (tuple(place.tolist()) for place in self.layers.home)
