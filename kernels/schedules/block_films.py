@@ -30,7 +30,7 @@ from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
-OF_TRIANGLE = wp.constant(-1.0 / 6.0)
+OF_TRIANGLE = wp.constant(1.0 / 6.0)
 """area vector of a corner over the cross of its edges, from the one before and to the one after"""
 
 
