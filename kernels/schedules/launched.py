@@ -187,6 +187,20 @@ def inertia_function(traits: Traits) -> Any:
 
 
 @cache
+def ease_function(traits: Traits) -> Any:
+    """The function that gives 1 over what a particle moves [1/kg], 0 if it is fixed."""
+    _, read_own = own_functions(traits.columns, traits.balloons)
+    inertia = inertia_function(traits)
+
+    @wp.func
+    def ease_of_moving(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
+        mass = inertia(working, read_own(t, world, particle))
+        return wp.where(mass > 0.0, 1.0 / mass, 0.0)
+
+    return ease_of_moving
+
+
+@cache
 def leave_kernel(traits: Traits) -> Any:
     """The kernel by which particles leave obstacles after a correction."""
     _, read_own = own_functions(traits.columns, traits.balloons)

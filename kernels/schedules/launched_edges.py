@@ -20,8 +20,7 @@ from balloon_warp.kernels.laws.edges import (
 )
 from balloon_warp.kernels.loops.meeting import pair_friction_function, skin_functions
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import Working, inertia_function
+from balloon_warp.kernels.schedules.launched import Working, ease_function
 from balloon_warp.kernels.schedules.touch_boxes import APART, LOWER, UPPER, boxes_meet, pad_function
 from balloon_warp.kernels.schedules.touch_lists import Distances, slot_for
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -136,16 +135,9 @@ def find_edges_kernel(traits: Traits) -> Any:
 @cache
 def edges_function(traits: Traits) -> Any:
     """The function by which edges push each other apart, once all particles have moved."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia = inertia_function(traits)
+    ease_of_moving = ease_function(traits)
     thickness_between, _ = skin_functions(traits)
     pair_friction = pair_friction_function(traits)
-
-    @wp.func
-    def ease_of_moving(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
-        """1 over what a particle moves [1/kg], 0 if it is fixed."""
-        mass = inertia(working, read_own(t, world, particle))
-        return wp.where(mass > 0.0, 1.0 / mass, 0.0)
 
     @wp.func
     def push_pair(

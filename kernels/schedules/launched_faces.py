@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import Working, inertia_function
+from balloon_warp.kernels.schedules.launched import Working, ease_function, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import boxes_meet
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_friction, sphere_mass, sphere_radius
@@ -98,14 +98,8 @@ def find_soonest(
 def faces_function(traits: Traits) -> Any:
     """The function by which spheres that are small beside faces meet these, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia = inertia_function(traits)
+    inertia, ease_of_moving = inertia_function(traits), ease_function(traits)
     friction_column = traits.columns.places["balloon_friction"]
-
-    @wp.func
-    def ease_of_moving(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
-        """1 over what a particle moves [1/kg], 0 if it is fixed."""
-        mass = inertia(working, read_own(t, world, particle))
-        return wp.where(mass > 0.0, 1.0 / mass, 0.0)
 
     @wp.func
     def meet_face(
