@@ -44,7 +44,7 @@ def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh) -> None:
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def measure(
-        t: Tables,
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
         points: wp.array[wp.vec3],
         pulls: wp.array[wp.vec3],
         areas: wp.array[wp.vec3],
