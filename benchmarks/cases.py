@@ -133,7 +133,7 @@ class ContactCase:
     worlds: int
     meets: Literal["obstacle", "touch"]
     near: bool
-    """they lie on the obstacle, or are packed; otherwise far away"""
+    """they lie on the obstacle, or are packed in a box; otherwise far away"""
     cells: int = 9
     substeps: int = 32
     quick: bool = False
@@ -143,9 +143,16 @@ class ContactCase:
         """in one world"""
         return (1 if self.meets == "obstacle" else EIGHT) * (6 * self.cells**2 + 2)
 
+    @property
+    def frames_before(self) -> int:
+        """before it is measured: until those that are packed lie still"""
+        return 60 if self.near and self.meets == "touch" else 0
+
     def scene(self) -> Scene:
         """One balloon above a box, or eight."""
-        return _lying(self) if self.meets == "obstacle" else _packed(self)
+        if self.meets == "obstacle":
+            return _lying(self)
+        return _packed(self) if self.near else _apart(self)
 
     def without(self) -> Scene:
         """The same balloons with nothing to meet."""
@@ -161,17 +168,34 @@ def _lying(case: ContactCase) -> Scene:
     return Scene(balloon=[one], obstacle=[box], substeps=case.substeps)
 
 
-def _packed(case: ContactCase) -> Scene:
-    """In two layers of four; packed, each pair is pressed together by a twentieth of its width all the time."""
-    apart = 0.95 if case.near else 4.0
-    places = [(apart * x, apart * y, apart * z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    held = [balloon.model_copy(update={"fixed": [0]}) for balloon in (_pressed(case.cells, place) for place in places)]
+def _apart(case: ContactCase) -> Scene:
+    """In two layers of four."""
+    held = [balloon.model_copy(update={"fixed": [0]}) for balloon in _eight(case, 4.0, 20.0)]
     return Scene(balloon=held, touch=Touch(), substeps=case.substeps, gravity=0.0)
 
 
-def _pressed(cells: int, place: tuple[float, float, float]) -> Balloon:
+def _packed(case: ContactCase) -> Scene:
+    """In two layers of four, in a box that presses each from all sides by a twentieth of its width: free they would
+    swell to a radius of 0.535 m."""
+    side = 4.0 * 0.535 * 0.95
+    walls = [((0.0, -0.5, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.5, 0.0), (0.0, 0.0, 180.0))]
+    walls += [((-0.5, 0.0, 0.0), (0.0, 0.0, -90.0)), ((0.5, 0.0, 0.0), (0.0, 0.0, 90.0))]
+    walls += [((0.0, 0.0, -0.5), (90.0, 0.0, 0.0)), ((0.0, 0.0, 0.5), (-90.0, 0.0, 0.0))]
+    box = [Obstacle(shape="plane", position=(side * x, side * y, side * z), rotation=turn) for (x, y, z), turn in walls]
+    return Scene(
+        balloon=_eight(case, 0.5 * side, 6.0), obstacle=box, touch=Touch(), substeps=case.substeps, gravity=0.0
+    )
+
+
+def _eight(case: ContactCase, apart: float, pressure: float) -> list[Balloon]:
+    middles = (-0.5 * apart, 0.5 * apart)
+    places = [(x, y, z) for x in middles for y in middles for z in middles]
+    return [_pressed(case.cells, place, pressure) for place in places]
+
+
+def _pressed(cells: int, place: tuple[float, float, float], pressure: float = 20.0) -> Balloon:
     balloon = Case("", "auto", 1, cells).scene().balloon[0]
-    inflation = Inflation(kind="pressure", pressure=20.0)
+    inflation = Inflation(kind="pressure", pressure=pressure)
     return balloon.model_copy(update={"position": place, "inflation": inflation})
 
 
@@ -211,7 +235,7 @@ def contact_cases(schedule: str, worlds: int, worlds_of_eight: int) -> Iterator[
     """One balloon and a box, and eight balloons."""
     for near, where in ((False, "far from"), (True, "on")):
         yield ContactCase(f"{worlds:,} balloons {where} a box", schedule, worlds, "obstacle", near)
-    for near, how in ((False, "far apart"), (True, "packed")):
+    for near, how in ((False, "far apart"), (True, "packed in a box")):
         name = f"{worlds_of_eight:,} worlds of eight balloons that touch, {how}"
         yield ContactCase(name, schedule, worlds_of_eight, "touch", near)
 

@@ -12,7 +12,7 @@ from balloon_warp.benchmarks.newton_peer import NewtonPeer
 from balloon_warp.benchmarks.result import Result, beside
 from balloon_warp.benchmarks.rubber import RubberCase
 from balloon_warp.errors import MissingExtraError
-from balloon_warp.model import Model, build_model
+from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.schedules import make_schedule
 
 
@@ -20,10 +20,10 @@ def measure_rate(case: Case | ContactCase | RubberCase, device: wp.Device) -> Re
     """A case's rate, in turns with its peer's where it has one; Newton only where that is installed."""
     schedule = _schedule(case, device)
     peer_name, peers = _peers(case, schedule.model)
-    rates = [
-        _work(contender.model) / seconds
-        for contender, seconds in zip([schedule, *peers], seconds_a_frame([schedule, *peers]), strict=True)
-    ]
+    contenders = [schedule, *peers]
+    before = case.frames_before if isinstance(case, ContactCase) else 0
+    seconds = seconds_a_frame(contenders, states=[_state_after(before, contender) for contender in contenders])
+    rates = [_work(contender.model) / each for contender, each in zip(contenders, seconds, strict=True)]
     limit = bound(schedule.model, schedule.name)
     return Result(
         case=case.name,
@@ -38,6 +38,14 @@ def measure_rate(case: Case | ContactCase | RubberCase, device: wp.Device) -> Re
 
 def _schedule(case: Case | ContactCase | RubberCase, device: wp.Device) -> Any:
     return make_schedule(build_model(case.scene(), device, case.worlds), case.schedule)
+
+
+def _state_after(frames: int, schedule: Any) -> State:
+    """What it begins with, so many frames later."""
+    state = initial_state(schedule.model)
+    for _ in range(frames):
+        schedule.advance_frame(state)
+    return state
 
 
 def _work(model: Model) -> int:
