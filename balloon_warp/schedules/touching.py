@@ -6,8 +6,9 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.launched_edges import MOST_EDGES, find_edges_kernel
 from balloon_warp.kernels.schedules.launched_press import press_kernel, take_counts
-from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, box_parts, meet_kernel
+from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, meet_kernel
 from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES
+from balloon_warp.kernels.schedules.touch_parts import box_parts
 from balloon_warp.kernels.schedules.touch_search import find_kernel, looking_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
@@ -36,14 +37,14 @@ class TouchPieces:
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
 
     def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
-        """Who may touch whom, at a frame's first substep and now and then after it."""
+        """Who may touch whom, at a frame's first substep; now and then after it, where particles have strayed since."""
         if substep % self._interval:
             return
         m, t, working = self.model, self._tables, self._working
         wp.launch_tiled(
             box_balloons,
             dim=(m.world_count, m.balloon_count),
-            inputs=[t, points, velocities, working],
+            inputs=[t, points, velocities, int(substep == 0), working],
             block_dim=BOX_THREADS if m.device.is_cuda else 1,
             device=m.device,
         )
@@ -96,7 +97,10 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     edges = sum(len(sharp_edges(shape.mesh)) for shape in model.shapes) if traits.edges_meet else 0
     return {
         "balloon_boxes": room.array((worlds, balloons, 3), wp.vec3),
+        "sought": room.array((worlds, particles), wp.vec3),
         "part_boxes": room.array((worlds, parts, 2), wp.vec3),
+        "neighbors": room.array((worlds, balloons, balloons), wp.int32),
+        "neighbor_counts": room.array((worlds, balloons), wp.int32),
         "near_balloons": room.array((worlds, balloons + 1 if traits.touches else 0), wp.int32),
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),

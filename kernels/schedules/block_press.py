@@ -11,16 +11,19 @@ from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Sea
 from balloon_warp.kernels.schedules.launched_edges import finding_edges_function
 from balloon_warp.kernels.schedules.launched_press import pressing_function, take_count, take_pushes
 from balloon_warp.kernels.schedules.touch_boxes import (
+    ALONE,
     APART,
     LOWER,
-    SPEED,
     UPPER,
-    box_part,
-    forget_lists,
+    Sweep,
+    decide,
+    has_strayed,
+    is_searched,
     meet_function,
+    put_sweep,
     sweep_of,
-    what_to_do,
 )
+from balloon_warp.kernels.schedules.touch_parts import box_of_parts, box_whole_part, is_boxed, is_whole
 from balloon_warp.kernels.schedules.touch_search import LOOKING, TOUCHING, listing_function, looking_function
 from balloon_warp.kernels.schedules.warps import WARP_THREADS, any_in_block, block_barrier, warp_max
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -48,56 +51,69 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
     """For the warps of a block."""
     note_looking, list_triangles = looking_function(traits), listing_function(traits)
     press_particle = pressing_function(traits)
-    may_meet = meet_function(traits)
+    meet = meet_function(traits)
     find_edges = finding_edges_function(traits) if traits.edges_meet else None
     warps = layout.warps
 
     @wp.func
     def box_balloons(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
         """A warp a balloon: see the kernel of that name."""
-        boxes = memory.contacts.balloon_boxes[seat.world]
-        for balloon in range(seat.thread // WARP_THREADS, boxes.shape[0], warps):
-            lower, upper, fastest = sweep_of(
+        for balloon in range(seat.thread // WARP_THREADS, memory.contacts.balloon_boxes.shape[1], warps):
+            own = sweep_of(
                 t, balloon, seat.thread % WARP_THREADS, wp.min(WARP_THREADS, wp.block_dim()),
-                state.points[seat.world], velocities,
+                state.points[seat.world], velocities, memory.contacts.sought[seat.world],
             )  # fmt: skip
-            first = -warp_max_of_vectors(-lower)
-            last = warp_max_of_vectors(upper)
-            speed = wp.sqrt(warp_max(fastest))
+            sweep = Sweep()
+            sweep.lower = -warp_max_of_vectors(-own.lower)
+            sweep.upper = warp_max_of_vectors(own.upper)
+            sweep.fastest = warp_max(own.fastest)
+            sweep.strayed = warp_max(own.strayed)
             if seat.thread % WARP_THREADS == 0:
-                boxes[balloon, LOWER] = first
-                boxes[balloon, UPPER] = last
-                boxes[balloon, SPEED] = wp.vec3(speed)
+                put_sweep(t, memory.contacts, seat.world, balloon, sweep, seat.substep == 0)
 
     @wp.func
     def box_parts(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
-        """First of parts that have no others in them, of which the others' are made."""
-        points = state.points[seat.world]
-        for inner in range(2):
-            for part in range(seat.thread, t.touch.part_ends.shape[0], wp.block_dim()):
-                box_part(t, memory.contacts, seat.world, part, 1 - inner, points, velocities)
-            block_barrier()
+        """First of parts that have no others in them, of which the others' are made, by a warp each."""
+        boxes = memory.contacts.part_boxes[seat.world]
+        for part in range(seat.thread, boxes.shape[0], wp.block_dim()):
+            if is_whole(t, part) and is_boxed(t, memory.contacts, seat.world, part):
+                box_whole_part(t, memory.contacts, seat.world, part, state.points[seat.world], velocities)
+        block_barrier()
+        for part in range(seat.thread // WARP_THREADS, boxes.shape[0], warps):
+            if not is_whole(t, part) and is_boxed(t, memory.contacts, seat.world, part):
+                own_lower, own_upper = box_of_parts(
+                    t, memory.contacts, seat.world, part, seat.thread % WARP_THREADS,
+                    wp.min(WARP_THREADS, wp.block_dim()),
+                )  # fmt: skip
+                lower = -warp_max_of_vectors(-own_lower)
+                upper = warp_max_of_vectors(own_upper)
+                if seat.thread % WARP_THREADS == 0:
+                    boxes[part, LOWER] = lower
+                    boxes[part, UPPER] = upper
+        block_barrier()
 
     @wp.func
     def search(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
-        """Who may touch whom until the next search."""
+        """Who may touch whom until the next search, if what the last one found does not do."""
         near_balloons = memory.contacts.near_balloons[seat.world]
         balloons = near_balloons.shape[0] - 1
         box_balloons(t, state, memory, seat, velocities)
         block_barrier()
         near = bool(False)
+        strayed = bool(False)
         for balloon in range(seat.thread, balloons, wp.block_dim()):
-            meets = may_meet(t, memory.contacts, seat.world, balloon)
-            near_balloons[balloon] = wp.where(meets, 1, 0)
-            near = near or meets
+            does = meet(t, memory.contacts, seat.world, balloon)
+            near_balloons[balloon] = does
+            near = near or does != ALONE
+            strayed = strayed or has_strayed(memory.contacts, seat.world, balloon)
         any_near = any_in_block(near)
+        any_strayed = any_in_block(strayed)
         if seat.thread == 0:
-            near_balloons[balloons] = what_to_do(near_balloons[balloons], any_near)
-            forget_lists(memory.contacts, seat.world)
+            decide(memory.contacts, seat.world, any_near, any_strayed)
         block_barrier()
-        if any_near:
-            box_parts(t, state, memory, seat, velocities)
-        if near_balloons[balloons] != APART:
+        if is_searched(memory.contacts, seat.world):
+            if any_near:
+                box_parts(t, state, memory, seat, velocities)
             for particle in range(seat.thread, seat.count, wp.block_dim()):
                 note_looking(t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities)
             block_barrier()

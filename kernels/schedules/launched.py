@@ -62,12 +62,18 @@ class Working:
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
     balloon_boxes: wp.array3d[wp.vec3]
-    """around each balloon until the next search: lower and upper corner [m], and the highest speed, thrice [m/s]; this
-    and what follows is empty unless balloons touch, see `touch_lists`"""
+    """around each balloon until the next search: lower and upper corner [m], and `PACE`; this and what follows is empty
+    unless balloons touch, see `touch_boxes`"""
+    sought: wp.array2d[wp.vec3]
+    """where each particle was at the last search [m]"""
     part_boxes: wp.array3d[wp.vec3]
-    """the same around each part of their surfaces, without the speed"""
+    """the same around each part of their surfaces, without `PACE`"""
+    neighbors: wp.array3d[wp.int32]
+    """which each balloon may meet, perhaps itself: shape (world_count, balloon_count, balloon_count)"""
+    neighbor_counts: wp.array2d[wp.int32]
+    """how many they are"""
     near_balloons: wp.array2d[wp.int32]
-    """whether each balloon may touch any, and last what there is to do in the world"""
+    """what each balloon's particles do, and last what there is to do in the world"""
     candidate_counts: wp.array2d[wp.int32]
     """triangles that each particle may touch"""
     candidates: wp.array3d[wp.int32]

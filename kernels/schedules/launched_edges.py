@@ -21,7 +21,7 @@ from balloon_warp.kernels.laws.edges import (
 from balloon_warp.kernels.loops.meeting import pair_friction_function, skin_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.launched import Working, ease_function
-from balloon_warp.kernels.schedules.touch_boxes import APART, LOWER, UPPER, boxes_meet, pad_function
+from balloon_warp.kernels.schedules.touch_boxes import ALONE, LOWER, UPPER, boxes_meet, is_searched, pad_function
 from balloon_warp.kernels.schedules.touch_lists import Distances, slot_for
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -85,7 +85,7 @@ def finding_edges_function(traits: Traits) -> Any:
             pad = pad_between(t, world, own, balloon)
             box_lower = working.balloon_boxes[world, balloon, LOWER]
             box_upper = working.balloon_boxes[world, balloon, UPPER]
-            if working.near_balloons[world, own] == 1 and boxes_meet(lower, upper, box_lower, box_upper, pad):
+            if working.near_balloons[world, own] != ALONE and boxes_meet(lower, upper, box_lower, box_upper, pad):
                 first = wp.max(t.touch.balloon_edges[balloon], edge + 1)
                 for other in range(first, t.touch.balloon_edges[balloon + 1]):
                     other_lower, other_upper = edge_box(t, other, points, velocities)
@@ -125,7 +125,7 @@ def find_edges_kernel(traits: Traits) -> Any:
     ):
         """Some threads a world."""
         world, thread = wp.tid()
-        if working.near_balloons[world, working.balloon_boxes.shape[1]] != APART:
+        if is_searched(working, world):
             for edge in range(thread, t.touch.edges.shape[0], threads):
                 find_edges(t, working, world, edge, points[world], velocities[world])
 

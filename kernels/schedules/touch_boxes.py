@@ -1,4 +1,4 @@
-"""Boxes around what balloons, and parts of them, sweep until the next search: which may touch at all."""
+"""Boxes around what balloons sweep until the next search: which may touch at all, and what there is to do."""
 
 from functools import cache
 from typing import Any
@@ -13,10 +13,27 @@ from balloon_warp.kernels.traits import Traits
 
 wp.set_module_options(OPTIONS)
 
-LOWER, UPPER, SPEED = wp.constant(0), wp.constant(1), wp.constant(2)
+LOWER, UPPER, PACE = wp.constant(0), wp.constant(1), wp.constant(2)
 """what of a box stands where"""
-APART, WAS_NEAR, ARE_NEAR = wp.constant(0), wp.constant(1), wp.constant(2)
-"""what there is to do in a world: nothing, to forget what was near, or to look"""
+SPEED, STRAYED = wp.constant(0), wp.constant(1)
+"""the highest speed [m/s], and whether a particle has strayed, see `Sweep`"""
+APART, WAS_NEAR, ARE_NEAR, STILL_NEAR = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
+"""what there is to do in a world: nothing, to forget what was near, to look, or to go on with what was found"""
+ALONE, KNOWN, LOOKS = wp.constant(0), wp.constant(1), wp.constant(2)
+"""what a balloon's particles do then: nothing, as none is near; go on with what they found; or look"""
+SPARE = wp.constant(0.25)
+"""of a balloon's slack, that its particles may move before they are looked for again. As another may move as much, and
+both as much before as after one of them was looked for, half of the slack is left for what they gain by accelerating"""
+
+
+@wp.struct
+class Sweep:
+    """What particles sweep until the next search."""
+
+    lower: wp.vec3  # corners of the box around it [m]
+    upper: wp.vec3
+    fastest: float  # square of the highest speed [m^2/s^2]
+    strayed: float  # the longest way from where a particle was looked for to where it will be [m]
 
 
 @wp.func
@@ -27,19 +44,44 @@ def sweep_of(
     step: wp.int32,
     points: wp.array[wp.vec3],
     velocities: wp.array[wp.vec3],
+    sought: wp.array[wp.vec3],
 ):
-    """What each so-manyth particle of a balloon sweeps until the next search: the corners of the box around it [m], and
-    the square of the highest speed [m^2/s^2]."""
-    lower = wp.vec3(1.0e30)
-    upper = wp.vec3(-1.0e30)
-    fastest = float(0.0)
+    """Of each so-manyth particle of a balloon.
+
+    Args:
+        sought: where they were at the last search [m].
+    """
+    sweep = Sweep()
+    sweep.lower = wp.vec3(1.0e30)
+    sweep.upper = wp.vec3(-1.0e30)
     for particle in range(t.particles.offsets[balloon] + first, t.particles.offsets[balloon + 1], step):
         here = points[particle]
         way = t.touch.seconds * velocities[particle]
-        lower = wp.min(lower, wp.min(here, here + way))
-        upper = wp.max(upper, wp.max(here, here + way))
-        fastest = wp.max(fastest, wp.length_sq(velocities[particle]))
-    return lower, upper, fastest
+        sweep.lower = wp.min(sweep.lower, wp.min(here, here + way))
+        sweep.upper = wp.max(sweep.upper, wp.max(here, here + way))
+        sweep.fastest = wp.max(sweep.fastest, wp.length_sq(velocities[particle]))
+        sweep.strayed = wp.max(sweep.strayed, wp.length(here - sought[particle]) + wp.length(way))
+    return sweep
+
+
+@wp.func
+def is_known(working: Working, world: wp.int32):
+    """Whether it was found who is near whom, and not forgotten since."""
+    before = working.near_balloons[world, working.balloon_boxes.shape[1]]
+    return before >= ARE_NEAR
+
+
+@wp.func
+def put_sweep(t: Tables, working: Working, world: wp.int32, balloon: wp.int32, sweep: Sweep, is_first: bool):
+    """Of all its particles.
+
+    Args:
+        is_first: whether a frame begins, with a state that may be another's.
+    """
+    strayed = is_first or not is_known(working, world) or sweep.strayed > SPARE * t.touch.slack[balloon]
+    working.balloon_boxes[world, balloon, LOWER] = sweep.lower
+    working.balloon_boxes[world, balloon, UPPER] = sweep.upper
+    working.balloon_boxes[world, balloon, PACE] = wp.vec3(wp.sqrt(sweep.fastest), wp.where(strayed, 1.0, 0.0), 0.0)
 
 
 @wp.kernel(enable_backward=False)
@@ -49,23 +91,26 @@ def box_balloons(
     # state in
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
-    # out
+    is_first: wp.int32,
+    # in and out
     working: Working,
 ):
-    """A block a (world, balloon): the box around its particles until the next search, and their highest speed."""
+    """A block a (world, balloon): what its particles sweep until the next search."""
     world, balloon, thread = wp.tid()
-    lower, upper, fastest = sweep_of(t, balloon, thread, wp.block_dim(), points[world], velocities[world])
-    x = wp.tile_min(wp.tile(lower[0]))[0]
-    y = wp.tile_min(wp.tile(lower[1]))[0]
-    z = wp.tile_min(wp.tile(lower[2]))[0]
-    x_end = wp.tile_max(wp.tile(upper[0]))[0]
-    y_end = wp.tile_max(wp.tile(upper[1]))[0]
-    z_end = wp.tile_max(wp.tile(upper[2]))[0]
-    speed = wp.tile_max(wp.tile(fastest))[0]
+    own = sweep_of(t, balloon, thread, wp.block_dim(), points[world], velocities[world], working.sought[world])
+    sweep = Sweep()
+    x = wp.tile_min(wp.tile(own.lower[0]))[0]
+    y = wp.tile_min(wp.tile(own.lower[1]))[0]
+    z = wp.tile_min(wp.tile(own.lower[2]))[0]
+    sweep.lower = wp.vec3(x, y, z)
+    x = wp.tile_max(wp.tile(own.upper[0]))[0]
+    y = wp.tile_max(wp.tile(own.upper[1]))[0]
+    z = wp.tile_max(wp.tile(own.upper[2]))[0]
+    sweep.upper = wp.vec3(x, y, z)
+    sweep.fastest = wp.tile_max(wp.tile(float(own.fastest)))[0]
+    sweep.strayed = wp.tile_max(wp.tile(float(own.strayed)))[0]
     if thread == 0:
-        working.balloon_boxes[world, balloon, LOWER] = wp.vec3(x, y, z)
-        working.balloon_boxes[world, balloon, UPPER] = wp.vec3(x_end, y_end, z_end)
-        working.balloon_boxes[world, balloon, SPEED] = wp.vec3(wp.sqrt(speed))
+        put_sweep(t, working, world, balloon, sweep, is_first == 1)
 
 
 @wp.func
@@ -93,47 +138,62 @@ def pad_function(traits: Traits) -> Any:
     return pad_between
 
 
+@wp.func
+def has_strayed(working: Working, world: wp.int32, balloon: wp.int32):
+    """Whether its particles may have come further than lists allow for."""
+    return working.balloon_boxes[world, balloon, PACE][STRAYED] > 0.0
+
+
 @cache
 def meet_function(traits: Traits) -> Any:
-    """The function that says whether a balloon may meet any."""
+    """The function that notes which balloons one may meet, and says what its particles do."""
     pad_between = pad_function(traits)
 
     @wp.func
-    def may_meet(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
-        near = bool(wp.static(traits.touches_itself))
+    def meet(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
+        count = wp.int32(0)
+        strayed = has_strayed(working, world, balloon)
         for other in range(working.balloon_boxes.shape[1]):
-            near = near or (
-                other != balloon
-                and boxes_meet(
+            near = bool(wp.static(traits.touches_itself))
+            if other != balloon:
+                near = boxes_meet(
                     working.balloon_boxes[world, balloon, LOWER],
                     working.balloon_boxes[world, balloon, UPPER],
                     working.balloon_boxes[world, other, LOWER],
                     working.balloon_boxes[world, other, UPPER],
                     pad_between(t, world, balloon, other),
                 )
-            )
-        return near
+            if near:
+                working.neighbors[world, balloon, count] = other
+                count += 1
+                strayed = strayed or has_strayed(working, world, other)
+        working.neighbor_counts[world, balloon] = count
+        return wp.where(count > 0, wp.where(strayed, LOOKS, KNOWN), ALONE)
 
-    return may_meet
-
-
-@wp.func
-def what_to_do(before: wp.int32, near: bool):
-    """In a world whose balloons are near each other, or none, after what there was to do until now."""
-    return wp.where(near, ARE_NEAR, wp.where(before == ARE_NEAR, WAS_NEAR, APART))
+    return meet
 
 
 @wp.func
-def forget_lists(working: Working, world: wp.int32):
-    """Of particles, see `touch_search`, and of edges, see `launched_edges`."""
-    for which in range(3):
-        working.list_lengths[world, which] = 0
+def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
+    """What there is to do in a world; lists are forgotten where others will be made.
+
+    Args:
+        near: whether any of its balloons are near each other.
+        strayed: whether any has strayed.
+    """
+    now = wp.where(is_known(working, world), WAS_NEAR, APART)
+    if near:
+        now = wp.where(strayed, ARE_NEAR, STILL_NEAR)
+    if now != STILL_NEAR:
+        for which in range(3):  # of particles, see `touch_search`, and of edges, see `launched_edges`
+            working.list_lengths[world, which] = 0
+    working.near_balloons[world, working.balloon_boxes.shape[1]] = now
 
 
 @cache
 def meet_kernel(traits: Traits) -> Any:
     """The kernel that says which balloons may meet."""
-    may_meet = meet_function(traits)
+    meet = meet_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def meet_balloons(
@@ -144,79 +204,20 @@ def meet_kernel(traits: Traits) -> Any:
     ):
         """A thread a world."""
         world = wp.tid()
-        balloons = working.balloon_boxes.shape[1]
-        any_near = bool(False)
-        for balloon in range(balloons):
-            near = may_meet(t, working, world, balloon)
-            working.near_balloons[world, balloon] = wp.where(near, 1, 0)
-            any_near = any_near or near
-        forget_lists(working, world)
-        working.near_balloons[world, balloons] = what_to_do(working.near_balloons[world, balloons], any_near)
+        near = bool(False)
+        strayed = bool(False)
+        for balloon in range(working.balloon_boxes.shape[1]):
+            does = meet(t, working, world, balloon)
+            working.near_balloons[world, balloon] = does
+            near = near or does != ALONE
+            strayed = strayed or has_strayed(working, world, balloon)
+        decide(working, world, near, strayed)
 
     return meet_balloons
 
 
 @wp.func
-def is_whole(t: Tables, part: wp.int32):
-    """Whether there are no parts in a part."""
-    return t.touch.part_ends[part] == part + 1
-
-
-@wp.func
-def box_part(
-    t: Tables,
-    working: Working,
-    world: wp.int32,
-    part: wp.int32,
-    of_whole: wp.int32,
-    points: wp.array[wp.vec3],
-    velocities: wp.array[wp.vec3],
-):
-    """The box around a part, if its balloon may meet any, and if it is one of those that are asked for, see
-    `box_parts`."""
-    own = t.touch.part_triangles[part]
-    near = bool(False)
-    if own[1] > own[0]:  # what has no faces, but edges, has no triangles
-        balloon = t.particles.balloon[t.touch.triangles[own[0]][0]]
-        near = working.near_balloons[world, balloon] == 1
-    if near and is_whole(t, part) == (of_whole == 1):
-        lower = wp.vec3(1.0e30)
-        upper = wp.vec3(-1.0e30)
-        if of_whole == 1:
-            for place in range(t.touch.part_particles[part][0], t.touch.part_particles[part][1]):
-                particle = t.touch.particles[place]
-                here = points[particle]
-                way = t.touch.seconds * velocities[particle]
-                lower = wp.min(lower, wp.min(here, here + way))
-                upper = wp.max(upper, wp.max(here, here + way))
-        else:
-            for inner in range(part + 1, t.touch.part_ends[part]):
-                if is_whole(t, inner):
-                    lower = wp.min(lower, working.part_boxes[world, inner, LOWER])
-                    upper = wp.max(upper, working.part_boxes[world, inner, UPPER])
-        working.part_boxes[world, part, LOWER] = lower
-        working.part_boxes[world, part, UPPER] = upper
-
-
-@wp.kernel(enable_backward=False)
-def box_parts(
-    # model
-    t: Tables,
-    threads: wp.int32,
-    of_whole: wp.int32,
-    # state in
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    # out
-    working: Working,
-):
-    """Some threads a world: boxes around the parts of balloons that may meet others.
-
-    Args:
-        of_whole: whether of those that have no others in them, which come first: the others' are made of theirs.
-    """
-    world, thread = wp.tid()
-    balloons = working.balloon_boxes.shape[1]
-    if working.near_balloons[world, balloons] == ARE_NEAR:
-        for part in range(thread, t.touch.part_ends.shape[0], threads):
-            box_part(t, working, world, part, of_whole, points[world], velocities[world])
+def is_searched(working: Working, world: wp.int32):
+    """Whether there are lists to make, or to forget."""
+    what = working.near_balloons[world, working.balloon_boxes.shape[1]]
+    return what > APART and what < STILL_NEAR

@@ -12,13 +12,14 @@ from balloon_warp.kernels.loops.meeting import Place, faced, is_nearer, place_be
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
     LOWER,
+    PACE,
     SPEED,
     UPPER,
     boxes_meet,
-    is_whole,
     pad_function,
     squared_distance_to_box,
 )
+from balloon_warp.kernels.schedules.touch_parts import is_whole
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -222,7 +223,7 @@ def finding_functions(traits: Traits) -> Any:
             pad,
         ):
             one_sided = other != own and t.touch.closed[other] == 1
-            swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, SPEED][0])
+            swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, PACE][SPEED])
             within = pad + swept
             found = nearest_of(t, working, world, particle, own, other, points, within, 0, count)
             is_deep = may_be_deep or wp.abs(hold) > t.touch.slack[own]

@@ -8,7 +8,17 @@ import warp as wp
 
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.launched import Working
-from balloon_warp.kernels.schedules.touch_boxes import APART, LOWER, UPPER, boxes_meet, pad_function
+from balloon_warp.kernels.schedules.touch_boxes import (
+    ALONE,
+    KNOWN,
+    LOOKS,
+    LOWER,
+    UPPER,
+    boxes_meet,
+    has_strayed,
+    is_searched,
+    pad_function,
+)
 from balloon_warp.kernels.schedules.touch_lists import finding_functions
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -42,20 +52,20 @@ def looking_function(traits: Traits) -> Any:
         """Whether it may meet a balloon, or touched one until now."""
         own = t.particles.balloon[particle]
         used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
-        if used and working.near_balloons[world, own] == 1:
+        if used and working.near_balloons[world, own] != ALONE:
             end = points[particle] + t.touch.seconds * velocities[particle]
             lower = wp.min(points[particle], end)
             upper = wp.max(points[particle], end)
-            for other in range(working.balloon_boxes.shape[1]):
-                if wp.static(traits.touches_itself) or other != own:
-                    if boxes_meet(
-                        lower,
-                        upper,
-                        working.balloon_boxes[world, other, LOWER],
-                        working.balloon_boxes[world, other, UPPER],
-                        pad_between(t, world, own, other),
-                    ):
-                        return True
+            for place in range(working.neighbor_counts[world, own]):
+                other = working.neighbors[world, own, place]
+                if boxes_meet(
+                    lower,
+                    upper,
+                    working.balloon_boxes[world, other, LOWER],
+                    working.balloon_boxes[world, other, UPPER],
+                    pad_between(t, world, own, other),
+                ):
+                    return True
         return state.holds[world, particle][3] != 0.0
 
     @wp.func
@@ -68,7 +78,12 @@ def looking_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """If it does."""
+        """If it does; and where it is, if that was too long ago."""
+        own = t.particles.balloon[particle]
+        if has_strayed(working, world, own):
+            working.sought[world, particle] = points[particle]
+        if working.near_balloons[world, own] != KNOWN:
+            working.candidate_counts[world, particle] = 0
         if looks(t, state, working, world, particle, points, velocities):
             put_on_list(working, world, LOOKING, particle)
 
@@ -90,18 +105,19 @@ def listing_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Of all balloons that it may touch.
+        """Of all balloons that it may touch, if what it has found does not do.
 
         A particle is looked for in the depth of others, too, where it may have started or was pressed so far in; not
         wherever it has come behind a surface, as in what crumples, which there is nothing to come out of.
         """
         own = t.particles.balloon[particle]
-        count = wp.int32(0)
-        may_be_deep = state.deep[world, particle] == wp.int8(1)
-        state.deep[world, particle] = wp.int8(0)
-        if working.near_balloons[world, own] == 1:
-            for other in range(working.balloon_boxes.shape[1]):
-                if wp.static(traits.touches_itself) or other != own:
+        count = working.candidate_counts[world, particle]
+        if working.near_balloons[world, own] != KNOWN:
+            may_be_deep = state.deep[world, particle] == wp.int8(1)
+            state.deep[world, particle] = wp.int8(0)
+            if working.near_balloons[world, own] == LOOKS:
+                for place in range(working.neighbor_counts[world, own]):
+                    other = working.neighbors[world, own, place]
                     count = find_of_balloon(
                         t, state, working, world, particle, own, other, points, velocities, may_be_deep, count
                     )
@@ -131,7 +147,7 @@ def looking_kernel(traits: Traits) -> Any:
     ):
         """Some threads a world."""
         world, thread = wp.tid()
-        if working.near_balloons[world, working.balloon_boxes.shape[1]] != APART:
+        if is_searched(working, world):
             for particle in range(thread, points.shape[1], threads):
                 note_looking(t, state, working, world, particle, points[world], velocities[world])
 
@@ -158,8 +174,9 @@ def find_kernel(traits: Traits) -> Any:
     ):
         """Some threads a world."""
         world, thread = wp.tid()
-        for place in range(thread, working.list_lengths[world, LOOKING], threads):
-            particle = working.particle_lists[world, LOOKING, place]
-            list_triangles(t, state, working, world, particle, points[world], velocities[world])
+        if is_searched(working, world):
+            for place in range(thread, working.list_lengths[world, LOOKING], threads):
+                particle = working.particle_lists[world, LOOKING, place]
+                list_triangles(t, state, working, world, particle, points[world], velocities[world])
 
     return find_near_triangles

@@ -1,0 +1,66 @@
+"""Who may touch whom is found now and then; what was found does until particles have moved too far."""
+
+import numpy as np
+import pytest
+import warp as wp
+from touching import SLACK, VACUUM, ball
+
+from balloon_warp.benchmarks.overlap import distances
+from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, STILL_NEAR
+from balloon_warp.model import build_model, initial_state
+from balloon_warp.scene import Balloon, Scene, Touch
+from balloon_warp.schedules import make_schedule
+from balloon_warp.schedules.gather import GatherSchedule
+
+
+def gathered(*balls: Balloon) -> GatherSchedule:
+    """A schedule whose lists can be read, with searches every 4 of 32 substeps."""
+    scene = Scene(balloon=list(balls), touch=Touch(thickness=0.04), substeps=32, **VACUUM)
+    schedule = make_schedule(build_model(scene, wp.get_device("cpu"), 1), "gather")
+    assert isinstance(schedule, GatherSchedule)
+    return schedule
+
+
+def pair(speed: float) -> list[Balloon]:
+    """Two that touch; one turns, and goes away from or comes to the other."""
+    turning = {"velocity": (speed, 0.0, 0.0), "angular_velocity": (0.0, 0.0, 2.0 * speed)}
+    return [ball(0.0, 0.0, 0.0, inflation=SLACK, **turning), ball(1.01, 0.1, 0.0, inflation=SLACK)]
+
+
+@pytest.mark.parametrize(("speed", "does"), [(0.0, STILL_NEAR), (5.0, ARE_NEAR)])
+def test_only_what_moves_is_looked_for_again(speed, does):
+    schedule = gathered(*pair(speed))
+    schedule.advance_frame(initial_state(schedule.model))
+    assert schedule.pieces.working.near_balloons.numpy()[0, -1] == int(does)
+
+
+@pytest.mark.parametrize("speed", [0.3, 4.0])
+def test_whatever_is_touched_is_on_the_list(speed):
+    """In some substeps, of every particle that is nearer to another balloon than surfaces begin to push."""
+    schedule = gathered(*pair(speed), ball(2.1, 0.0, 0.0, velocity=(-2.0 * speed, 0.0, 0.0), inflation=SLACK))
+    model, working = schedule.model, schedule.pieces.working
+    corners = schedule.tables.touch.triangles.numpy()
+    balloons = schedule.tables.particles.balloon.numpy()
+    of_triangle, offsets = balloons[corners[:, 0]], model.particle_offsets
+    state, touched = initial_state(model), 0
+    for _frame in range(3):
+        for substep in schedule.substeps(state):
+            if substep % 7 != 3:  # between searches, too
+                continue
+            points = (schedule.vectors[0] if substep % 2 == 0 else state.points).numpy()[0].astype(np.float64)
+            counts, candidates = working.candidate_counts.numpy()[0], working.candidates.numpy()[0]
+            listed = set(working.particle_lists.numpy()[0, 1, : working.list_lengths.numpy()[0, 1]].tolist())
+            for particle, point in enumerate(points):
+                own = balloons[particle]
+                for other in range(model.balloon_count):
+                    others = points[offsets[other] : offsets[other + 1]]
+                    if other == own or np.linalg.norm(others - point, axis=1).min() > 0.14:
+                        continue
+                    triangles = np.flatnonzero(of_triangle == other)
+                    away = distances(point, points[corners[triangles]])
+                    if away.min() < 0.04:
+                        known = set((candidates[: counts[particle], particle] // 2).tolist())
+                        assert particle in listed
+                        assert known & set(triangles[away < away.min() + 1e-6].tolist())
+                        touched += 1
+    assert touched > 20
