@@ -43,9 +43,9 @@ class Session:
     Args:
         name: of the scene.
         scene: where it starts.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         folder: where recordings go.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene cannot be simulated.
