@@ -8,7 +8,6 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 
-
 STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
 
 
