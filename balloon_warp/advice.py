@@ -36,7 +36,7 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
     """The stable step of a scene, even if the scene itself asks for too few substeps.
 
     Args:
-        laws: that act beside the built-in ones, and count where they have bounds.
+        laws: your own, which act beside the built-in ones, and count where they have bounds.
 
     Raises:
         InputError: the scene's meshes or particles are wrong, or no step would do.

@@ -10,7 +10,7 @@ class MissingExtraError(ImportError):
 
 
 class BlowUpError(RuntimeError):
-    """The simulation left the finite numbers: the message says where, why and what helps. Exit status 1.
+    """The simulation blew up. The message says where, why and what helps. Exit status 1.
 
     Args:
         report: what the message is the text of: a `BlowUp`, or a sentence.

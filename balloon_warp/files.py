@@ -8,6 +8,8 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 
+STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
+
 
 def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
     """Make sure, before any work is done, that an output can be written.
@@ -16,8 +18,10 @@ def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
         InputError: the suffix is not one of `suffixes`, or the folder is missing or cannot be written to.
     """
     if path.suffix.lower() not in suffixes:
+        is_picture = path.suffix.lower() in PICTURES and STAGE in suffixes
         raise InputError(
             f"{path}: cannot write {path.suffix or 'a file without a suffix'}; expected {', '.join(suffixes)}"
+            + ("; `balloon-warp render` makes pictures and films of these" if is_picture else "")
         )
     if ":SDF_FORMAT_ARGS:" in str(path):
         raise InputError(f"{path}: USD takes :SDF_FORMAT_ARGS: for the start of options; expected a name without it")

@@ -81,10 +81,10 @@ def animate(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> Summary:
-    """Simulate a scene and write it, as USD or as a file of another kind, which is made of a stage.
+    """Simulate a scene and write its motion: as USD, or as another kind of file.
 
-    What takes long is safe from a kill: now and then its frames and its state go into a folder beside the stage,
-    `OUTPUT.partial`, which is removed once the stage is there. Ctrl-C, too, saves what there is.
+    A long run is saved now and then, in the folder `OUTPUT.partial` beside the output. So it can go on after a kill or
+    Ctrl-C. The folder is removed once the output is there.
 
     Args:
         scene: what to simulate: a scene, or what `load_scene` makes one of.
@@ -93,23 +93,23 @@ def animate(
         picture, view: an image of the stage, .png, .webp, .gif or .mp4, and options of `render_stage` for it.
         save_points: an .h5 file to write the points into, too, as arrays.
         lights, ground: whether the stage has lights and a camera, and the scene's ground.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
             step, at most `MOST_HALVINGS` times.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
         provenance: what the stage is to say, in its `customLayerData`, of where it comes from, such as a command;
             beside the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
         checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
-        on_frame: told the number of each frame when it is simulated.
-        on_note: told where the run begins, and of an earlier one that was not finished, in a sentence.
-        on_warning: told in a sentence what is odd about a mesh, which strings start overstretched, which spheres may
-            come through, of a blow-up that does not stop it, and of what ends badly.
+        on_frame: called with the number of each frame when it is simulated.
+        on_note: called with sentences: where the run begins, and whether an earlier one was not finished.
+        on_warning: called with sentences: what is odd about a mesh, which strings start overstretched, which spheres
+            may come through, a blow-up that does not stop the run, and what ends badly.
 
     Raises:
         InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
-        BlowUpError: the simulation left the finite numbers, and is to stop then, or did so after the last restart, too.
+        BlowUpError: the simulation blew up with "stop", or after the last restart.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
         In all cases the stage that was there stays.
     """

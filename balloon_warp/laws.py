@@ -38,14 +38,15 @@ SAMPLES: Mapping[str, Any] = {
 
 
 def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
-    """A force on each particle: a `wp.func` of what it names, of `GIVEN["particle"]` and of its parameters, that
-    returns a vector [N].
+    """A law that gives a force on each particle.
 
     Args:
-        parameters: its own, a row each. One without a path stands in the table `law.NAME` of balloons, or, with
-            `of="world"`, of the scene.
-        more: fields of `Law`: `name`, `energy`, `neutral`, `wants`, and the bounds `stiffness` and `drag`, without
-            which it has no part in the step that "auto" takes.
+        function: a `wp.func` that returns the force, a vector [N]. The names of its arguments say what it needs: things
+            of `GIVEN["particle"]`, such as `position`, and parameters.
+        parameters: its own. In a scene they are called `balloon.law.NAME.PARAMETER`, or, with `of="world"`,
+            `law.NAME.PARAMETER`, unless they have a path.
+        more: fields of `Law`: `name`, `energy`, `neutral`, `wants`, and the bounds `stiffness` and `drag`. Without
+            bounds the step of "auto" does not take the law into account.
 
     Raises:
         InputError: the function is not right; the sentence says what was expected.
@@ -54,13 +55,13 @@ def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: An
 
 
 def spring_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
-    """A force along each spring, which returns the force per unit displacement [N/m]. Arguments and errors as for
-    `particle_law`, with `GIVEN["spring"]`."""
+    """A law that gives a force along each spring. Its function returns the force over the spring's length [N/m].
+    Otherwise as `particle_law`, with `GIVEN["spring"]`."""
     return _law("spring", function, parameters, more)
 
 
 def face_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
-    """A force on each face, which its corners share alike [N]. Arguments and errors as for `particle_law`, with
+    """A law that gives a force on each face [N]. Each corner gets the same share. Otherwise as `particle_law`, with
     `GIVEN["face"]`."""
     return _law("face", function, parameters, more)
 

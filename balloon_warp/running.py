@@ -41,7 +41,7 @@ class Running(Displayed):
         """Advance every world by one frame.
 
         Raises:
-            BlowUpError: the simulation left the finite numbers.
+            BlowUpError: the simulation blew up.
         """
         self._begin_step()
         self._raise_if_bad(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
@@ -56,7 +56,7 @@ class Running(Displayed):
                 For loops that look at the frames alone: the simulator itself is a frame further on.
 
         Raises:
-            BlowUpError: the simulation left the finite numbers.
+            BlowUpError: the simulation blew up.
         """
         if self.frame_number == 0:
             yield self.read_frame(world)

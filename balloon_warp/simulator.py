@@ -43,14 +43,14 @@ class Simulator(Running):
     """Advances a batch of worlds frame by frame.
 
     Args:
-        scene: what to simulate: a scene, the name of a bundled one, a scene file, or a mesh, in a file or not.
-        device: a Warp device such as "cpu" or "cuda:0"; the GPU where there is one, when missing.
+        scene: what to simulate: a scene, the name of a bundled one, a scene file, or a mesh, as a file or in memory.
+        device: a Warp device such as "cpu" or "cuda:0"; if missing, the GPU or else the CPU.
         world_count: how many copies of the scene.
         vary: what differs between the worlds: dotted paths as in overrides, and arrays of shape (world_count,), such as
             {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
         schedule: how the work is laid out: "scatter", "gather", "block", "lanes", "octets", or "auto" for the
             fastest.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene's meshes, particles or step are wrong, a varied value or a law is, the worlds do not fit
@@ -101,7 +101,7 @@ class Simulator(Running):
 
     @classmethod
     def from_origin(cls, origin: Origin) -> Self:
-        """A simulator that goes on from there."""
+        """A simulator that goes on from a state that was kept."""
         simulator = cls.of_model(origin.model, origin.schedule)
         simulator.frame_number = origin.frame
         if origin.state:

@@ -16,10 +16,11 @@ LANES = 32
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Of every balloon of every world, as a solid of density 1 kg/m^3; times a density they are those of its material.
+    """Volume, center of mass and inertia of every balloon, as a solid of density 1 kg/m^3. Multiply by a density to get
+    those of a material.
 
-    Exact for the polyhedron whose faces are fans of triangles about their centers (Kim et al. 2006). They mean
-    something for closed balloons only.
+    They are exact for the polyhedron whose faces are fans of triangles about their centers (Kim et al. 2006). Of open
+    balloons they mean nothing.
     """
 
     closed: NDArray[np.bool_]

@@ -23,8 +23,8 @@ from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
 
 @dataclass(frozen=True, repr=False)
 class Trajectories:
-    """What was simulated, on the host. Of several worlds, arrays but `times` have world_count as their first dimension,
-    before those named here."""
+    """How everything moved, as arrays of NumPy. With several worlds, all but `times` have world_count as their first
+    dimension, before those named here."""
 
     scene: Scene
     meshes: list[PolygonMesh]
@@ -84,20 +84,20 @@ def simulate(
     """Simulate a scene from start to end, and hand back how everything moved.
 
     Args:
-        scene: a scene, the name of a bundled one, a scene file, or a mesh, in a file or not.
+        scene: a scene, the name of a bundled one, a scene file, or a mesh, as a file or in memory.
         overrides: dotted paths and values, as in `load_scene`: {"frames": 60, "balloon.mass": 2.0}.
         world_count: how many copies of the scene, side by side.
         vary: what differs between the worlds: dotted paths, and a value for each world.
         every: 2 records every second frame, and so on.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
-        on_frame: told the number of each frame when it is simulated.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
+        on_frame: called with the number of each frame when it is simulated.
 
     Raises:
         InputError: the scene cannot be simulated, a varied value is wrong or makes other meshes, or the trajectories do
             not fit into the memory.
-        BlowUpError: a world left the finite numbers.
+        BlowUpError: a world blew up.
     """
     scene = load_scene(scene, overrides)
     if not isinstance(every, int) or every < 1:

@@ -29,19 +29,20 @@ def warm_up(
     schedule: str = "auto",
     laws: Sequence[Law] = (),
 ) -> WarmUp:
-    """Simulate one frame of a scene as `animate` does, with a picture, or as `run_batch` does, and throw it away. Warp
-    keeps the kernels that are compiled for it in its cache, where later processes of this machine find them;
-    WARP_CACHE_PATH is where that is.
+    """Compile the kernels that a scene needs, so that later runs begin at once.
 
-    A scene needs kernels of its own for the methods that it has, not for its meshes or numbers. Those of a method that
-    a `[[change]]` brings are compiled when it comes.
+    It simulates one frame as `animate` or `run_batch` does, with a picture, and throws it away. Warp keeps the kernels
+    in its cache, where later processes of this machine find them. The environment variable WARP_CACHE_PATH says where.
+
+    Which kernels a scene needs depends on its methods, not on its meshes or numbers. A method that a `[[change]]`
+    brings is compiled when the change comes.
 
     Args:
         scene: a scene, or what `load_scene` makes one of.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         world_count: more than one for a batch of about as many: with "auto" the schedule depends on it.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        laws: that act beside the built-in ones.
+        laws: your own, which act beside the built-in ones.
 
     Raises:
         InputError: as `animate` and `run_batch`.

@@ -135,6 +135,7 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
     ("arguments", "sentence"),
     [
         (["run", "zebra"], "zebra: no such scene or file; bundled scenes are balloon_bunch, "),
+        (["run", "ball.obj", "-o", "film.mp4"], ".pvd; `balloon-warp render` makes pictures and films of these"),
         (["run", "--fps"], "error: --fps: has no value; expected --fps RATE; balloon-warp run --help explains\n"),
         (["run", "ball.txt"], "ball.txt: "),
         (["scenes", "-o", "mine.toml"], "--output mine.toml: expected a scene to write"),

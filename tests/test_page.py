@@ -21,7 +21,7 @@ from balloon_warp.scene import Balloon, Change, Ground, Inflation, Material, Sce
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.session import Session
-from balloon_warp.viewer.status import status_line
+from balloon_warp.viewer.status import COMPILING, status_line
 
 
 def served(tmp_path: Path):
@@ -183,14 +183,16 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
     """In one line; where it is slower than asked, the reason fits the numbers that it names."""
     picture = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu").picture
 
-    def said(**how) -> tuple[str, str]:
-        line = status_line(replace(picture, **{"running": True, "speed": 1.0, "rate": 1.0, "seconds": 2.0} | how))
+    def said(busy: float = 0.0, **how) -> tuple[str, str]:
+        now = replace(picture, **{"running": True, "speed": 1.0, "rate": 1.0, "seconds": 2.0} | how)
+        line = status_line(now, busy)
         found = re.fullmatch(r'<div class="bw-status" title="(.*)"><span>(.*)</span></div>', line)
         assert found
         return found[2], found[1]
 
     assert said() == ("<b>2.00 s</b> · real time", "")
     assert said(running=False) == ("<b>2.00 s</b> · stands still", "")
+    assert said(busy=1.26) == ("<b>2.00 s</b> · getting ready: 1.3 s", COMPILING)
     assert said(recorded_seconds=1.5)[0].endswith(" · ● 1.5 s")
     assert said(speed=0.5, rate=0.49) == ("<b>2.00 s</b> · 0.49 of real time", "")
     slow, why = said(rate=0.5, step_seconds=2.0 / 60.0)

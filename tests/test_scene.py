@@ -165,6 +165,17 @@ def test_an_unknown_scene_lists_the_bundled_ones():
         load_scene("zebra")
 
 
+def test_a_file_that_is_missing_is_said_to_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Without a list of scenes, where there is nothing like it."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as refused:
+        load_scene("zebra.obj")
+    assert str(refused.value) == f"zebra.obj: no such file in {tmp_path}"
+    with pytest.raises(InputError) as refused:
+        load_scene(tmp_path / "zebra.toml")
+    assert str(refused.value) == f"{tmp_path / 'zebra.toml'}: no such file"
+
+
 @pytest.mark.parametrize(
     ("source", "sentence"),
     [

@@ -94,6 +94,13 @@ def test_the_tables_in_the_docs_are_what_the_schema_says():
     assert tables == as_markdown(), "python -m balloon_warp.scene.reference makes them anew"
 
 
+def test_every_field_of_a_scene_says_what_it_is():
+    """Those that tables have in common, too."""
+    rows = [line.strip("| ").split(" | ") for line in as_markdown().splitlines() if line.startswith("| `")]
+    assert len(rows) > 150
+    assert [row[0] for row in rows if len(row) < 4 or not row[3].strip()] == []
+
+
 def test_every_default_of_a_scene_stands_in_them():
     """Or is a table, nothing, or empty."""
     rows = {tuple(cell.strip() for cell in row.split(" | ")[:3]) for row in as_markdown().splitlines()}

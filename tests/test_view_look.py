@@ -2,10 +2,15 @@
 
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import LIMIT, box, highlights, redness, see, wait_until
+from browsing import LIMIT, box, highlights, picture_of, redness, see, tethered, wait_until
+from PIL import Image
+
+from balloon_warp import scenes
+from balloon_warp.scene import Balloon, Scene
 
 pytest.importorskip("viser")
 pytest.importorskip("playwright.sync_api")
@@ -13,11 +18,46 @@ pytest.importorskip("playwright.sync_api")
 from balloon_warp.viewer.notebook import Shown
 from balloon_warp.viewer.status import KEYS
 
+MODELS = Path(scenes.__file__).parent
+
 
 def test_the_balloon_shines(fresh, served):
     """It mirrors the studio's lights: among its red there are spots nearly as bright as these."""
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     see(fresh, served, lambda: highlights(fresh) > 100, "it shines")
+
+
+def test_the_page_says_that_what_was_asked_for_takes_long(fresh, served):
+    """As where other kernels are compiled. Then time goes on."""
+    done = threading.Event()
+    served.session.ask(lambda _: done.wait(LIMIT))
+    try:
+        wait_until(lambda: fresh.get_by_text("getting ready").count(), "the window says it")
+    finally:
+        done.set()
+    wait_until(lambda: not fresh.get_by_text("getting ready").count(), "it says how fast time runs again")
+
+
+def test_a_print_is_seen(fresh, served, tmp_path):
+    """A pillow's, half green and half blue, as its texture coordinates have it: green to the left."""
+    image = np.zeros((8, 8, 3), np.uint8)
+    image[:, :4, 1] = image[:, 4:, 2] = 255
+    Image.fromarray(image).save(tmp_path / "halves.png")
+    pillow = Balloon(mesh=MODELS / "pillow.obj", print=tmp_path / "halves.png", rotation=(70.0, 0.0, 0.0))
+    served.session.load("pillow", lambda: Scene(balloon=[pillow], gravity=0.0))
+    served.session.run(False)
+
+    def columns() -> tuple[np.ndarray, np.ndarray]:
+        red, green, blue = np.moveaxis(picture_of(fresh), 2, 0)
+        return np.nonzero(green > 1.5 * np.maximum(red, blue))[1], np.nonzero(blue > 1.5 * np.maximum(red, green))[1]
+
+    try:
+        see(fresh, served, lambda: min(len(half) for half in columns()) > 1000, "both colors are seen")
+        green, blue = columns()
+        assert np.median(green) < np.median(blue)
+    finally:
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 
 
 def test_the_panel_leaves_the_balloon_in_the_middle_of_the_view(fresh, served):

@@ -45,21 +45,26 @@ Vary = Annotated[
     list[str] | None,
     typer.Option(
         metavar="PATH=LOW:HIGH|PATH=VALUE,...",
-        help="What differs: a range, sampled, as in balloon.mass=1:3; or a list, cycled, as in sphere.0.mass=1,10 or "
-        "balloon.mesh=a.obj,b.obj. May be given again.",
+        help="What differs: a range, such as balloon.mass=1:3, of which each world gets a random value; "
+        "or a list, such as sphere.0.mass=1,10 or balloon.mesh=a.obj,b.obj, which the worlds take "
+        "in turns. May be given again.",
         rich_help_panel=WORLDS,
     ),
 ]
 Worlds = Annotated[int, typer.Option(metavar="COUNT", help="How many worlds.", rich_help_panel=WORLDS)]
 Grid = Annotated[
     bool,
-    typer.Option("--grid", metavar="", help="Divide ranges evenly instead of sampling them.", rich_help_panel=WORLDS),
+    typer.Option(
+        "--grid", metavar="", help="Divide ranges evenly instead of taking random values.", rich_help_panel=WORLDS
+    ),
 ]
-Seed = Annotated[int, typer.Option(min=0, metavar="NUMBER", help="Of the samples.", rich_help_panel=WORLDS)]
+Seed = Annotated[
+    int, typer.Option(min=0, metavar="NUMBER", help="Another number gives other random values.", rich_help_panel=WORLDS)
+]
 Export = Annotated[
     str,
     typer.Option(
-        metavar="all|none|0,5,9", help="The worlds that are written as animated USD, too.", rich_help_panel=OUTPUT
+        metavar="all|none|0,5,9", help="The worlds that are also written as animated USD.", rich_help_panel=OUTPUT
     ),
 ]
 Output = Annotated[
@@ -68,7 +73,7 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="FOLDER",
-        help="The folder that everything goes into; SCENE_batch if not given.",
+        help="The folder that everything is written to. SCENE_batch if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -77,8 +82,8 @@ OnBlowup = Annotated[
     typer.Option(
         "--on-blowup",
         metavar="freeze|restart|stop",
-        help="If a world blows up: it stays at its last good frame; it begins again with half the step; or the batch "
-        "ends.",
+        help="What happens to a world that blows up. freeze: it stays at its last good frame. restart: "
+        "it begins again with half the step. stop: the batch ends.",
         rich_help_panel=LONG,
     ),
 ]
@@ -93,7 +98,9 @@ Workers = Annotated[
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        metavar="tcp://HOST:PORT", help="Spread the worlds over a Dask scheduler's workers.", rich_help_panel=MACHINE
+        metavar="tcp://HOST:PORT",
+        help="Spread the worlds over the workers of a Dask scheduler.",
+        rich_help_panel=MACHINE,
     ),
 ]
 Checkpoint = Annotated[
@@ -101,7 +108,7 @@ Checkpoint = Annotated[
     typer.Option(
         min=0.0,
         metavar="SECONDS",
-        help="How often a long batch is saved, in FOLDER/partial; 0 for only when Ctrl-C stops it.",
+        help="How often a long batch is saved, in FOLDER/partial. 0 saves only when Ctrl-C stops it.",
         rich_help_panel=LONG,
     ),
 ]

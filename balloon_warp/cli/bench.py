@@ -23,22 +23,26 @@ FILE_WIDTH = 200
 
 def bench(
     device: Device = None,
-    quick: Annotated[bool, typer.Option("--quick", metavar="", help="A few cases only.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", metavar="", help="Measure a few cases only.")] = False,
     scenes: Annotated[
         bool,
-        typer.Option("--scenes", metavar="", help="Bundled scenes instead, in each schedule, alone and in batches."),
+        typer.Option(
+            "--scenes", metavar="", help="Measure the bundled scenes instead, in each schedule, alone and in batches."
+        ),
     ] = False,
     gpus: Annotated[
         str | None,
-        typer.Option(metavar="1,2,4", help="Weak scaling instead: so many GPUs, each with 8,192 balloons."),
+        typer.Option(metavar="1,2,4", help="Measure with so many GPUs instead, each with 8,192 balloons."),
     ] = None,
     workers: Annotated[
         str | None,
-        typer.Option(metavar="1,2", help="Weak scaling instead: so many processes, each with 64 balloons."),
+        typer.Option(metavar="1,2", help="Measure with so many processes instead, each with 64 balloons."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Write the JSON to this .json.", rich_help_panel=OUTPUT),
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Also write the results, to this .json file.", rich_help_panel=OUTPUT
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:

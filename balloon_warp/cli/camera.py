@@ -14,18 +14,22 @@ Azimuth = Annotated[
     float | None,
     typer.Option(
         metavar="DEGREES",
-        help="From there: 0 is the front, 90 the right, 180 the back; 32 if not given.",
+        help="The side that one looks from: 0 is the front, 90 the right, 180 the back. 32 if not given.",
         rich_help_panel=CAMERA,
     ),
 ]
 Elevation = Annotated[
     float | None,
-    typer.Option(metavar="DEGREES", help="From so far above: 90 is the top; 13 if not given.", rich_help_panel=CAMERA),
+    typer.Option(
+        metavar="DEGREES",
+        help="The height that one looks from: 0 is level, 90 is straight from above. 13 if not given.",
+        rich_help_panel=CAMERA,
+    ),
 ]
 Zoom = Annotated[
     float | None,
     typer.Option(
-        metavar="FACTOR", help="Show everything so many times as large: 2 is twice as near.", rich_help_panel=CAMERA
+        metavar="FACTOR", help="How many times as large everything is: 2 is twice as near.", rich_help_panel=CAMERA
     ),
 ]
 LookAt = Annotated[
@@ -33,7 +37,8 @@ LookAt = Annotated[
     typer.Option(
         "--look-at",
         metavar="NAME|X,Y,Z",
-        help="What is in the middle: a thing of the stage, such as String_0, or a point; all that moves if not given.",
+        help="What is in the middle: something in the stage, such as String_0, or a point. If not given, "
+        "all that moves.",
         rich_help_panel=CAMERA,
     ),
 ]
@@ -42,7 +47,7 @@ Follow = Annotated[
     typer.Option(
         "--follow",
         metavar="",
-        help="Go along with the balloons, or with what --look-at names.",
+        help="Move the camera along with the balloons, or with what --look-at names.",
         rich_help_panel=CAMERA,
     ),
 ]
@@ -52,20 +57,23 @@ Aperture = Annotated[
     float,
     typer.Option(
         metavar="WIDTH",
-        help="How wide the lens is, in the stage's unit: what is nearer or farther than --focus is blurred.",
+        help="How wide the lens is, in the stage's unit. The wider, the more is blurred what is nearer "
+        "or farther than --focus.",
         rich_help_panel=CAMERA,
     ),
 ]
 Focus = Annotated[
     str | None,
     typer.Option(
-        metavar="NAME|X,Y,Z", help="What is sharp; what is in the middle if not given.", rich_help_panel=CAMERA
+        metavar="NAME|X,Y,Z", help="What is sharp. If not given, what is in the middle.", rich_help_panel=CAMERA
     ),
 ]
 Shutter = Annotated[
     float,
     typer.Option(
-        metavar="FRAMES", help="How long it is open, 0 to 1 frame: what moves is blurred.", rich_help_panel=CAMERA
+        metavar="FRAMES",
+        help="How long the shutter is open, 0 to 1 frame. The longer, the more is blurred what moves.",
+        rich_help_panel=CAMERA,
     ),
 ]
 Transparent = Annotated[
@@ -73,7 +81,8 @@ Transparent = Annotated[
     typer.Option(
         "--transparent",
         metavar="",
-        help="Leave out backdrop, ground and water, and keep the shadow: a .png or .webp to lay over something else.",
+        help="Leave out backdrop, ground and water, but keep the shadow, for a .png or .webp to lay over "
+        "something else.",
         rich_help_panel=CAMERA,
     ),
 ]

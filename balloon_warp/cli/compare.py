@@ -41,8 +41,8 @@ Vary = Annotated[
     list[str] | None,
     typer.Option(
         metavar="PATH=VALUE,...",
-        help="What differs: normals=cached,fresh or balloon.inflation.k_normal=1,2,4. Given again, every value meets "
-        "every other.",
+        help="What differs: normals=cached,fresh or balloon.inflation.k_normal=1,2,4. May be given "
+        "again: then every combination is run.",
         rich_help_panel=RUNS,
     ),
 ]
@@ -52,18 +52,19 @@ Picture = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="The picture: .png; SCENE_compare.png if not given.",
+        help="The picture, a .png file. SCENE_compare.png if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
 TableFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Write the table to this .csv, too.", rich_help_panel=OUTPUT)
+    Path | None, typer.Option(metavar="FILE", help="Also write the table, to this .csv file.", rich_help_panel=OUTPUT)
 ]
 Frame = Annotated[
     int | None,
     typer.Option(
         metavar="NUMBER",
-        help="The frame that is shown and measured; if not given, the scene's picture, else the last.",
+        help="The frame that is shown and measured. If not given, the one that the scene chose for its "
+        "picture, or the last.",
         rich_help_panel=RUNS,
     ),
 ]

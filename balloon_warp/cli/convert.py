@@ -11,15 +11,18 @@ from balloon_warp.cli.warn import note
 
 
 def convert(
-    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A USD file: of `run` or `batch`, or any other.")],
+    stage: Annotated[
+        Path, typer.Argument(metavar="STAGE", help="A USD file that `run` or `batch` wrote, or any other.")
+    ],
     output: Annotated[
         Path,
         typer.Option(
             "--output",
             "-o",
             metavar="FILE",
-            help="What to write: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; .h5, arrays; .pvd, "
-            "for ParaView; or a file for each frame, such as out.####.ply or .obj.",
+            help="What to write. USD: .usdc, .usda, .usd, .usdz. Other kinds: .glb; .abc, which needs "
+            "Blender's module; .h5 for arrays; .pvd for ParaView; out.####.ply or out.####.obj for a "
+            "file a frame.",
         ),
     ],
 ) -> None:

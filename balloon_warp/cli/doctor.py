@@ -34,7 +34,7 @@ def _print(report: "Report", console: Console) -> None:
     lines = {
         "versions": ", ".join(f"{name} {version}" for name, version in report.versions.items()),
         "system": report.system,
-        "device": f"{report.device}; there {'is' if len(report.devices) == 1 else 'are'} {', '.join(report.devices)}",
+        "device": f"{report.device}; Warp sees {', '.join(report.devices)}",
         "kernels": f"kept in {report.kernel_cache}",
         **{f"extra {name}": _extra(name, missing) for name, missing in report.missing.items()},
         "self-test": _verdict(report.self_test),
@@ -44,10 +44,10 @@ def _print(report: "Report", console: Console) -> None:
 
 
 def _extra(name: str, missing: list[str]) -> str:
-    return f"lacks {', '.join(missing)}: pip install 'balloon-warp[{name}]'" if missing else "is there"
+    return f"lacks {', '.join(missing)}: pip install 'balloon-warp[{name}]'" if missing else "installed"
 
 
 def _verdict(test: "SelfTest") -> str:
-    found = f"fell {test.fallen:.5f} m in a second, expected {test.expected:.5f} m; grew to {test.grown:.2f} times"
+    found = f"fell {test.fallen:.5f} m in a second (expected {test.expected:.5f} m) and grew to {test.grown:.2f} times"
     word = "passed" if test.passed else "FAILED"
     return f"{word} in {test.seconds:.1f} s: a balloon {found} its volume"

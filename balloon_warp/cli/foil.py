@@ -11,23 +11,25 @@ from balloon_warp.mesh.obj import LOADERS, write_obj
 
 Edge = Annotated[
     float | None,
-    typer.Option(metavar="METERS", help="How long edges are, about; a 32nd of the height, or less, if not given."),
+    typer.Option(
+        metavar="METERS", help="About how long the edges of the quads are. If not given, a 32nd of the height or less."
+    ),
 ]
 Font = Annotated[
     str | None,
-    typer.Option(metavar="FONT", help="A .ttf or .otf file, or a family; DejaVu Sans Bold if not given."),
+    typer.Option(metavar="FONT", help="A .ttf or .otf file, or the name of a font. DejaVu Sans Bold if not given."),
 ]
 
 
 def foil(
     source: Annotated[str, typer.Argument(metavar="TEXT|DRAWING", help="Letters, or an .svg file.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The mesh to write: .obj.")],
-    height: Annotated[float, typer.Option(metavar="METERS", help="Of all of it.")] = HEIGHT,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The mesh to write, an .obj file.")],
+    height: Annotated[float, typer.Option(metavar="METERS", help="How high all of it is.")] = HEIGHT,
     edge: Edge = None,
     font: Font = None,
     apart: Annotated[
         bool,
-        typer.Option("--apart", metavar="", help="A file for each letter or part: FILE_1.obj and so on."),
+        typer.Option("--apart", metavar="", help="Write a file for each letter or part: FILE_1.obj and so on."),
     ] = False,
 ) -> None:
     """Make a foil balloon of letters or a drawing: two flat sheets of even quads, sewn at the rim.

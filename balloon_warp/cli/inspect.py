@@ -24,7 +24,7 @@ def inspect(
         str,
         typer.Argument(
             metavar="SCENE|MESH",
-            help="A bundled scene, a scene file, or a mesh: OBJ or USD; STL, PLY, OFF, glTF and GLB as triangles.",
+            help="A bundled scene, a scene file, or a mesh: OBJ, USD, STL, PLY, OFF, glTF or GLB.",
         ),
     ],
     overrides: Set = None,

@@ -13,7 +13,7 @@ SceneName = Annotated[
     str,
     typer.Argument(
         metavar="SCENE",
-        help="The name of a bundled scene, which `balloon-warp scenes` lists; a scene file, .toml; or a mesh: OBJ, "
+        help="A bundled scene (`balloon-warp scenes` lists them), a scene file (.toml), or a mesh: OBJ, "
         "USD, STL, PLY, OFF, glTF or GLB.",
     ),
 ]
@@ -31,7 +31,7 @@ Weld = Annotated[
     typer.Option(
         "--weld",
         metavar="",
-        help="Join faces wherever vertices lie at exactly the same place, not along open seams alone.",
+        help="Join faces wherever vertices are at exactly the same place, and not only along open seams.",
         rich_help_panel=SCENE,
     ),
 ]
@@ -40,44 +40,55 @@ UnitOption = Annotated[
     typer.Option(
         "--unit",
         metavar="|".join(METERS),
-        help="Of the mesh's coordinates: it gets its true size, and a mesh by itself true gravity.",
+        help="The unit of the mesh's numbers. The mesh then has its true size and, if it is run without "
+        "a scene file, true gravity.",
         rich_help_panel=SCENE,
     ),
 ]
 FramesPerSecond = Annotated[
     float | None,
-    typer.Option("--fps", metavar="RATE", help="Frames a second, such as 24.", rich_help_panel=SCENE),
+    typer.Option("--fps", metavar="RATE", help="How many frames a second has, such as 24.", rich_help_panel=SCENE),
 ]
 Frames = Annotated[
-    int | None, typer.Option("--frames", metavar="COUNT", help="How many frames.", rich_help_panel=SCENE)
+    int | None, typer.Option("--frames", metavar="COUNT", help="How many frames to simulate.", rich_help_panel=SCENE)
 ]
 Seconds = Annotated[
     float | None,
-    typer.Option("--seconds", metavar="TIME", help="How many seconds, instead of --frames.", rich_help_panel=SCENE),
+    typer.Option(
+        "--seconds", metavar="TIME", help="How many seconds to simulate, instead of --frames.", rich_help_panel=SCENE
+    ),
 ]
 Device = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="cpu, cuda:0 and so on; the GPU if there is one.", rich_help_panel=MACHINE),
+    typer.Option(
+        metavar="NAME",
+        help="What to simulate on: cpu, cuda:0 and so on. If not given, the GPU if there is one.",
+        rich_help_panel=MACHINE,
+    ),
 ]
 Schedule = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="How the work is laid out, for speed: auto, scatter, gather, block, lanes or octets.",
+        help="How the work is divided, which only changes the speed: auto, scatter, gather, block, lanes or octets.",
         rich_help_panel=MACHINE,
     ),
 ]
 Json = Annotated[
     bool,
-    typer.Option("--json", metavar="", help="Print JSON on standard output, for programs.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--json", metavar="", help="Print JSON to standard output, for other programs.", rich_help_panel=OUTPUT
+    ),
 ]
 Resume = Annotated[
     bool,
     typer.Option(
         "--resume",
         metavar="",
-        help="Go on from where the same command, stopped or killed, was saved.",
+        help="Go on where the same command was last saved before it was stopped or killed.",
         rich_help_panel=LONG,
     ),
 ]
-Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Of a picture, in pixels.", rich_help_panel=OUTPUT)]
+Size = Annotated[
+    str, typer.Option(metavar="WIDTHxHEIGHT", help="How large each picture is, in pixels.", rich_help_panel=OUTPUT)
+]

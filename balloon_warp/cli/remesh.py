@@ -15,9 +15,11 @@ from balloon_warp.quiet import quiet_warp
 
 
 def remesh(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="OBJ, USD, STL, PLY, OFF, glTF or GLB.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The mesh to write: .obj.")],
-    cells: Annotated[int, typer.Option(metavar="COUNT", help="Quads along the longest side, about: 4 to 256.")] = 48,
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="The mesh: OBJ, USD, STL, PLY, OFF, glTF or GLB.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The mesh to write, an .obj file.")],
+    cells: Annotated[
+        int, typer.Option(metavar="COUNT", help="About how many quads go along the longest side, 4 to 256.")
+    ] = 48,
 ) -> None:
     """Make a closed mesh of even quads of any surface, so that it makes a good balloon.
 

@@ -25,22 +25,24 @@ from balloon_warp.quiet import quiet_warp
 
 
 def render(
-    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A USD file: of `run`, or any with meshes in it.")],
+    stage: Annotated[
+        Path, typer.Argument(metavar="STAGE", help="A USD file that `run` wrote, or any other with meshes in it.")
+    ],
     *,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="The picture: .png, .webp, .gif or .mp4; STAGE.png if not given."
+            "--output", "-o", metavar="FILE", help="The picture: .png, .webp, .gif or .mp4. STAGE.png if not given."
         ),
     ] = None,
     frame: Annotated[
         int | None,
         typer.Option(
             metavar="NUMBER",
-            help="The frame of a .png; if not given, the one that the stage names, else the last.",
+            help="The frame that a .png shows. If not given, the one that the stage names, or the last.",
         ),
     ] = None,
-    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="In pixels.")] = "960x540",
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="How large the picture is, in pixels.")] = "960x540",
     azimuth: Azimuth = None,
     elevation: Elevation = None,
     zoom: Zoom = None,
@@ -55,9 +57,11 @@ def render(
     ] = None,
     fps: Annotated[
         float | None,
-        typer.Option(metavar="RATE", help="Pictures a second of an animation, which keeps its true speed."),
+        typer.Option(metavar="RATE", help="How many pictures an animation has for each second. Its speed stays true."),
     ] = None,
-    samples: Annotated[int, typer.Option(metavar="COUNT", help="Rays for each pixel: more is smoother.")] = 4,
+    samples: Annotated[
+        int, typer.Option(metavar="COUNT", help="How many rays each pixel gets. More is smoother and slower.")
+    ] = 4,
     device: Device = None,
 ) -> None:
     """Make a picture or an animation of a stage. This needs no display.

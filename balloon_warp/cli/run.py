@@ -56,21 +56,22 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="The animation: .usdc, .usda, .usd or .usdz; .glb; .abc, with Blender's module; .h5, arrays; .pvd, for "
-        "ParaView; or a file for each frame, such as out.####.ply or .obj. SCENE.usdc if not given.",
+        help="The animation. USD: .usdc, .usda, .usd, .usdz. Other kinds: .glb; .abc, which needs "
+        "Blender's module; .h5 for arrays; .pvd for ParaView; out.####.ply or out.####.obj for a "
+        "file a frame. SCENE.usdc if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
 Picture = Annotated[
     bool,
-    typer.Option("--picture", metavar="", help="Make a picture of it, too, beside it.", rich_help_panel=OUTPUT),
+    typer.Option("--picture", metavar="", help="Also make a picture, beside the animation.", rich_help_panel=OUTPUT),
 ]
 SavePoints = Annotated[
     Path | None,
     typer.Option(
         "--save-points",
         metavar="FILE",
-        help="Write points, edges, velocities and measures as arrays, too: .h5, which h5py and xarray read.",
+        help="Also write points, edges, velocities and measures as arrays: an .h5 file, which h5py and xarray read.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -83,7 +84,7 @@ NoGround = Annotated[
     typer.Option(
         "--no-ground",
         metavar="",
-        help="Leave the ground out: it is so wide that little else is seen where a program frames all.",
+        help="Leave the ground out. It is so wide that a program that shows all of the stage shows little else.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -92,7 +93,8 @@ OnBlowup = Annotated[
     typer.Option(
         "--on-blowup",
         metavar="stop|freeze|restart",
-        help="If the simulation blows up: write nothing; the frames until then; or begin again with half the step.",
+        help="What happens if the simulation blows up. stop: nothing is written. freeze: the frames "
+        "until then are. restart: it begins again with half the step.",
         rich_help_panel=LONG,
     ),
 ]
@@ -101,7 +103,7 @@ Checkpoint = Annotated[
     typer.Option(
         min=0.0,
         metavar="SECONDS",
-        help="How often a long run is saved, in FILE.partial; 0 for only when Ctrl-C stops it.",
+        help="How often a long run is saved, in FILE.partial. 0 saves only when Ctrl-C stops it.",
         rich_help_panel=LONG,
     ),
 ]

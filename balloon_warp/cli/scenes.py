@@ -16,14 +16,16 @@ def scenes(
     scene: Annotated[
         str | None,
         typer.Argument(
-            help="A bundled scene, a scene file or a mesh, to begin a scene of your own with; without, all bundled "
-            "scenes are listed.",
+            help="A bundled scene, a scene file or a mesh, to begin a scene of your own with. If not given, "
+            "all bundled scenes are listed.",
             metavar="SCENE",
         ),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="The scene file to write: .toml; printed if not given."),
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="The scene file to write, .toml. If not given, it is printed."
+        ),
     ] = None,
 ) -> None:
     """List the bundled scenes, or write one as a file to change.

@@ -24,12 +24,21 @@ def view(
     open_page: Annotated[bool, typer.Option("--open", metavar="", help="Open the page in the browser.")] = False,
     port: Annotated[
         int | None,
-        typer.Option(min=0, max=65535, metavar="NUMBER", help="Of the page; 8080 or the next free one if not given."),
+        typer.Option(
+            min=0,
+            max=65535,
+            metavar="NUMBER",
+            help="The port of the page. If not given, 8080 or the next one that is free.",
+        ),
     ] = None,
     folder: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", metavar="FOLDER", help="Where recordings go; the current folder.", rich_help_panel=OUTPUT
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="The folder that recordings are written to.",
+            rich_help_panel=OUTPUT,
         ),
     ] = Path("."),
     overrides: Set = None,
@@ -37,7 +46,10 @@ def view(
     unit: UnitOption = None,
     device: Device = None,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where to listen; this machine alone can come in if not given.")
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="The address to listen on. With this one only this machine can open the page."
+        ),
     ] = "127.0.0.1",
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it.

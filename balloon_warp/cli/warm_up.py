@@ -14,11 +14,9 @@ from balloon_warp.scene.load import scene_name
 def warm_up(
     scenes: Annotated[
         list[str] | None,
-        typer.Argument(metavar="SCENE", help="Bundled scenes, scene files or meshes; all bundled ones if none."),
+        typer.Argument(metavar="SCENE", help="Bundled scenes, scene files or meshes. All bundled scenes if not given."),
     ] = None,
-    worlds: Annotated[
-        int, typer.Option(metavar="COUNT", help="For batches of about so many worlds, if more than one.")
-    ] = 1,
+    worlds: Annotated[int, typer.Option(metavar="COUNT", help="How many worlds a later batch will have, about.")] = 1,
     device: Device = None,
     schedule: Schedule = "auto",
 ) -> None:

@@ -78,9 +78,9 @@ def compare(
             last.
         size: width and height of each run's picture in pixels.
         samples: rays a pixel.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
         on_frame: told which run is at which frame, and of how many each, after each frame.
 
     Raises:

@@ -60,7 +60,7 @@ def simulate(
         stage: the stage to write that frame into, if any.
         frame: the frame that is shown, unless `picture_frame` is varied; when missing, the one that the scene names as
             its picture, else the last.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
         on_frame: told how many frames are done, and of how many, after each.
         clock: what frames are timed with.
     """

@@ -48,7 +48,7 @@ class PolygonMesh:
         return len(self.face_vertex_counts)
 
     def stand_in(self, vertex: int) -> int:
-        """The vertex that faces have in the place of this one of the file."""
+        """The vertex that faces use instead of this vertex of the file."""
         return vertex if self.stand_ins is None else int(self.stand_ins[vertex])
 
     @property

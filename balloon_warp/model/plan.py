@@ -108,7 +108,7 @@ def plan_model(
 
     Args:
         shapes: of the scene's balloons, where they are known already.
-        laws: that act beside the built-in ones.
+        laws: your own, which act beside the built-in ones.
 
     Raises:
         InputError: a law is not right, a mesh cannot be read or strung, or not hold gas, a particle is not in its

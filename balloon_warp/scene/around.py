@@ -92,8 +92,8 @@ def _description(name: str, unit_known: bool, size: float, gravity: float | None
     if gravity is None:
         return f"{name} inflates above a floor"
     return (
-        f"{name} inflates above a floor; its unit is not known, so gravity is scaled to its size, {size:.5g}: "
-        f"{gravity:.5g} m/s2; for the true ones, give --unit {', '.join(METERS)}"
+        f"{name} inflates above a floor; its unit is not known, so gravity suits its size of {size:.5g}: "
+        f"{gravity:.5g} m/s2; for true size and gravity, give --unit {', '.join(METERS)}"
     )
 
 

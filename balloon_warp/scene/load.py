@@ -20,7 +20,7 @@ from balloon_warp.scene.overrides import Override, OverrideError, apply_override
 from balloon_warp.scene.schema import Balloon, Body, Obstacle, Scene
 
 SceneLike: TypeAlias = Scene | str | Path | MeshLike
-"""a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh, in a file or not"""
+"""a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh (file or not)"""
 Meshed = TypeVar("Meshed", Balloon, Obstacle, Body)
 FILES = ("mesh", "print")
 """fields that name files"""
@@ -70,6 +70,8 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
     path = bundled.get(str(source), Path(source))
     if not os.path.exists(path):  # no error either where no file can have such a name
         hint = did_you_mean_file(path, (".toml", *LOADERS), bundled)
+        if not hint and path.suffix.lower() in (".toml", *LOADERS):
+            raise InputError(f"{source}: no such file" + (f" in {Path.cwd()}" if not path.is_absolute() else ""))
         names = f"; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         raise InputError(f"{source}: no such scene or file{hint or names}")
     pairs = _pairs(overrides)

@@ -42,7 +42,10 @@ def _docstrings(table: Tables) -> dict[str, str]:
     with PARSING:
         (definition,) = ast.parse(textwrap.dedent(inspect.getsource(table))).body
     assert isinstance(definition, ast.ClassDef)
-    said = {}
+    said: dict[str, str] = {}
+    for base in table.__bases__:  # fields that it has in common with others
+        if issubclass(base, BaseModel) and base.model_fields:
+            said |= _docstrings(base)
     for field, below in itertools.pairwise(definition.body):
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(below, ast.Expr):
             said[field.target.id] = inspect.cleandoc(ast.literal_eval(below.value))

@@ -110,18 +110,18 @@ def run_batch(
         vary: what differs: dotted paths as in overrides, and a value for each world, shape (world_count,).
         export: the worlds that go into the stage.
         name: what the summary calls the scene.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: what becomes of a world that blows up: "freeze" keeps its rows at its last good frame; "restart"
             simulates it anew after the others with half the step, `MOST_HALVINGS` times at most; "stop" ends all.
         cluster: the workers that simulate it; this process does, when missing. The files are the same.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`. On a cluster each has a global name in the
-            module of its function, which workers can import.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`. On a cluster each must be a global
+            name in a module that workers can import.
         provenance: what the manifest is to say of where all this comes from, such as a command and a seed.
         checkpoint_seconds: between two checkpoints; 0 for one only when the batch is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same files as a batch that was never stopped;
             on a cluster without the shares that are done, whatever the number of workers.
-        on_frame: told the number of each frame when it is simulated; on a cluster, now and then, of the average world.
+        on_frame: called with the number of each frame when it is simulated; on a cluster now and then, on average.
         on_note: told where the batch begins, and of an earlier one that was not finished, in a sentence.
         on_warning: told what is odd about each mesh, what became of it, how exported worlds end, what was left out.
 

@@ -49,7 +49,7 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
     world.
 
     Args:
-        laws: that act beside the built-in ones.
+        laws: your own, which act beside the built-in ones.
 
     Raises:
         InputError: as `plan_model`.

@@ -28,9 +28,9 @@ def simulate_locally(
     """Simulate a batch and write its table and its stage.
 
     Args:
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         checkpoints: what is kept safe meanwhile, and gone on from.
-        on_frame: told the number of each frame when it is simulated.
+        on_frame: called with the number of each frame when it is simulated.
 
     Raises:
         InputError, BlowUpError, KeyboardInterrupt: as `run_batch`.

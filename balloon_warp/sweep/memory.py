@@ -36,7 +36,7 @@ def require_room(
 
     Args:
         varied: the paths of what differs.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         spread: whether workers simulate them, and only the table is here.
 
     Raises:

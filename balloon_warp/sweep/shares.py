@@ -88,11 +88,11 @@ def simulate_share(
 
     Args:
         chosen: the worlds whose shape is wanted, by their numbers in the batch.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         world_count: how many worlds the whole batch has.
         on_blowup: as in `run_batch`.
-        on_frame: told the number of each frame when it is simulated.
+        on_frame: called with the number of each frame when it is simulated.
 
     Raises:
         InputError: there is no such device or schedule, or the share does not fit into its memory.

@@ -49,7 +49,7 @@ def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
                 return path, Range(low, high)
     raise InputError(
         f"--vary {text}: expected PATH=LOW:HIGH with LOW below HIGH, or PATH=NUMBER,NUMBER,..., as in "
-        "--vary balloon.inflation.k_normal=0:8 or --vary sphere.0.mass=1,10,100; words are for compare"
+        "--vary balloon.inflation.k_normal=0:8 or --vary sphere.0.mass=1,10,100; `compare` varies words, too"
     )
 
 

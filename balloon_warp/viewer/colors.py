@@ -17,6 +17,8 @@ STRING: Color = (95, 75, 60)
 HAND: Color = (250, 200, 40)
 GROUND: Color = (228, 222, 212)
 GRID: Color = (214, 207, 196)
+PAPER: Color = (255, 255, 255)
+"""below a print"""
 BRAND: Color = (200, 40, 36)
 STRAIN_BOUNDS = (0.85, 0.97, 1.03, 1.15, 1.4, 1.8)
 """length over rest length between the bands of color"""

@@ -82,6 +82,10 @@ class Controls:
         self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
         self.status.content, self.details.content = status_line(picture), details(picture)
 
+    def wait(self, picture: Picture, busy_seconds: float) -> None:
+        """Say that what was asked for takes some time."""
+        self.status.content = status_line(picture, busy_seconds)
+
     def _inflation_moved(self, picture: Picture) -> bool:
         slider = self.inflation
         return abs(slider.value - picture.inflation) > 1e-3 * (slider.max - slider.min)

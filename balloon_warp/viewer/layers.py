@@ -13,6 +13,7 @@ from balloon_warp.viewer.knots import ROOT as KNOTS
 from balloon_warp.viewer.knots import KnotLayer
 from balloon_warp.viewer.obstacles import ROOT, ObstacleLayer
 from balloon_warp.viewer.picture import Picture
+from balloon_warp.viewer.prints import Printed, hang, image_of
 from balloon_warp.viewer.smooth import surfaces_of
 
 LAYERS = {
@@ -103,13 +104,10 @@ class Layers:
         scene.add_frame("/strain", show_axes=False)
         scene.add_frame("/lines", show_axes=False)
         scene.add_frame("/spheres", show_axes=False)
-        self._surfaces = surfaces_of(picture.model)
+        self._surfaces: list[Any] = list(surfaces_of(picture.model))
         for number, points in enumerate(picture.frame.points):
             triangles = self._drawing.triangles[number]
-            color, surface = colors.balloon_color(picture.scene, number), self._surfaces[number]
-            balloon = scene.add_mesh_simple(
-                f"/balloons/{number}", surface.points(points), surface.triangles, color=color, side="double"
-            )
+            balloon = self._add_balloon(picture, number, points)
             self._balloons.append(balloon)
             bands = [
                 scene.add_mesh_simple(f"/strain/{number}_{band}", points, triangles[:1], color=color, side="double")
@@ -132,6 +130,24 @@ class Layers:
         self._spheres: dict[int, viser.IcosphereHandle] = {}
         if picture.scene.ground:
             self._add_ground(picture.scene.ground.height, center, up)
+
+    def _add_balloon(self, picture: Picture, number: int, points: NDArray[np.float32]) -> Any:
+        """Its surface, with its print if it has one."""
+        name, surface, color = (
+            f"/balloons/{number}",
+            self._surfaces[number],
+            colors.balloon_color(picture.scene, number),
+        )
+        image = image_of(picture.scene.balloon[number].print)
+        if image is not None:
+            surface, color = Printed(surface, picture.model.shapes[number].mesh), colors.PAPER
+            self._surfaces[number] = surface
+        balloon = self.server.scene.add_mesh_simple(
+            name, surface.points(points), surface.triangles, color=color, side="double"
+        )
+        if isinstance(surface, Printed) and image is not None:
+            hang(self.server.scene, name, surface, image)
+        return balloon
 
     def _add_ground(self, height: float, center: np.ndarray, up: np.ndarray) -> None:
         """A plane to throw shadows on, with a grid a balloon's size wide."""

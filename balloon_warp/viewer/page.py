@@ -23,6 +23,8 @@ from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_part
 from balloon_warp.viewer.session import SHOWN_SECONDS, Done, Session
 
 DEFAULT_PORT = 8080
+BUSY_SECONDS = 0.4
+"""that what was asked for may take before the panel says so"""
 PANEL_SECONDS = 0.2
 """between two updates of the panel and the plots"""
 
@@ -92,7 +94,10 @@ class Page:
         np.seterr(over="ignore", invalid="ignore")  # on this thread: the page says what blew up, not the terminal
         while not self._stop.wait(SHOWN_SECONDS / 2):
             self.session.watched = bool(self.server.get_clients())
-            picture = self.session.picture
+            picture, busy = self.session.picture, self.session.busy_seconds
+            if self.session.watched and busy > BUSY_SECONDS and time.perf_counter() - panel_at >= PANEL_SECONDS:
+                panel_at = time.perf_counter()
+                self.controls.wait(picture, busy)
             if picture is drawn or not self.session.watched:
                 continue
             self.layers.draw(picture)

@@ -37,8 +37,8 @@ class Playground:
 
     Args:
         scene: where it starts.
-        device: a Warp device; the GPU where there is one, when missing.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        device: a Warp device; if missing, the GPU or else the CPU.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene cannot be simulated.
@@ -87,7 +87,7 @@ class Playground:
         """One frame.
 
         Raises:
-            BlowUpError: the simulation left the finite numbers.
+            BlowUpError: the simulation blew up.
         """
         self.simulator.step()
 

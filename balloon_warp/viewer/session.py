@@ -43,9 +43,9 @@ class Session:
     Args:
         name: of the scene.
         scene: where it starts.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         folder: where recordings go.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene cannot be simulated.
@@ -72,6 +72,8 @@ class Session:
         self.writer: threading.Thread | None = None
         """of the last recording that ended"""
         self._load, self._revision, self._step_seconds = 1, 1, 0.0
+        self._is_new = True
+        self._busy_since: float | None = None
         self._moments: deque[Moment] = deque(maxlen=MOMENTS)
         self._recordings = 0
         self._wishes, self._stop = Wishes(self._refuse), threading.Event()
@@ -112,6 +114,13 @@ class Session:
     def asked(self) -> int:
         """how many wishes there were until now"""
         return self._wishes.asked
+
+    @property
+    def busy_seconds(self) -> float:
+        """how long by now what was asked for takes, or the first frame after it, whose kernels may have to be
+        compiled; 0 while frames come as usual"""
+        since = self._busy_since
+        return time.perf_counter() - since if since else 0.0
 
     def set(self, path: str, value: object) -> None:
         """Ask for a value of the scene to change."""
@@ -200,7 +209,9 @@ class Session:
     def _run(self) -> None:
         while not self._stop.is_set():
             with _DEVICE_WORK:
-                self._wishes.grant(lambda: self.playground)
+                self._busy_since = time.perf_counter()
+                self._is_new |= self._wishes.grant(lambda: self.playground)
+                self._busy_since = None
             if not self.running or not self.watched:
                 self.pace.rest()
                 with _DEVICE_WORK:
@@ -211,7 +222,9 @@ class Session:
             frame_seconds = self.playground.simulator.model.frame_seconds
             time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
             with _DEVICE_WORK:
+                self._busy_since = time.perf_counter() if self._is_new else None
                 self._advance()
+                self._is_new, self._busy_since = False, None
             now = time.perf_counter()
             self.pace.passed(now, frame_seconds)
             if now - self._shown_at >= SHOWN_SECONDS:

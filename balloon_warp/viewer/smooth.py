@@ -1,5 +1,6 @@
 """A finer surface for the eye: one step of Catmull and Clark (1978), a matrix that is made once."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,23 @@ class Plain:
 
     def __init__(self, mesh: PolygonMesh):
         self.triangles, self.triangle_faces = triangulate(mesh)
+        corners = np.arange(len(mesh.face_vertex_indices))
+        self._corners, _ = triangulate(replace(mesh, face_vertex_indices=corners, texture_coordinates=None))
 
     def points(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Those of the mesh."""
         return points
+
+    def spread(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """At the corners of the triangles, from those of the mesh's faces.
+
+        Args:
+            values: shape (corner_count, k).
+
+        Returns:
+            Shape (n, 3, k).
+        """
+        return values[self._corners]
 
 
 def surfaces_of(model: Model) -> "list[Plain | Smooth]":
@@ -47,7 +61,8 @@ class Smooth:
         faces = np.repeat(np.arange(len(counts)), counts)
         firsts = np.repeat(np.cumsum(counts) - counts, counts)
         number = np.arange(len(corners)) - firsts
-        following = corners[firsts + (number + 1) % counts[faces]]
+        after = firsts + (number + 1) % counts[faces]
+        following = corners[after]
         pairs = np.sort(np.stack([corners, following], axis=1), axis=1)
         ends, edges, uses = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
         edges = edges.reshape(-1)
@@ -65,10 +80,28 @@ class Smooth:
         """of the finer surface, shape (n, 3)"""
         self.triangle_faces = np.repeat(faces, 2)
         """the face of the mesh that each is of, shape (n,)"""
+        self._beside = after, firsts + (number - 1) % counts[faces]
+        """of each corner the next and the one before in its face"""
+        self._means = _rows(faces, np.arange(len(corners)), 1.0 / counts[faces], (len(counts), len(corners)))
 
     def points(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Of the finer surface, from those of the mesh; shape (n, 3)."""
         return self._matrix @ points
+
+    def spread(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """At the corners of the triangles, from those of the mesh's faces: straight between them, so that an image is
+        cut where the mesh cuts it.
+
+        Args:
+            values: shape (corner_count, k).
+
+        Returns:
+            Shape (n, 3, k).
+        """
+        after, before = self._beside
+        centers = np.repeat(self._means @ values, np.diff(self._means.indptr), axis=0)
+        quads = [values, (values + values[after]) / 2, centers, (values + values[before]) / 2]
+        return np.stack(quads, axis=1)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, values.shape[1])
 
 
 def _points(

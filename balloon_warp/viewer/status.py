@@ -17,6 +17,8 @@ KEYS = (
     ("?", "shows this, and hides it"),
 )
 """what a person does, and what it does"""
+COMPILING = "what is new here needs kernels that are being compiled; they are kept, so that it is quick the next time"
+"""why time stands for some seconds"""
 KEPT_UP = 0.95
 """part of the speed asked for that counts as kept"""
 KEYS_BUTTON = '<div class="bw-keys"><button class="bw-keys-button" title="keys">?</button></div>'
@@ -25,10 +27,14 @@ NEARLY_ALL = 0.9
 """part of the time of a frame that simulating it takes, where nothing else is to blame"""
 
 
-def status_line(picture: Picture) -> str:
-    """Time and pace, in one line however long they are."""
+def status_line(picture: Picture, busy_seconds: float = 0.0) -> str:
+    """Time and pace, in one line however long they are.
+
+    Args:
+        busy_seconds: how long what was asked for takes by now, if it takes long.
+    """
     recorded = f" · ● {picture.recorded_seconds:.1f} s" if picture.recorded_seconds is not None else ""
-    pace, why = _pace(picture)
+    pace, why = (f"getting ready: {busy_seconds:.1f} s", COMPILING) if busy_seconds else _pace(picture)
     return (
         f'<div class="bw-status" title="{escape(why)}"><span><b>{picture.seconds:.2f} s</b> · {escape(pace)}{recorded}'
         "</span></div>"

@@ -32,12 +32,12 @@ def view(
     Args:
         scene: where it starts: a scene, or what `load_scene` makes one of.
         name: what the page and recordings call it.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         folder: where recordings go.
         host: address to listen on; this machine alone, when missing.
         port: 8080 or the next free one, when missing.
         open_page: whether the browser opens it.
-        laws: that act beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
+        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
         on_start: told the page once it is there.
         on_warning: told in a sentence what is odd about a mesh, and what became of it, of strings that start
             overstretched, and of spheres that may come through.

@@ -44,18 +44,23 @@ class Wishes:
                 self.asked += 1
         self.came.set()
 
-    def grant(self, playground: Callable[[], Playground]) -> None:
+    def grant(self, playground: Callable[[], Playground]) -> bool:
         """Do what was asked for. Whoever asks for much does not stop time: the rest waits for the next frame.
 
         Args:
             playground: the one that is played with now; a wish may bring another.
+
+        Returns:
+            Whether anything was asked for.
         """
-        until = time.perf_counter() + GRANTING_SECONDS
+        until, any_came = time.perf_counter() + GRANTING_SECONDS, False
         while wish := self._next():
+            any_came = True
             self._grant(wish, playground())
             if time.perf_counter() > until:
                 self.came.set()
-                return
+                break
+        return any_came
 
     def _next(self) -> Wish | None:
         with self._lock:

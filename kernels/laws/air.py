@@ -171,8 +171,9 @@ AIR = (
         most=0.1,
         of="world",
         path="atmosphere.lapse",
-        meaning="how much colder it is with height, pressure and density falling along, from those at height 0: "
-        "0.0065 in the standard atmosphere, 0 where it is as warm; alike at all heights when missing",
+        meaning="how much colder the air gets with height; pressure and density, given at height 0, fall with it: "
+        "0.0065 in the standard atmosphere, 0 where the temperature stays; if missing, the air is the same at all "
+        "heights",
     ),
 )
 STATE_OF_AIR = AIR[:3]
@@ -186,8 +187,8 @@ WIND = (
         most=2.0,
         of="world",
         path="atmosphere.shear",
-        meaning="the exponent with which the wind grows with height, from nothing at height 0 on and up to ten times "
-        "`wind_height`: 0.14 over open land, 0.3 in towns; 0 is the same at all heights",
+        meaning="the exponent with which the wind grows with height, from none at height 0, up to ten times "
+        "`wind_height`: 0.14 over open land, 0.3 in towns; with 0 it is the same at all heights",
     ),
     Parameter(
         "wind_height",
@@ -196,7 +197,7 @@ WIND = (
         least=TINY,
         of="world",
         path="atmosphere.wind_height",
-        meaning="the height at which it is as `wind` says, if it grows",
+        meaning="the height at which `wind` holds, if the wind grows with height",
     ),
     Parameter(
         "wind_roughness",
@@ -204,9 +205,9 @@ WIND = (
         least=0.0,
         of="world",
         path="atmosphere.roughness",
-        meaning="the roughness length of the ground: the wind grows with the logarithm of the height over it, from "
-        "nothing there on and up to ten times `wind_height`; 0.0002 over the open sea, 0.03 over grass, 0.25 over "
-        "high crops, 1 in suburbs; 0 is none, and `shear` another way of saying it",
+        meaning="the roughness length of the ground, from which the wind grows with the logarithm of the height, up to "
+        "ten times `wind_height`: 0.0002 over the open sea, 0.03 over grass, 0.25 over high crops, 1 in suburbs; 0 is "
+        "none; `shear` is another way to say how it grows",
     ),
     Parameter(
         "gusts",
@@ -215,8 +216,8 @@ WIND = (
         most=2.0,
         of="world",
         path="atmosphere.gusts",
-        meaning="root mean square of each component of their velocity, over the wind's: 0.1 on a calm day, 0.3 in "
-        "streets",
+        meaning="how strong gusts are: the root mean square of each component of their velocity, over the wind's; 0.1 "
+        "on a calm day, 0.3 in streets",
     ),
     Parameter(
         "gust_length",
@@ -225,10 +226,17 @@ WIND = (
         least=TINY,
         of="world",
         path="atmosphere.gust_length",
-        meaning="over which they belong together, the integral scale",
+        meaning="how large gusts are, the integral scale of turbulence",
     ),
     Parameter(
-        "gust_seed", "1", 0, least=0.0, most=1e6, of="world", path="atmosphere.gust_seed", meaning="of the draws"
+        "gust_seed",
+        "1",
+        0,
+        least=0.0,
+        most=1e6,
+        of="world",
+        path="atmosphere.gust_seed",
+        meaning="another seed draws other gusts",
     ),
 )
 VARYING = {"air_lapse": ALIKE, "wind_shear": 0.0, "wind_roughness": 0.0, "gusts": 0.0}

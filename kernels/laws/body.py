@@ -26,7 +26,9 @@ def damping(velocity: wp.vec3, mass_share: float, damping: float):
 MASS = Parameter(
     "mass", "kg", 0.1, least=TINY, path="mass", meaning="of the whole balloon, shared alike by its particles"
 )
-GRAVITY = Parameter("gravity", "m/s^2", 9.81, of="world", path="gravity", meaning="down the up axis")
+GRAVITY = Parameter(
+    "gravity", "m/s^2", 9.81, of="world", path="gravity", meaning="the acceleration against the up axis"
+)
 HELIUM = Parameter("helium", "N/kg", path="helium", meaning="lift for each kilogram of balloon, against gravity's 9.81")
 DAMPING_CONSTANT = Parameter(
     "damping",

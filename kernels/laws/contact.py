@@ -155,8 +155,8 @@ FRICTION = Parameter(
     AS_OTHERS,
     least=0.0,
     path="friction",
-    meaning="Coulomb's coefficient: between two, the geometric mean of both; that of what it meets when missing, of "
-    "`touch.friction` where that is a balloon",
+    meaning="Coulomb's coefficient; where two things meet, the geometric mean of both counts; if missing, that of the "
+    "other thing alone, or between balloons `touch.friction`",
 )
 NO_GROUND = -1.0e30
 """height [m] of a ground that is not there"""

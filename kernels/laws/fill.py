@@ -36,8 +36,8 @@ PARAMETERS = (
         1.0,
         least=SHORTEST,
         path="inflation.fill_time",
-        meaning="of a gas: in which breaths, litres or moles are blown in, evenly from the start; up to a pressure or "
-        "a diameter, in which each breath is",
+        meaning="of a gas: the time in which breaths, litres or moles are blown in, evenly from the start; with "
+        "`fill_to_pressure` or `fill_to_diameter`, the time of each breath",
     ),
     Parameter(
         "fill_to_pressure",

@@ -40,8 +40,8 @@ PARAMETERS = (
         least=0.0,
         most=1.0,
         path="inflation.breathing_damping",
-        meaning="of a gas's springiness, by the step: 1 as backward Euler, which calms what steps are too long for; "
-        "0 not at all, by the trapezoidal rule, so that balloons breathe on",
+        meaning="of a gas: how much the step damps a balloon's breathing, its quick swelling and shrinking: 1 as "
+        "backward Euler does; 0 not at all, by the trapezoidal rule, so that balloons breathe on",
     ),
     Parameter("molar_mass", "kg/mol", HELIUM_MOLAR_MASS, least=0.0, path="inflation.molar_mass", meaning="of a gas"),
     *AIR,

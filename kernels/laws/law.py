@@ -88,8 +88,9 @@ TINY = 1.0e-12
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that a scene has for each world, or for each balloon, sphere, string or tube: one row, from which all
-    else follows. A law's are of the world or of balloons."""
+    """A number that a scene has for each world, or for each balloon, sphere, string or tube. Its unit, bounds, default
+    and place in scene files all follow from this one row. Parameters of your own laws belong to the world or to
+    balloons."""
 
     name: str
     unit: str
@@ -128,9 +129,10 @@ GIVEN_TO_BOUNDS: Mapping[Kind, tuple[Given, ...]] = {
 class Law:
     """A law of the simulation.
 
-    Its bounds are functions for the host, from which the stable step follows. They name what they need, of
-    `GIVEN_TO_BOUNDS` and of the parameters, and get arrays that broadcast: worlds first, then particles, and a vector's
-    three numbers last. A law without bounds has no part in the step that "auto" takes.
+    Its bounds, `stiffness` and `drag`, are Python functions from which the stable step follows. The names of their
+    arguments say what they need: things of `GIVEN_TO_BOUNDS`, and parameters. They get arrays that broadcast: worlds
+    first, then particles, and a vector's three numbers last. Without bounds the step of "auto" does not take the law
+    into account.
     """
 
     kind: Kind

@@ -64,8 +64,8 @@ def export_stage(
     Args:
         stage: any file that USD opens.
         output: where to.
-        on_note: told how large a file will be, before it is made, and what else is good to know.
-        on_frame: told how much is done, and of how much.
+        on_note: called with sentences, such as how large a file will be.
+        on_frame: called with how much is done, and of how much.
 
     Raises:
         InputError: the stage cannot be read, or the output cannot be written.

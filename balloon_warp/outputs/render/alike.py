@@ -19,7 +19,7 @@ def render_alike(
         moments: stages and the frame of each that is shown.
         size: width and height of a picture in pixels.
         samples: rays a pixel.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
 
     Raises:
         InputError: a stage cannot be read, or there is nothing to draw.

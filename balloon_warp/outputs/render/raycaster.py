@@ -34,7 +34,7 @@ class RayCaster:
         size: how large the action is, in the stage's unit.
         picture_size: width and height in pixels.
         samples: rays a pixel.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         threads: CPU threads; all cores when missing. The picture does not depend on it.
         transparent: leave out backdrop, water, and ground but for the shadows on it; pictures say how opaque they are
             then.

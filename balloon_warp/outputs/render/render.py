@@ -79,7 +79,7 @@ def render_stage(
         frame: the frame for a .png; when missing, the one that the stage names as its picture, else the last.
         size: width and height in pixels.
         samples: rays a pixel.
-        device: a Warp device; the GPU where there is one, when missing.
+        device: a Warp device; if missing, the GPU or else the CPU.
         azimuth: where one looks from [degrees], from the front, +Z, or -Y where Z is up, toward +X; `AZIMUTH` when
             missing.
         elevation: from level toward above, 0 to 90 [degrees]; `ELEVATION` when missing. With both missing a camera of

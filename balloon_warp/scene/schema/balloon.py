@@ -39,11 +39,11 @@ class Stiffness(Table):
     variation: UnitInterval = 0.0
     """each spring's constant is drawn uniformly from k (1 - variation) to k (1 + variation)"""
     seed: Index = 0
-    """of the draws"""
+    """another seed draws other constants"""
     gradient: tuple[NonNegative, NonNegative] = (1.0, 1.0)
     """factors on the constants of springs at the balloon's lowest and highest coordinate, and linear between them"""
     gradient_axis: Literal["X", "Y", "Z"] = "Y"
-    """of the scene, along which they change; where the middles of springs are at the start counts"""
+    """the axis of the scene along which they change; what counts is where the middle of a spring is at the start"""
     weights: list[NonNegative] | dict[str, NonNegative] | Rule | None = None
     """a number for each vertex of the file, or for groups of the mesh by their names, and 1 elsewhere: a spring's
     constant is multiplied by the mean of those at its ends. From Python also a function that takes the mesh's own
@@ -67,15 +67,15 @@ class Balloon(Table):
     """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
     faces"""
     weld: Weld = "auto"
-    """join faces where vertices of the mesh lie at exactly the same place: along seams, open edges that do ("auto"),
-    everywhere (true) or nowhere (false)"""
+    """join faces where vertices of the mesh are at exactly the same place: "auto" does so along seams, where open edges
+    meet; true everywhere; false nowhere"""
     holes: Holes = "cap"
     """close holes in the mesh's surface, such as pinholes and eye sockets, or "keep" them; openings such as the rim of
     a bowl or a sleeve always stay"""
     parts: Parts = "held"
     """hold parts of the mesh that share no vertex together by springs, of the structural kind, or leave them "free" """
     unit: Unit | None = None
-    """of the mesh's coordinates; what its file says, and a meter where that says none, when missing"""
+    """unit of the mesh's numbers; if missing, the one that its file names, else the meter"""
     name: str = ""
     """what its prim is called in the stage; the mesh's name when empty"""
     position: Vector = (0.0, 0.0, 0.0)

@@ -25,15 +25,16 @@ class Sphere(Table):
     velocity: Vector = (0.0, 0.0, 0.0)
     """at the start [m/s]"""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
-    """at the start [rad/s]; without meaning where nothing has friction for it"""
+    """at the start [rad/s]; it has no effect without friction"""
     penalty: NonNegative = 1.0
-    """force it gets from a touching particle, as a multiple of that particle's inflation force; without meaning where
+    """force it gets from a touching particle, as a multiple of that particle's inflation force; it has no effect with
     `contact = "impulse"`"""
     restitution: UnitInterval = 0.3
     """rebound speed over impact speed where it meets a sphere; of two different ones, their geometric mean [1]"""
     friction: NonNegative = 0.0
-    """Coulomb's coefficient: with what it meets, the geometric mean of both, so that one of 0 slides on everything and
-    does not turn; with balloons, where `contact = "impulse"`, or where it is small and touches faces [1]"""
+    """Coulomb's coefficient; where two things meet, the geometric mean of both counts, so that with 0 it slides on
+    everything and does not turn; with balloons it counts where `contact = "impulse"`, or where the sphere is small and
+    touches faces [1]"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     start: NonNegative = 0.0

@@ -24,11 +24,11 @@ class Inflation(Table):
     - "pressure": a given pressure acts on every face. On a closed mesh its forces add up to nothing.
     - "gas": a sealed amount of gas does, whose pressure falls as it expands, and which has weight and buoyancy.
     - "normal_force", the paper's: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N]. These
-      forces do not add up to nothing, and what a k_normal does hangs on how the mesh is divided into faces.
+      forces do not add up to nothing, and the effect of k_normal depends on how the mesh is divided into faces.
     """
 
     kind: Literal["pressure", "gas", "normal_force"] = "pressure"
-    """when left out, the kind that has the fields that are given; a pressure where none is"""
+    """if left out, it follows from the fields that are given; without any, a pressure"""
     pressure: Literal["auto"] | Keyframed = "auto"
     """of "pressure": above the air's [Pa]; a number or keyframes; or "auto", which rises within a second to what
     stretches the balloon by a quarter or so, whatever its size, its faces and its springs"""

@@ -53,11 +53,11 @@ class Material(Table):
     viscosity: NonNegative = 0.0
     """damping of the material's own, against any change of its shape [Pa s]"""
     softening: Annotated[float, Field(ge=0.0, le=0.95)] | None = None
-    """rubber's hysteresis (Mullins): the most of its pull that it loses where it has been stretched further before, so
-    that it takes less pressure to hold a balloon as it deflates than as it was inflated; Ogden and Roxburgh's 1 / r"""
+    """rubber's hysteresis (Mullins): the largest part of its pull that it loses once it has been stretched further, so
+    that a balloon has less pressure as it deflates than as it was inflated; Ogden and Roxburgh's 1 / r"""
     softening_energy: Positive = 1.0e5
-    """of `softening`: how far the energy density is below the greatest that there was when most of that is lost [Pa];
-    their m"""
+    """of `softening`: when the energy density is so far below the greatest that there was, most of that part is lost
+    [Pa]; their m"""
     softening_share: Annotated[float, Field(ge=0.0, le=10.0)] = 0.3
     """of `softening`: this part of the greatest energy density is added to `softening_energy`; the greater, the slower
     it gives way, and the longer the stable step"""
@@ -70,7 +70,8 @@ class Material(Table):
     """of `strength`: a balloon that bursts at a higher stress does not open along one tear, but in pieces [Pa]; half of
     it when missing"""
     tear_speed: Positive | None = None
-    """of `strength`: of a tear, as on the unstretched skin [m/s]; when missing, that of waves on its surface"""
+    """of `strength`: how fast a tear runs, measured on the unstretched skin [m/s]; if missing, as fast as waves on its
+    surface"""
     needle_time: NonNegative = NEVER
     """of `strength`: when a needle pierces it, where it is stretched most [s]; 1e9, never, when missing"""
     springs: list[SpringsBeside] = []

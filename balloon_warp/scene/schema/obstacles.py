@@ -24,8 +24,8 @@ class Obstacle(Solid):
     restitution: UnitInterval = 0.3
     """rebound speed over impact speed, for spheres [1]"""
     thickness: NonNegative | None = None
-    """how far from its surface balloons are held [m]: half of what a sheet is thick; 0 when missing, and a thousandth
-    of its size for a sheet"""
+    """how far from its surface balloons are held [m], half the thickness of a sheet; if missing 0, and for a sheet a
+    thousandth of its size"""
     name: str = ""
     """what its prim is called in the stage; its shape when empty"""
     color: Color | None = None

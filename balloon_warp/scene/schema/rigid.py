@@ -22,13 +22,14 @@ class Body(Solid):
     mass: Positive | None = None
     """[kg]; what `density` says when missing, or 1 kg"""
     density: Positive | None = None
-    """of its material, which fills it, or is as thick as a sheet [kg/m^3]; instead of `mass`"""
+    """of its material, which fills it, or of a sheet's [kg/m^3]; instead of `mass`"""
     friction: NonNegative = 0.5
-    """Coulomb's coefficient; of it and what it meets the geometric mean, as of a balloon that says its own [1]"""
+    """Coulomb's coefficient; where two things meet, the geometric mean of both counts, if a balloon has one of its own
+    [1]"""
     restitution: UnitInterval = 0.3
-    """rebound speed over impact speed; of it and what it meets the geometric mean [1]"""
+    """rebound speed over impact speed; where two things meet, the geometric mean of both counts [1]"""
     thickness: NonNegative | None = None
-    """how far from its surface others are held [m]: half of what a sheet is thick; 0 when missing"""
+    """how far from its surface others are held [m], half the thickness of a sheet; 0 when missing"""
     name: str = ""
     """what its prim is called in the stage; its shape when empty"""
     color: Color | None = None

@@ -41,7 +41,7 @@ class Solid(Table):
     """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
     faces"""
     unit: Unit | None = None
-    """of the mesh's coordinates; what its file says, and a meter where that says none, when missing"""
+    """unit of the mesh's numbers; if missing, the one that its file names, else the meter"""
     scale: Positive = 1.0
     """factor on the mesh's size"""
     position: Vector = (0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ from balloon_warp.scene.schema.fields import Table, Vector, field_of, optional_f
 
 
 class Box(Table):
-    """Where the table of a batch counts balloons: those whose centers are in it, as `in_box`."""
+    """A box in which the table of a batch counts balloons, as `in_box`: those whose centers are inside."""
 
     lower: Vector
     """its corner of the least coordinates [m]"""
@@ -23,16 +23,16 @@ class Box(Table):
 
 
 class Picture(Table):
-    """From where a picture of the scene is taken, if whoever makes it does not say."""
+    """From where a picture of the scene is taken, unless an option says otherwise."""
 
     azimuth: Annotated[float, Field(ge=-360, le=360)] | None = None
     """from the front, +Z, or -Y where Z is up, toward +X [degrees]; 32 when missing"""
     elevation: Annotated[float, Field(ge=0, le=90)] | None = None
     """from level toward above [degrees]; 13 when missing"""
     zoom: Annotated[float, Field(ge=0.01, le=100)] = 1.0
-    """how many times as large everything is as where all that happens just fits in"""
+    """how many times as large everything is; with 1 all that happens just fits in"""
     look_at: Vector | None = None
-    """the point in the middle [m]; that of all that happens when missing"""
+    """the point in the middle of the picture [m]; if missing, the middle of all that happens"""
 
 
 class Atmosphere(Table):

@@ -2,7 +2,7 @@
 (() => {
   "use strict";
   const GLOSSY = 0.14, SATIN = 0.5;  // roughness of balloons, and of all else
-  const NEUTRAL = 7, HALF = 1016, RGBA = 1023, LINEAR = 1006, AROUND = 303, DOUBLE = 2;  // three.js's names for them
+  const NEUTRAL = 7, HALF = 1016, RGBA = 1023, LINEAR = 1006, AROUND = 303, DOUBLE = 2, REPEAT = 1000;  // in three.js
   const KEY = unit([-0.62, 1.0, 0.62]), RIM = unit([0.95, 0.28, -0.15]);  // toward the lights, for who looks along -z
   const FLOOR = [0.72, 0.70, 0.66];
   const dressed = new WeakSet();
@@ -80,6 +80,67 @@
     material.needsUpdate = true;
   }
 
+  // A print (viewer/prints.py): below its balloon's node hang the image, and a mesh of places in it. Returns the balloon.
+  function dressPrint(node) {
+    const image = node.material.isMeshBasicMaterial && node.material.map;
+    if (!image || !image.image) return null;
+    const rubber = (mesh) => mesh.isMesh && mesh.material.isMeshStandardMaterial;
+    for (let above = node.parent; above; above = above.parent) {
+      const balloon = above.children.find(rubber);
+      if (!balloon) continue;
+      let places = null;
+      above.traverse((mesh) => { if (mesh !== balloon && rubber(mesh)) places = mesh.geometry.attributes.position; });
+      const {geometry, material} = balloon, {position, uv} = geometry.attributes;
+      if (!places || !position || places.count !== position.count) return balloon;
+      if (!uv || uv.count !== places.count || geometry.userData.places !== places.array) {
+        geometry.userData.places = places.array;
+        const at = new Float32Array(2 * places.count);
+        for (let n = 0; n < places.count; n++) { at[2 * n] = places.getX(n); at[2 * n + 1] = places.getY(n); }
+        geometry.setAttribute("uv", new places.constructor(at, 2));
+        joinSeams(geometry, places);
+      }
+      if (material.userData.print !== image) {
+        const map = image.clone();
+        Object.assign(map, {wrapS: REPEAT, wrapT: REPEAT, colorSpace: "srgb", anisotropy: 4, needsUpdate: true});
+        material.userData.print = image;
+        material.map = map;
+        material.needsUpdate = true;
+      }
+      return balloon;
+    }
+    return null;
+  }
+
+  // The page may give the mesh of a balloon that had a print to one that has none.
+  function undressPrints(were, are) {
+    for (const {geometry, material} of were) if (!are.some((mesh) => mesh.material === material)) {
+      material.map = material.userData.print = null;
+      material.needsUpdate = true;
+      delete geometry.computeVertexNormals;
+    }
+  }
+
+  // Points that were cut from each other along a seam of the print get one normal, or the seam would show as a crease.
+  function joinSeams(geometry, places) {
+    const cut = [];
+    delete geometry.computeVertexNormals;
+    for (let n = 0; n < places.count; n++) if (places.getZ(n) !== n) cut.push([n, places.getZ(n)]);
+    if (!cut.length) return;
+    const prototype = Object.getPrototypeOf(geometry);
+    geometry.computeVertexNormals = function () {
+      prototype.computeVertexNormals.call(this);
+      const all = this.attributes.normal;
+      if (all.count !== places.count) return;
+      for (const [n, m] of cut) {
+        all.setXYZ(m, all.getX(m) + all.getX(n), all.getY(m) + all.getY(n), all.getZ(m) + all.getZ(n));
+      }
+      for (const m of new Set(cut.map((pair) => pair[1]))) {
+        all.setXYZ(m, ...unit([all.getX(m), all.getY(m), all.getZ(m)]));
+      }
+      for (const [n, m] of cut) all.setXYZ(n, all.getX(m), all.getY(m), all.getZ(m));
+    };
+  }
+
   // The key light, over what throws a shadow, and its shadow no larger than that.
   function aim(light, things, toward) {
     let radius = 0;
@@ -111,13 +172,17 @@
   }
 
   function dress(scene, camera, state) {
-    const lights = [], things = [];
+    const lights = [], things = [], printed = [];
     scene.traverse((node) => {
       if (node.isDirectionalLight) lights.push(node);
       if (!node.isMesh) return;
       dressMaterial(node.material);
+      const balloon = dressPrint(node);
+      if (balloon) printed.push(balloon);
       if (node.castShadow && node.parent.visible && node.material.isMeshStandardMaterial && node.geometry.boundingSphere) things.push(node);
     });
+    undressPrints(state.printed || [], printed);
+    state.printed = printed;
     if (state.angle === undefined && things.length) {  // once, from where the camera stands at first
       const e = camera.matrixWorld.elements;
       state.angle = Math.atan2(e[8], e[10]);
