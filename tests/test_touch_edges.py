@@ -144,7 +144,7 @@ def test_foil_cushions_thrown_at_each_other_stay_apart(device):
 
 
 def test_heavy_slack_foil_does_not_come_through(device):
-    """Cushions that are flat at the start, of 0.1 kg and 50 Pa, at 4 m/s: no particle is ever deeper in the other than a
+    """Cushions that are flat at the start, of 0.1 kg and 50 Pa, at 4 m/s: no particle is deeper in the other than a
     tenth of how thick they are then, and they bounce off. How thick they are at the start says nothing of that."""
     mesh = cushion(6)
     foil = {"mass": 0.1, "damping": 0.0, "stiffness": Stiffness(structural=50.0, shear=25.0, flexion=0.0)}
