@@ -23,6 +23,7 @@ from balloon_warp.model import Model
 from balloon_warp.model.touch import edge_length
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import load_scene
+from balloon_warp.schedules.touch_table import APART
 from balloon_warp.simulator import Simulator
 
 ALLOWED = 0.02
@@ -31,8 +32,6 @@ BEGINNING, OFTEN = 300, 30
 """frames, and how often they are looked at"""
 ROUNDING = 2e-5
 """float32's, of points on a surface a meter from the origin [m]"""
-APART = 3.0
-"""edges, that parts of one balloon are from each other at the start: one more than those that may touch"""
 
 
 @dataclass(frozen=True)

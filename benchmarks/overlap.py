@@ -33,14 +33,16 @@ def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
     Args:
         points: of its particles.
         mesh: at the start.
-        apart: from a particle to other parts at the start, at least [m].
+        apart: from a particle to all corners of what it may touch, at the start, at least [m].
     """
-    triangles, centers = surface(replace(mesh, points=points)), surface(mesh).mean(axis=1)
+    triangles, corners = surface(replace(mesh, points=points)), mesh.points[mesh.face_vertex_indices]
+    counts = mesh.face_vertex_counts
+    begins = np.cumsum([0, *counts[:-1]])
     inside = np.concatenate([winding(some, triangles) > 1.2 for some in np.array_split(points, len(points) // 100 + 1)])
-    depths = [
-        distances(points[number], triangles[np.linalg.norm(centers - mesh.points[number], axis=1) > apart]).min()
-        for number in np.flatnonzero(inside)
-    ]
+    depths = []
+    for number in np.flatnonzero(inside):
+        nearest = np.minimum.reduceat(np.linalg.norm(corners - mesh.points[number], axis=1), begins)
+        depths.append(float(distances(points[number], triangles[np.repeat(nearest, counts) >= apart]).min()))
     return max(depths, default=0.0)
 
 

@@ -1,6 +1,7 @@
 """What one particle does to one triangle: where they stand to each other, and with which forces they push."""
 
 import numpy as np
+import pytest
 import warp as wp
 from numpy.typing import NDArray
 
@@ -121,18 +122,19 @@ def test_friction_stays_in_its_cone(device):
 def meet(
     points: wp.array[wp.vec3],
     velocities: wp.array2d[wp.vec3],
+    side: float,
     forces: wp.array2d[wp.vec3],
 ):
-    """A particle beside one triangle, in a skin of 0.5 m, where it has slipped."""
+    """A particle beside one triangle, in a skin of 0.5 m, where it has slipped; on a side of it."""
     number = wp.tid()
     a = wp.vec3(0.0, 0.0, 0.0)
     b = wp.vec3(1.0, 0.1, 0.0)
     c = wp.vec3(0.2, 0.9, 0.1)
     told = Touching()
-    told.side = 1.0
+    told.side = side
     place = faced(place_beside(points[number], a, b, c), a, b, c)
     told.thickness = 0.5
-    told.overlap = 0.5 - place.gap
+    told.overlap = 0.5 - side * place.gap
     told.stiffness = 100.0
     told.friction = 0.7
     told.masses = wp.vec4(1.0, 2.0, 3.0, 4.0)
@@ -140,7 +142,7 @@ def meet(
     told.step_seconds = 0.001
     v = velocities[number]
     pushes = touch(
-        told, place, wp.vec4(0.1, -0.2, 0.05, 9.0), v[0],
+        told, place, wp.vec4(0.1, -0.2, 0.05, 9.0 * side), v[0],
         wp.matrix_from_rows(a, b, c), wp.matrix_from_rows(v[1], v[2], v[3]),
     )  # fmt: skip
     forces[number, 0] = -(pushes.a + pushes.b + pushes.c)
@@ -149,14 +151,16 @@ def meet(
     forces[number, 3] = pushes.c
 
 
-def test_forces_of_a_contact_have_no_torque(device):
-    """Beside the face, its edges and its corners, with friction: about any point their torques add up to nothing."""
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["in_front", "behind"])
+def test_forces_of_a_contact_have_no_torque(side, device):
+    """Beside the face, its edges and its corners, with friction: about any point their torques add up to nothing. So
+    they do on the other side of a sheet."""
     random = np.random.default_rng(2)
-    points = random.uniform((-0.3, -0.3, -0.3), (1.1, 1.1, 0.4), size=(400, 3))
+    points = random.uniform((-0.3, -0.3, -0.3), (1.1, 1.1, 0.4), size=(400, 3)) * (1.0, 1.0, side)
     velocities = random.normal(size=(400, 4, 3))
     forces = wp.zeros((400, 4), dtype=wp.vec3, device=device)
     given = [wp.array(rows, dtype=wp.vec3, device=device) for rows in (points, velocities)]
-    wp.launch(meet, 400, given, [forces], device=device)
+    wp.launch(meet, 400, [*given, side], [forces], device=device)
     found = forces.numpy().astype(np.float64)
     corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.1, 0.0), (0.2, 0.9, 0.1)])
     arms = np.concatenate([points[:, None], np.broadcast_to(corners, (400, 3, 3))], axis=1)

@@ -23,7 +23,8 @@ takes as long as five substeps"""
 SLACK = 0.1
 """of an edge, that each of two particles may gain on its way between two searches by accelerating"""
 DEPTH = 0.25
-"""of the least extent of a balloon at the start, down to which what is inside is pushed out"""
+"""of the least extent of a balloon at the start, down to which what is inside is pushed out; foil, which is flat then,
+pushes as deep as an edge is long"""
 APART = 2.0
 """edges between parts of a balloon at the start that may touch: farther than neighbors, nearer than what a sharp fold
 brings together"""
@@ -64,7 +65,7 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.thickness = array(THICKNESS * edges, float)
     table.slack = array(SLACK * edges, float)
     extents = [np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).min() for shape in shapes]
-    table.depth = array(DEPTH * np.array(extents), float)
+    table.depth = array(np.where(extents < edges, edges, DEPTH * np.array(extents)), float)
     table.crowd = array([crowd_of(shapes, number, traits.touches_itself) for number in range(len(shapes))], float)
     table.stiffness = model.parameters[STIFFNESSES]
     if traits.edges_meet:

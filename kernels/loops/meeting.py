@@ -176,14 +176,12 @@ def what_pushes(pushed: float, overlap: float, approach: float, step_seconds: fl
 
 
 @wp.func
-def reach_of(side: float, place: Place, corners: wp.mat33):
+def reach_of(place: Place, corners: wp.mat33):
     """G of each corner, row by row [1/m]; nothing where the arm is longer than the triangle is high, which would need
     forces out of all proportion."""
-    normal = side * place.normal
-    area_vector = side * place.area_vector
-    first = reach_gradient(normal, corners[2] - corners[1], area_vector)
-    second = reach_gradient(normal, corners[0] - corners[2], area_vector)
-    third = reach_gradient(normal, corners[1] - corners[0], area_vector)
+    first = reach_gradient(place.normal, corners[2] - corners[1], place.area_vector)
+    second = reach_gradient(place.normal, corners[0] - corners[2], place.area_vector)
+    third = reach_gradient(place.normal, corners[1] - corners[0], place.area_vector)
     steepest = wp.max(wp.max(wp.length_sq(first), wp.length_sq(second)), wp.length_sq(third))
     if place.gap * place.gap * steepest >= 1.0:
         return wp.mat33()
@@ -214,10 +212,10 @@ def comes_at(told: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
 
 
 @wp.func
-def corner_counts(side: float, place: Place, corners: wp.mat33):
+def corner_counts(place: Place, corners: wp.mat33):
     """How much of a contact it is to each corner of a triangle: how much of its forces they bear. To the particle it is
     a whole one."""
-    reach = reach_of(side, place, corners)
+    reach = reach_of(place, corners)
     arm = wp.abs(place.gap)
     return place.weights + arm * wp.vec3(wp.length(reach[0]), wp.length(reach[1]), wp.length(reach[2]))
 
@@ -233,7 +231,7 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     """
     normal = told.side * place.normal
     gap = told.side * place.gap
-    reach = reach_of(told.side, place, corners)
+    reach = reach_of(place, corners)
     first = reach[0]
     second = reach[1]
     third = reach[2]

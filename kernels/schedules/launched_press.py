@@ -147,7 +147,7 @@ def press_function(traits: Traits) -> Any:
             ease_of_moving(t, world, corners[2]),
         )
         if comes_at(told, place, velocities[particle], moving):
-            add_contact(working.contact_quanta, world, particle, corners, corner_counts(told.side, place, places))
+            add_contact(working.contact_quanta, world, particle, corners, corner_counts(place, places))
         if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
             told.friction = pair_friction(t, world, own, other)
