@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from law_functions import COUNT, called
+from law_functions import COUNT, adjoint, called
 from meshes import mesh_of, polygon, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, OGDEN, quad_energy, relaxed
@@ -93,6 +93,9 @@ def test_powers_are_those_of_the_library():
     found = called(power, samples)
     assert (np.abs(found / expected - 1.0) < 3e-7 + 6e-8 * np.abs(np.log2(expected))).all()
     assert found[0] == 1.0  # what is at rest bears nothing
+    slopes = adjoint(power, samples, np.ones(COUNT, dtype=np.float32), "float32")
+    np.testing.assert_allclose(slopes["base"], samples["exponent"] * expected / samples["base"], rtol=1e-5)
+    np.testing.assert_allclose(slopes["exponent"], expected * np.log(samples["base"]), rtol=1e-5)
 
 
 @each_law

@@ -66,7 +66,13 @@ OGDEN_MODULI = Parameter(
     "ogden_moduli", "Pa", path="material.ogden_moduli", size=3, meaning='of "ogden": mu of each of three terms'
 )
 OGDEN_EXPONENTS = Parameter(
-    "ogden_exponents", "1", path="material.ogden_exponents", size=3, meaning='of "ogden": alpha of each'
+    "ogden_exponents",
+    "1",
+    least=-20.0,  # powers of what is squeezed to `LEAST_DET` are float32's up to here
+    most=20.0,
+    path="material.ogden_exponents",
+    size=3,
+    meaning='of "ogden": alpha of each',
 )
 OF_EVERY_MEMBRANE = (THICKNESS, WRINKLING, MOST_STRETCH, FILM_VISCOSITY)
 """parameters that all laws have, and who goes around triangles asks for"""
