@@ -57,13 +57,14 @@ def ogden_slopes(trace: float, det: float, spread: float, ogden_moduli: wp.vec3,
     return wp.vec3(by_trace, by_det, 0.0)
 
 
-@pytest.mark.parametrize("exponents", [OGDEN[1], (0.0, 10.0, -10.0), (2.0, 1.0, 1e-3)])
+@pytest.mark.parametrize("exponents", [OGDEN[1], (0.0, 10.0, -10.0), (1.0, 2.0, 1e-3)])
 def test_slopes_of_an_ogden_material_keep_their_digits(exponents: tuple[float, ...]):
     """Of float32, which rounds what they are told by 6e-8, and powers multiply that: alike, nearly alike, and not."""
     rounded = 1e-6 + 3e-7 * max(np.abs(exponents))
     random = np.random.default_rng(2)
     det = random.uniform(0.5, 100.0, COUNT).astype(np.float32)
-    apart = np.concatenate([np.zeros(8), np.geomspace(1e-4, 4.0, COUNT - 8)])  # log of l1 / l2
+    beside = np.linspace(0.05, 0.17, 16)  # where series end
+    apart = np.concatenate([np.zeros(4), beside, np.geomspace(1e-4, 4.0, COUNT - 20)])  # log of l1 / l2
     spread = (2.0 * np.sqrt(det) * np.sinh(apart)).astype(np.float32)
     g = np.sqrt(det.astype(np.float64))
     t = np.maximum(np.arcsinh(0.5 * spread / g), 1e-9)
