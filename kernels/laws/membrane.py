@@ -79,8 +79,8 @@ OF_EVERY_MEMBRANE = (THICKNESS, WRINKLING, MOST_STRETCH, FILM_VISCOSITY)
 
 LEAST_ROOM = wp.constant(0.02)
 """of the limit is left where a Gent material's chains count as locked: from there on it is stiff, but not infinitely"""
-NEARLY_ALIKE = wp.constant(0.03)
-"""below it, times 1 and the square of an exponent's half, a series is taken for the quotient of an Ogden material: what
+NEARLY_ALIKE = wp.constant(0.12)
+"""below it, times 6 and the square of an exponent's half, a series is taken for the quotient of an Ogden material: what
 is left out is 4e-7 of it, and the quotient loses some 8e-7 from there on"""
 NEVER_ZERO = wp.constant(1.0e-12)
 """below all differences of squared stretches that count, so that it can be divided by"""
@@ -170,7 +170,7 @@ def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_
         series = 1.0 + (q - 1.0) * z_6 * (1.0 + (q - 9.0) * z_20)
         near = grown * k * over_root * series
         apart = (first - second) * over_spread
-        by_trace = by_trace + ogden_moduli[term] * wp.where(q * z + z < NEARLY_ALIKE, near, apart)
+        by_trace = by_trace + ogden_moduli[term] * wp.where(q * z + 6.0 * z < NEARLY_ALIKE, near, apart)
         by_growth = by_growth + ogden_moduli[term] * (0.5 * (first + second) - first * both)
     return by_trace, 0.5 * (by_growth - by_trace * trace) * inverse
 
