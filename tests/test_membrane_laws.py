@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from law_functions import COUNT, called
+from law_functions import COUNT, adjoint, called
 from meshes import mesh_of, polygon, quad_sphere
 from numpy.typing import NDArray
-from rubber_theory import ENERGIES, MATERIALS, quad_energy, relaxed
+from rubber_theory import ENERGIES, MATERIALS, OGDEN, quad_energy, relaxed
 
-from balloon_warp.kernels.laws.membrane import MEMBRANES
+from balloon_warp.kernels.laws.membrane import MEMBRANES, ogden
+from balloon_warp.kernels.powers import power
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.model.materials import numbers_of, slopes_by_stretches, stiffest_modulus
@@ -47,7 +48,55 @@ def test_slopes_are_those_of_the_energy_of_textbooks(kind: str):
     )
     size = np.abs(expected).mean()
     for slope, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(slope[0], other, atol=1e-4 * size, rtol=1e-4)  # `ROUND` of an Ogden material
+        np.testing.assert_allclose(slope[0], other, atol=1e-6 * size, rtol=1e-6)
+
+
+@wp.func
+def ogden_slopes(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_exponents: wp.vec3):
+    by_trace, by_det = ogden(trace, det, spread, ogden_moduli, ogden_exponents)
+    return wp.vec3(by_trace, by_det, 0.0)
+
+
+@pytest.mark.parametrize("exponents", [OGDEN[1], (0.0, 10.0, -10.0), (1.0, 2.0, 1e-3)])
+def test_slopes_of_an_ogden_material_keep_their_digits(exponents: tuple[float, ...]):
+    """Of float32, which rounds what they are told by 6e-8, and powers multiply that: alike, nearly alike, and not."""
+    rounded = 1e-6 + 3e-7 * max(np.abs(exponents))
+    random = np.random.default_rng(2)
+    det = random.uniform(0.5, 100.0, COUNT).astype(np.float32)
+    beside = np.linspace(0.05, 0.17, 16)  # where series end
+    apart = np.concatenate([np.zeros(4), beside, np.geomspace(1e-4, 4.0, COUNT - 20)])  # log of l1 / l2
+    spread = (2.0 * np.sqrt(det) * np.sinh(apart)).astype(np.float32)
+    g = np.sqrt(det.astype(np.float64))
+    t = np.maximum(np.arcsinh(0.5 * spread / g), 1e-9)
+    samples = {"trace": 2.0 * g * np.cosh(t), "det": det, "spread": spread}
+    moduli = np.array([6.3e5, 1.2e3, 1e4])
+    for name, numbers in (("ogden_moduli", moduli), ("ogden_exponents", np.array(exponents))):
+        samples[name] = np.tile(numbers, (COUNT, 1))
+    samples = {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in samples.items()}
+    by_trace, by_det, _ = called(ogden_slopes, samples, "vec3").T
+    k = 0.5 * np.array(exponents)[:, None]
+    parts = 0.5 * moduli[:, None] * g ** (k - 1.0) * np.sinh(k * t) / np.sinh(t)
+    grown = 0.5 * moduli[:, None] * g**k * np.cosh(k * t)
+    expected = parts.sum(axis=0)
+    assert (np.abs(by_trace - expected) < rounded * np.abs(parts).sum(axis=0)).all()
+    shrunk = 0.5 * moduli[:, None] * g ** (-2.0 * k)
+    other = ((grown - shrunk).sum(axis=0) - expected * g * np.cosh(t)) / g**2
+    size = ((grown + shrunk).sum(axis=0) + np.abs(parts).sum(axis=0) * g * np.cosh(t)) / g**2
+    assert (np.abs(by_det - other) < rounded * size).all()
+
+
+def test_powers_are_those_of_the_library():
+    random = np.random.default_rng(3)
+    samples = {"base": 10.0 ** random.uniform(-6.0, 6.0, COUNT), "exponent": random.uniform(-6.0, 6.0, COUNT)}
+    samples["base"][:2] = 1.0, 1.0 + 1e-6
+    samples = {name: values.astype(np.float32) for name, values in samples.items()}
+    expected = samples["base"].astype(np.float64) ** samples["exponent"].astype(np.float64)
+    found = called(power, samples)
+    assert (np.abs(found / expected - 1.0) < 3e-7 + 6e-8 * np.abs(np.log2(expected))).all()
+    assert found[0] == 1.0  # what is at rest bears nothing
+    slopes = adjoint(power, samples, np.ones(COUNT, dtype=np.float32), "float32")
+    np.testing.assert_allclose(slopes["base"], samples["exponent"] * expected / samples["base"], rtol=1e-5)
+    np.testing.assert_allclose(slopes["exponent"], expected * np.log(samples["base"]), rtol=1e-5)
 
 
 @each_law

@@ -155,6 +155,10 @@ def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
             {"kind": "ogden", "ogden_moduli": (1e5, -1e3, 0.0), "ogden_exponents": (2.0, 2.0, 1.0)},
             "material.ogden_moduli: .* make an unstable material; expected each modulus times its exponent",
         ),
+        (
+            {"preset": "natural_rubber_treloar", "ogden_exponents": (1.3, 300.0, -2.0)},
+            r"material.ogden_exponents.1: must be less than or equal to 20 \(got 300",
+        ),
         ({"kind": "neo_hookean", "thickness": 0.0}, r"material.thickness: must be greater than .* \(got 0"),
         ({"kind": "neo_hookean", "shear_modulus": -1.0}, r"material.shear_modulus: must be greater .* \(got -1"),
         ({"kind": "mooney_rivlin", "mooney_ratio": -0.1}, "material.mooney_ratio: must be greater than or equal to 0"),

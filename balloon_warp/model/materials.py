@@ -1,9 +1,12 @@
 """Balloons of rubber or film: their masses, and how stiff their materials ever are. Host side."""
 
 from collections.abc import Mapping, Sequence
+from functools import cache
+from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
@@ -28,6 +31,8 @@ STEP = 1.0e-5
 """of differences"""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 """of the integral from rest to a state"""
+OF_ARRAYS = SimpleNamespace(max=np.maximum, pow=np.power, sqrt=np.sqrt, where=np.where)
+"""what laws call of Warp"""
 NAMES = frozenset(row.name for row in (*PARAMETERS, *SOFTENING))
 """parameters that the step of a membrane depends on"""
 
@@ -55,12 +60,22 @@ def numbers_of(parameters: Mapping[str, Values], number: int) -> dict[str, Value
     return {name: values.T[..., None] if values.ndim > 1 else values[:, None] for name, values in rows.items()}
 
 
+@cache
+def on_arrays(function: Any) -> FunctionType:
+    """A function of Warp as one of arrays, in float64: NumPy's functions take the place of Warp's."""
+    plain = function.func
+    called = {name: value for name, value in plain.__globals__.items() if name in plain.__code__.co_names}
+    called = {name: on_arrays(value) if isinstance(value, wp.Function) else value for name, value in called.items()}
+    return FunctionType(plain.__code__, {**called, "wp": OF_ARRAYS})
+
+
 def slopes_by_stretches(law: Law, told: Mapping[str, Values], first: Values, second: Values) -> tuple[Values, Values]:
     """How the energy for each volume changes with the principal stretches [Pa], the first not the smaller."""
     major, minor = first * first, second * second
     invariants = {"trace": major + minor, "det": major * minor, "spread": major - minor}
-    names = law.force.func.__code__.co_varnames[: law.force.func.__code__.co_argcount]
-    by_trace, by_det = law.force.func(**{name: {**told, **invariants}[name] for name in names})
+    slopes = on_arrays(law.force)
+    names = slopes.__code__.co_varnames[: slopes.__code__.co_argcount]
+    by_trace, by_det = slopes(**{name: {**told, **invariants}[name] for name in names})
     return 2.0 * first * (by_trace + by_det * minor), 2.0 * second * (by_trace + by_det * major)
 
 

@@ -4,14 +4,15 @@
   and density are estimates, usual ones of toy balloons and of vulcanized rubber; the skin of latex_thick is one of
   large balloons.
 - natural_rubber_treloar: Ogden 1972, Large Deformation Isotropic Elasticity, fitted to Treloar's measurements of 1944,
-  in Pa as texts have it since. The skin is an estimate, and the density that of unfilled natural rubber.
+  in Pa as texts have it since. The skin is an estimate, and the density that of natural rubber with nothing in it (906
+  to 930 in books); Treloar's had sulfur.
 - foil: polyester film of 12 um. Density by DuPont's sheet H-37232-3; Young's modulus, 4.5 GPa, is an estimate between
   the 4.8 to 5.0 GPa there, of 23 um, and the 3.8 GPa of the sheet of Mylar LBT, of 12 um.
 - nylon: film of 15 um; 2.4 GPa and the density are estimates, for data sheets differ with moisture.
 
 Of films, a third of Young's modulus is the shear modulus of what is incompressible. Polyester's Poisson's ratio is 0.38
 (the same sheet), so that stretched both ways alike it has E / (1 - 0.38), and here 2 E, a quarter more. The metal and
-the layer that seals are left out.
+the layer that seals are left out; with them sellers of balloons give 20 to 50 um.
 """
 
 from collections.abc import Mapping

@@ -11,7 +11,7 @@ across the tension (Pipkin 1986, The relaxed energy density for isotropic elasti
     b < 1 / sqrt(a)                 in wrinkles: W(a, 1 / sqrt(a)), whatever b
     otherwise                       taut: W(a, b)
 
-Laws are written with arithmetic alone, so that the host calls the same functions with arrays.
+The host calls the same functions with arrays, see `model.materials`.
 """
 
 from collections.abc import Mapping
@@ -19,6 +19,7 @@ from collections.abc import Mapping
 import warp as wp
 
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
+from balloon_warp.kernels.powers import power
 
 SHEAR_MODULUS = Parameter(
     "shear_modulus",
@@ -65,15 +66,25 @@ OGDEN_MODULI = Parameter(
     "ogden_moduli", "Pa", path="material.ogden_moduli", size=3, meaning='of "ogden": mu of each of three terms'
 )
 OGDEN_EXPONENTS = Parameter(
-    "ogden_exponents", "1", path="material.ogden_exponents", size=3, meaning='of "ogden": alpha of each'
+    "ogden_exponents",
+    "1",
+    least=-20.0,  # powers of what is squeezed to `LEAST_DET` are float32's up to here
+    most=20.0,
+    path="material.ogden_exponents",
+    size=3,
+    meaning='of "ogden": alpha of each',
 )
 OF_EVERY_MEMBRANE = (THICKNESS, WRINKLING, MOST_STRETCH, FILM_VISCOSITY)
 """parameters that all laws have, and who goes around triangles asks for"""
 
 LEAST_ROOM = wp.constant(0.02)
 """of the limit is left where a Gent material's chains count as locked: from there on it is stiff, but not infinitely"""
-ROUND = wp.constant(3.0e-5)
-"""is added to the squared sinh of an Ogden material's shear, so that it can be divided by; off by up to as much"""
+NEARLY_ALIKE = wp.constant(0.12)
+"""below it, times 6 and the square of an exponent's half, a series is taken for the quotient of an Ogden material: what
+is left out is 4e-7 of it, and the quotient loses some 8e-7 from there on"""
+NEVER_ZERO = wp.constant(1.0e-12)
+"""below all differences of squared stretches that count, so that it can be divided by"""
+OVER_6, OVER_20 = wp.constant(1.0 / 6.0), wp.constant(1.0 / 20.0)
 
 
 @wp.func
@@ -110,12 +121,10 @@ def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most
     """W = -mu J/2 ln(1 - (I1 - 3) / J) (Gent 1996). Beyond the most stretch it goes on as a neo-Hookean material of the
     stiffness there."""
     squared = most_stretch * most_stretch
-    least = 1.0 - (2.0 * squared + 1.0 / (squared * squared) - 3.0) / gent_limit
-    least = 0.5 * (least + LEAST_ROOM + abs(least - LEAST_ROOM))  # the greater of both, of arrays, too
-    room = 1.0 - (trace + 1.0 / det - 3.0) / gent_limit
-    room = 0.5 * (room + least + abs(room - least))
-    half = 0.5 * shear_modulus / room
-    return half, -half / (det * det)
+    least = wp.max(gent_limit + 3.0 - 2.0 * squared - 1.0 / (squared * squared), LEAST_ROOM * gent_limit)
+    room = wp.max((gent_limit + 3.0 - trace) * det - 1.0, least * det)  # that of the limit, times det
+    inverse = 0.5 * shear_modulus * gent_limit / (room * det)
+    return inverse * det * det, -inverse
 
 
 @wp.func
@@ -132,37 +141,53 @@ def gent_energy(trace: float, det: float, shear_modulus: float, gent_limit: floa
 def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_exponents: wp.vec3):
     """W = sum of mu/alpha (l1^alpha + l2^alpha + (l1 l2)^-alpha - 3) (Ogden 1972), l1 and l2 the stretches.
 
-    With a = g e^t and b = g e^-t, each term is mu/alpha (2 g^k cosh(k t) + g^-alpha - 3), k = alpha/2: smooth where
-    both stretches are alike, which quotients of differences would not be.
+    With k = alpha/2 the slope by the trace is the sum of mu/2 (a^k - b^k) / (a - b). Where both are nearly alike, a
+    series takes the place of this quotient: with a = g e^t and b = g e^-t it is g^(k-1) sinh(k t) / sinh(t), and
+
+        sinh(k t) / sinh(t) = k (1 + (k^2 - 1)/3! z + (k^2 - 1) (k^2 - 9)/5! z^2 + ...),  z = sinh(t)^2
 
     Args:
         spread: a - b = 2 g sinh(t).
     """
-    root = det**0.5
-    sine = (0.25 * spread * spread / det + ROUND) ** 0.5
-    cosine = (1.0 + sine * sine) ** 0.5
-    by_trace = 0.0 * det
-    by_root = 0.0 * det
+    inverse = 1.0 / det
+    root = wp.sqrt(det)
+    major = wp.max(0.5 * (trace + spread), root)  # what is squeezed to nothing has a determinant all the same
+    z = 0.25 * spread * spread * inverse
+    z_6 = z * OVER_6
+    z_20 = z * OVER_20
+    over_spread = 0.5 / wp.max(spread, NEVER_ZERO)
+    over_root = 0.5 * root * inverse
+    by_trace = float(0.0)
+    by_growth = float(0.0)  # of both stretches alike: g dW/dg
     for term in range(3):
         k = 0.5 * ogden_exponents[term]
-        grown = (cosine + sine) ** k
-        powered = root**k
-        shrunk = 1.0 / grown
-        by_trace = by_trace + ogden_moduli[term] * powered * (grown - shrunk)
-        by_root = by_root + ogden_moduli[term] * (0.5 * powered * (grown + shrunk) - 1.0 / (powered * powered))
-    by_trace = by_trace / (4.0 * sine * root)
-    return by_trace, (0.5 * by_root / root - by_trace * cosine) / root
+        q = k * k
+        grown = power(det, 0.5 * k)  # g^k
+        first = power(major, k)
+        squared = grown * grown
+        both = 1.0 / (first * squared)
+        second = squared * squared * both
+        series = 1.0 + (q - 1.0) * z_6 * (1.0 + (q - 9.0) * z_20)
+        near = grown * k * over_root * series
+        apart = (first - second) * over_spread
+        by_trace = by_trace + ogden_moduli[term] * wp.where(q * z + 6.0 * z < NEARLY_ALIKE, near, apart)
+        by_growth = by_growth + ogden_moduli[term] * (0.5 * (first + second) - first * both)
+    return by_trace, 0.5 * (by_growth - by_trace * trace) * inverse
 
 
 @wp.func
 def ogden_energy(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_exponents: wp.vec3):
     """[J/m^3]"""
-    first = 0.5 * (trace + spread)
-    energy = 0.0 * det
+    root = wp.sqrt(det)
+    major = wp.max(0.5 * (trace + spread), root)
+    energy = float(0.0)
     for term in range(3):
         k = 0.5 * ogden_exponents[term]
         if k != 0.0:  # or else the term is none
-            energy = energy + 0.5 * ogden_moduli[term] / k * (first**k + (det / first) ** k + det ** (-k) - 3.0)
+            grown = power(root, k)
+            squared = grown * grown
+            first = power(major, k)
+            energy = energy + 0.5 * ogden_moduli[term] / k * (first + squared / first + 1.0 / squared - 3.0)
     return energy
 
 

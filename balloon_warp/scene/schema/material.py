@@ -5,13 +5,14 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.laws.membrane import MOST_STRETCH
+from balloon_warp.kernels.laws.membrane import MOST_STRETCH, OGDEN_EXPONENTS
 from balloon_warp.kernels.laws.tearing import NEVER
 from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema.fields import NonNegative, Positive, Rule, Table, Vector, optional_field_of
 
 Kind = Literal["springs", "neo_hookean", "mooney_rivlin", "ogden", "gent"]
 SpringsBeside = Literal["structural", "shear", "flexion"]
+Exponent = Annotated[float, Field(ge=OGDEN_EXPONENTS.least, le=OGDEN_EXPONENTS.most)]
 SOFTENING = ("softening", "softening_energy", "softening_share")
 TEARING = ("strength", "tear_strength", "branching_stress", "tear_speed", "needle_time")
 OF_ALL = ("thickness", "density", "wrinkling", "most_stretch", "viscosity", "springs", "weights", *SOFTENING, *TEARING)
@@ -44,7 +45,7 @@ class Material(Table):
     mooney_ratio: float | None = optional_field_of("mooney_ratio")
     ogden_moduli: Vector | None = None
     """of "ogden": mu of each of its three terms [Pa]; the shear modulus is half the sum of mu alpha"""
-    ogden_exponents: Vector | None = None
+    ogden_exponents: tuple[Exponent, Exponent, Exponent] | None = None
     """of "ogden": alpha of each"""
     gent_limit: float | None = optional_field_of("gent_limit")
     wrinkling: bool = True
