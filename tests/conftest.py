@@ -28,11 +28,42 @@ BY_OCTETS = (
 """files of tests of physics that leave `lanes` to test_matrix.py, which has each feature there: `octets` runs the same
 functions with another layout"""
 
+BRIEF = (
+    *("atmosphere", "batch_blow_ups", "collision", "contact", "correction", "diagnosis"),
+    *("euler", "fills", "free_frames", "friction", "gas", "gas_heat", "health", "impulse", "impulse_energy"),
+    *("law_schedules", "necks", "obstacles", "odd_meshes", "resume", "schedules", "ties", "touch_edges", "tubes"),
+)
+"""files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
+written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and
+all other tests, run what people run"""
+
+LONGEST = ("crowded", "bundled", "test_matrix")
+"""groups of tests"""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest come first, or a process has nothing to do while another ends; the brief come last, since kernels
+    that are optimized serve them, too, and not the other way round."""
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(process_of(item.path.stem)))
+    items.sort(key=lambda item: (is_brief(item), group_of(item) not in LONGEST))
+
+
+def group_of(item: pytest.Item) -> str:
+    """Which one process runs."""
+    group = item.get_closest_marker("xdist_group")
+    return str(group.args[0]) if group else ""
+
+
+def is_brief(item: pytest.Item) -> bool:
+    """Whether its kernels stay as they are written."""
+    return group_of(item).startswith("matrix ") or item.path.stem.removeprefix("test_") in BRIEF
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A GPU's tests are left as they are: the same option is for both devices."""
+    wp.config.optimization_level = 0 if is_brief(item) and not wp.is_cuda_available() else None
 
 
 def process_of(file: str) -> str:
