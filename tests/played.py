@@ -12,8 +12,23 @@ from balloon_warp.scene.overrides import Override
 
 @cache
 def played(name: str, overrides: tuple[Override, ...] = ()) -> tuple[Model, list[Frame]]:
-    simulator = Simulator(load_scene(name, overrides), "cpu")
-    return simulator.model, list(simulator.run())
+    simulator, frames, _ = _simulated(name, overrides)
+    return simulator.model, frames
+
+
+def most_held(name: str) -> int:
+    """How many particles a sharp edge holds, in the frame with most."""
+    return max(_simulated(name, ())[2])
+
+
+@cache
+def _simulated(name: str, overrides: tuple[Override, ...]) -> tuple[Simulator, list[Frame], list[int]]:
+    """With its frames, and how many particles are held in each."""
+    simulator, frames, held = Simulator(load_scene(name, overrides), "cpu"), [], []
+    for frame in simulator.run():
+        frames.append(frame)
+        held.append(int((simulator.state.holds.numpy()[0, :, 3] != 0.0).sum()))
+    return simulator, frames, held
 
 
 def shape_at(model: Model, frame: Frame, balloon: int = 0) -> PolygonMesh:

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from played import played, shape_at
+from played import most_held, played, shape_at
 from scipy.spatial.transform import Rotation
 
 import balloon_warp.scenes
-from balloon_warp import Simulator, load_scene, run_batch
+from balloon_warp import load_scene, run_batch
 from balloon_warp.benchmarks.overlap import deepest_in_itself, deepest_overlap
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.mesh_distance import MeshDistance
@@ -59,16 +59,13 @@ def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
 def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
     """To a fiftieth of its radius, at the elbows, too, where its skin folds; a strand that came through another would
     be out of the knot, which then would not stay."""
-    simulator = Simulator(load_scene("knot"), "cpu")
-    mesh, most = simulator.model.shapes[0].mesh, 0
-    for number in range(1, 171):
-        simulator.step()
-        if number in (36, 60, 90, 130, 170):
-            points = simulator.read_frame().points[0].astype(np.float64)
-            assert deepest_in_itself(points, mesh, APART * CELL) < 0.02 * TUBE
-            most = max(most, int((simulator.state.holds.numpy()[0, :, 3] != 0.0).sum()))
-    assert most > 30
-    points = simulator.read_frame().points[0]
+    model, frames = played("knot")
+    mesh = model.shapes[0].mesh
+    for number in (36, 60, 90, 130, 170):
+        points = frames[number].points[0].astype(np.float64)
+        assert deepest_in_itself(points, mesh, APART * CELL) < 0.02 * TUBE
+    assert most_held("knot") > 30
+    points = frames[170].points[0]
     assert np.ptp(points[:, 0]) > 1.5 * np.ptp(mesh.points[:, 0])  # pulled out
     middle = points[np.abs(points[:, 0] - points[:, 0].mean()) < 0.2]
     assert np.ptp(middle[:, 1]) > 4.0 * TUBE  # three strands of the knot on each other
