@@ -4,9 +4,11 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import warp as wp
+from xdist.scheduler import LoadScopeScheduling
 
 import balloon_warp
 
@@ -15,7 +17,7 @@ wp.config.log_level = wp.LOG_ERROR
 pytest_plugins = ("page_fixtures",)
 
 CROWDED = (
-    *("cluster", "cluster_mistakes", "guard", "kills", "nonsense", "playground", "repeatable_anywhere"),
+    *("cluster", "cluster_mistakes", "examples", "guard", "kills", "nonsense", "playground", "repeatable_anywhere"),
     *("resume_batch_processes", "trust", "view", "view_look", "view_parts"),
 )
 """files of tests that start processes or wait for a page: one process goes through them while others do the rest, or a
@@ -28,49 +30,54 @@ BY_OCTETS = (
 """files of tests of physics that leave `lanes` to test_matrix.py, which has each feature there: `octets` runs the same
 functions with another layout"""
 
-BRIEF = (
-    *("atmosphere", "batch_blow_ups", "collision", "contact", "correction", "diagnosis"),
-    *("euler", "fills", "free_frames", "friction", "gas", "gas_heat", "health", "impulse", "impulse_energy"),
-    *("law_schedules", "necks", "obstacles", "odd_meshes", "resume", "schedules", "ties", "touch_edges", "tubes"),
-)
+BRIEF = ("atmosphere", "collision", "free_frames", "gas", "health", "law_schedules", "obstacles")
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
 written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and
 all other tests, run what people run"""
 
-LONGEST = ("crowded", "bundled", "test_matrix")
+LONGEST = ("crowded", "bundled", "matrix")
 """groups of tests"""
+
+
+class ByGroups(LoadScopeScheduling):
+    """Tests of a group share kernels and simulations, which one process makes once. The groups of xdist itself, by
+    marks, are lost in pytest 9.2."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return group_of(nodeid)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
+    return ByGroups(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest come first, or a process has nothing to do while another ends; the brief come last, since kernels
     that are optimized serve them, too, and not the other way round."""
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(process_of(item.path.stem)))
-    items.sort(key=lambda item: (is_brief(item), group_of(item) not in LONGEST))
+    items.sort(key=lambda item: (is_brief(item), group_of(item.nodeid) not in LONGEST))
 
 
-def group_of(item: pytest.Item) -> str:
-    """Which one process runs."""
-    group = item.get_closest_marker("xdist_group")
-    return str(group.args[0]) if group else ""
+def group_of(nodeid: str) -> str:
+    """A file, or some files together, or a scene of methods in all schedules: test_matrix.py simulates it in `scatter`
+    once."""
+    file, _, test = nodeid.partition("::")
+    name = Path(file).stem.removeprefix("test_")
+    if test.startswith("test_a_schedule_gives_scatters_trajectory[") and name == "matrix":
+        return f"matrix {test.rpartition('-')[2]}"
+    if name in CROWDED:
+        return "crowded"
+    return "bundled" if name.startswith("bundled_") else name  # each scene is simulated once, see `played`
 
 
 def is_brief(item: pytest.Item) -> bool:
     """Whether its kernels stay as they are written."""
-    return group_of(item).startswith("matrix ") or item.path.stem.removeprefix("test_") in BRIEF
+    group = group_of(item.nodeid)
+    return group.startswith("matrix ") or group in BRIEF
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """A GPU's tests are left as they are: the same option is for both devices."""
     wp.config.optimization_level = 0 if is_brief(item) and not wp.is_cuda_available() else None
-
-
-def process_of(file: str) -> str:
-    """A file's tests share kernels and simulations, which one process makes once."""
-    if file.removeprefix("test_") in CROWDED:
-        return "crowded"
-    return "bundled" if file.startswith("test_bundled_") else file  # each scene is simulated once, see `played`
 
 
 @pytest.fixture(params=["cpu", "cuda:0"])

@@ -90,7 +90,6 @@ def test_it_runs(name: str, here: Path):
         assert (module.by_mass["health"] == 1).all()
 
 
-@pytest.mark.xdist_group("crowded")  # as in conftest.py: it starts processes
 def test_the_cluster_s_runs(here: Path):
     """As a program: its workers import it."""
     pytest.importorskip("distributed")
