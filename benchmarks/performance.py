@@ -12,7 +12,7 @@ SHOWN = {
     "the same, its push new at every step": ("4,096 balloons, fresh normals", "block"),
     "a sealed gas, and drag in air": ("4,096 balloons, sealed gas", "block"),
     "under a pressure, lying on a box": ("4,096 balloons on a box", ""),
-    "under a pressure, eight pressed against each other": ("1,024 worlds of eight balloons that touch, packed", ""),
+    "under a pressure, eight packed in a box": ("1,024 worlds of eight balloons that touch, packed in a box", ""),
 }
 """what the README calls them, and the rows' case and schedule"""
 
