@@ -104,7 +104,7 @@ def test_growing_cases_change_one_thing_and_keep_the_particles():
 
 def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPatch):
     """Seconds of a frame as if all frames took alike: then the rates are as the particle-substeps."""
-    monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders: [0.5] * len(contenders))
+    monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders, states: [0.5] * len(contenders))
     (case,) = beside(Case("64 balloons", "lanes", 64), substeps=(8,))
     result = run_case(case, wp.get_device("cpu"))
     assert (result.peer, result.peer_rate, result.rate) == ("64 balloons", 64 * 488 * 32 / 0.5, 64 * 488 * 8 / 0.5)
