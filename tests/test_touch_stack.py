@@ -2,20 +2,16 @@
 
 import numpy as np
 from conserved import motion
-from touching import SLACK, ball, centers, quad_box
+from touching import centers
 
-from balloon_warp.scene import Ground, Scene, Stiffness, Touch
+from balloon_warp.benchmarks.standing import stack
 from balloon_warp.simulator import Simulator
 
 
 def test_a_stack_of_five_stands_still(schedule, device):
     """Boxes of soft rubber, dropped on each other a little askew: two seconds later they stand, none has slipped off,
     and by how much the highest still moves in a second nobody sees, a thousandth of its size."""
-    firm = Stiffness(structural=200.0, shear=100.0, flexion=100.0, viscosity=2e-3)
-    box = {"mesh": quad_box(4), "damping": 0.1, "mass": 0.1, "stiffness": firm, "inflation": SLACK}
-    balls = [ball(0.02 * (-1) ** n, 0.5 + 1.02 * n, 0.01 * n, **box) for n in range(5)]
-    scene = Scene(balloon=balls, ground=Ground(), touch=Touch(friction=0.5))
-    simulator = Simulator(scene, device, schedule=schedule)
+    simulator = Simulator(stack(), device, schedule=schedule)
     start = centers(simulator)
     for _ in range(150):
         simulator.step()

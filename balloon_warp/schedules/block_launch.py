@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.schedules.block_memory import BlockMemory, FilmLayout, Layout
+from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout
 from balloon_warp.kernels.schedules.block_resident import resident_kernel
 from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR
@@ -154,13 +154,6 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
         film=film._replace(areas=False) if film else None,  # from global memory they are no sooner read than found
     )
     return layout, None
-
-
-def _face_entries(model: Model, traits: Traits, film: FilmLayout | None) -> int:
-    """What a tile holds of faces, where particles are resident."""
-    if film:
-        return _round_up(film_entries(model), WARP_THREADS)
-    return model.face_count if traits.aims and not traits.aims_on_the_way else 1
 
 
 def _room_for_velocities(model: Model, traits: Traits) -> bool:
