@@ -87,7 +87,8 @@ def test_bundled_scenes_are_within_the_margin(name: str):
     values = np.concatenate([-constants, -constants, diagonal]) * roots[rows] * roots[columns]
     largest = eigsh(coo_array((values, (rows, columns))).tocsr(), k=1, which="LA", return_eigenvectors=False)
     expected = float(np.max(np.asarray(largest)))
-    assert expected <= found <= 1.001 * MARGIN * expected
+    rounding = 1e-12  # small networks are solved exactly here and there, and differ by rounding alone
+    assert (1.0 - rounding) * expected <= found <= 1.001 * MARGIN * expected
 
 
 def test_it_lets_bundled_scenes_take_a_fifth_to_a_third_more_than_gershgorins_bound():
