@@ -206,7 +206,7 @@ def _run_shares(
             frames[number] = news
             yield None
         else:
-            result = _result(news)
+            result = _result(client, news)
             frames[number] = len(result.records) - 1
             missing.remove(number)
             send_next()
@@ -222,11 +222,19 @@ def _has_workers(client: "Client") -> bool:
         return True
 
 
-def _result(future: "Future") -> ShareResult:
+def _result(client: "Client", future: "Future") -> ShareResult:
+    """Of a share that was done; it is done again if the worker that has it ends before it is here."""
     from distributed.scheduler import KilledWorker
 
+    seconds = ALONE_SECONDS
     try:
-        return future.result()
+        while True:
+            try:
+                return future.result(timeout=seconds)
+            except TimeoutError:
+                if not _has_workers(client):
+                    raise WorkersLostError(f"all workers ended, and none came for {ALONE_SECONDS:g} s") from None
+                seconds *= 2.0  # it begins anew, and may be large
     except KilledWorker as error:
         raise WorkersLostError(
             f"a share of the batch ended {error.allowed_failures + 1} workers, one after the other"
