@@ -10,7 +10,7 @@ from browsing import LIMIT, box, highlights, picture_of, redness, see, tethered,
 from PIL import Image
 
 from balloon_warp import scenes
-from balloon_warp.scene import Balloon, Scene
+from balloon_warp.scene import Balloon, Scene, Water
 
 pytest.importorskip("viser")
 pytest.importorskip("playwright.sync_api")
@@ -55,6 +55,28 @@ def test_a_print_is_seen(fresh, served, tmp_path):
         see(fresh, served, lambda: min(len(half) for half in columns()) > 1000, "both colors are seen")
         green, blue = columns()
         assert np.median(green) < np.median(blue)
+    finally:
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
+
+
+def test_water_is_seen_where_its_level_is(fresh, served):
+    """What is below it turns blue, also what was red. It goes with its level: below the ground only
+    a line at the horizon is left, where the ground fades."""
+    served.session.load("pool", lambda: tethered().model_copy(update={"water": Water(level=0.1, density=1.0)}))
+    served.session.run(False)
+
+    def blue() -> int:
+        red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
+        return int((blue > 1.2 * red).sum())
+
+    try:
+        see(fresh, served, lambda: blue() > 20_000, "water is seen")
+        above = redness(fresh)
+        served.session.set("water.level", -2.0)
+        served.session.step_once()
+        see(fresh, served, lambda: blue() < 1_000, "the ground hides it")
+        assert redness(fresh) > 1.3 * above
     finally:
         served.session.load("ball", tethered)
         wait_until(lambda: served.session.picture.name == "ball", "the ball is back")

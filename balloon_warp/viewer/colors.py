@@ -53,6 +53,11 @@ def body_color(number: int, own: tuple[float, float, float] | None) -> Color:
     return _encoded(own or BODY_COLORS[number % len(BODY_COLORS)])
 
 
+def water_color() -> Color:
+    """As in the stage."""
+    return _encoded(material.WATER_COLOR)
+
+
 def _encoded(linear: tuple[float, float, float]) -> Color:
     values = np.asarray(linear)
     encoded = np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1 / 2.4) - 0.055)

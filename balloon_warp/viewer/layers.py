@@ -11,7 +11,10 @@ from balloon_warp.viewer import colors
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
 from balloon_warp.viewer.knots import ROOT as KNOTS
 from balloon_warp.viewer.knots import KnotLayer
-from balloon_warp.viewer.obstacles import ROOT, ObstacleLayer
+from balloon_warp.viewer.levels import ROOT as LEVELS
+from balloon_warp.viewer.levels import LevelLayer
+from balloon_warp.viewer.obstacles import ROOT as OBSTACLES
+from balloon_warp.viewer.obstacles import ObstacleLayer
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.prints import Printed, hang, image_of
 from balloon_warp.viewer.smooth import surfaces_of
@@ -72,6 +75,7 @@ class Layers:
             self._draw_lines(picture)
             self._draw_spheres(picture)
             self.obstacles.draw(picture)
+            self._levels.draw(picture)
             self._draw_strings(picture)
         self._count += 1
         self.server.flush()
@@ -84,7 +88,7 @@ class Layers:
     def _build(self, picture: Picture) -> None:
         """Everything anew, for another model."""
         scene, self._load = self.server.scene, picture.load
-        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", "/ground", KNOTS, ROOT):
+        for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
             scene.remove_by_name(name)
         self._drawing = Drawing(picture.model)
         start = np.concatenate([shape.mesh.points for shape in picture.model.shapes])
@@ -95,6 +99,7 @@ class Layers:
         side = np.array([0.55, 0.0, 1.0]) if picture.scene.up_axis == "Y" else np.array([0.55, -1.0, 0.0])
         center = (low + high) / 2
         self.obstacles = ObstacleLayer(self.server, picture, center, self.size)
+        self._levels = LevelLayer(self.server, picture, center, self.size)
         around = [start, string_reach(picture.model, self.size, center, up), self.obstacles.seen]
         self.home = _home(np.concatenate(around), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
@@ -128,8 +133,6 @@ class Layers:
         )
         self._knots = KnotLayer(self.server)
         self._spheres: dict[int, viser.IcosphereHandle] = {}
-        if picture.scene.ground:
-            self._add_ground(picture.scene.ground.height, center, up)
 
     def _add_balloon(self, picture: Picture, number: int, points: NDArray[np.float32]) -> Any:
         """Its surface, with its print if it has one."""
@@ -148,26 +151,6 @@ class Layers:
         if isinstance(surface, Printed) and image is not None:
             hang(self.server.scene, name, surface, image)
         return balloon
-
-    def _add_ground(self, height: float, center: np.ndarray, up: np.ndarray) -> None:
-        """A plane to throw shadows on, with a grid a balloon's size wide."""
-        wide = 14.0 * self.size
-        middle = center + (height - center @ up) * up
-        self.server.scene.add_grid(
-            "/ground",
-            width=2 * wide,
-            height=2 * wide,
-            plane="xz" if up[1] else "xy",
-            cell_size=self.size / 2,
-            section_size=self.size / 2,
-            cell_color=colors.GRID,
-            section_color=colors.GRID,
-            plane_color=colors.GROUND,
-            plane_opacity=1.0,
-            shadow_opacity=0.3,
-            position=tuple(middle.tolist()),
-            fade_distance=wide,
-        )
 
     def _draw_balloons(self, picture: Picture) -> None:
         strained = self.shown["strain"]
