@@ -50,6 +50,8 @@ class FixtureTable:
     looks: wp.array2d[wp.vec4]
     """working memory, of each world and particle: where it was when it last looked at them, and up to which distance
     there was nothing, plus how far `fastest` goes until then [m]; 0 at the start of a frame"""
+    nearest: wp.array2d[wp.vec2]
+    """the same of all but the nearest, and its number; empty for a single obstacle"""
 
 
 @wp.struct

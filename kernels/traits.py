@@ -68,6 +68,8 @@ class Traits(NamedTuple):
     ground: bool = False
     fixtures: bool = False
     """there are obstacles that go where they are told"""
+    several_fixtures: bool = False
+    """more than one"""
     fixture_meshes: bool = False
     """a mesh is among them"""
     fixtures_move: bool = False

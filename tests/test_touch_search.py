@@ -14,7 +14,7 @@ from balloon_warp.schedules.gather import GatherSchedule
 
 
 def gathered(*balls: Balloon) -> GatherSchedule:
-    """A schedule whose lists can be read, with searches every 4 of 32 substeps."""
+    """A schedule whose lists can be read, with searches every 8 of 32 substeps."""
     scene = Scene(balloon=list(balls), touch=Touch(thickness=0.04), substeps=32, **VACUUM)
     schedule = make_schedule(build_model(scene, wp.get_device("cpu"), 1), "gather")
     assert isinstance(schedule, GatherSchedule)

@@ -12,10 +12,11 @@ from balloon_warp.kernels.schedules.block_resident import resident_kernel
 from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.films import film_entries, film_layout, film_table
-from balloon_warp.schedules.fixtures import forget_looks, look_array
+from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
@@ -65,7 +66,7 @@ class BlockLaunch:
         _working_arrays(model, traits, _layout(model, traits, spring_ends(model))[0], room)
         touch_arrays(model, traits, room)
         solid_arrays(model, traits, room)
-        look_array(model, room)
+        look_arrays(model, room)
 
     @property
     def crowded(self) -> int:
@@ -77,11 +78,15 @@ class BlockLaunch:
         if self._traits.tells_time:
             wp.copy(self.memory.frame, state.frame)
 
+    def begin_loading(self) -> None:
+        """Compile ahead what a frame needs."""
+        begin_loading(self._recipe.kernel, self.model.device)
+
     def advance(self, state: State) -> None:
         """A frame."""
         if self._traits.stands_on_fixtures:
             forget_looks(self.tables)
-        wp.launch_tiled(
+        launch_tiled(
             self._recipe.kernel,
             dim=[self.model.world_count],
             inputs=[self.tables, *self._recipe.slots, world_state(state), self.memory],

@@ -42,7 +42,7 @@ def fixture_table(model: Model) -> Any:
     table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
     table.fastest = fastest(_floats(model.obstacle_motion), _floats(table.solids.reaches), model.frame_seconds)
-    table.looks = look_array(model, Allocating(model.device))
+    table.looks, table.nearest = look_arrays(model, Allocating(model.device))
     return table
 
 
@@ -84,12 +84,17 @@ def _floats(array: wp.array) -> NDArray[np.float32]:
     return np.asarray(array.numpy(), dtype=np.float32)
 
 
-def look_array(model: Model, room: Room) -> Any:
+def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
     """Memory for what particles have seen of obstacles, where there are any."""
-    return room.array((model.world_count, model.particle_count if model.obstacles else 0), wp.vec4)
+    obstacles, particles = len(model.obstacles), model.particle_count
+    return (
+        room.array((model.world_count, particles if obstacles else 0), wp.vec4),
+        room.array((model.world_count, particles if obstacles > 1 else 0), wp.vec2),
+    )
 
 
 def forget_looks(tables: Any) -> None:
     """As a frame begins, before which balloons and obstacles may have been put elsewhere."""
-    if tables.fixtures.looks.size:
-        tables.fixtures.looks.zero_()
+    for seen in (tables.fixtures.looks, tables.fixtures.nearest):
+        if seen.size:
+            seen.zero_()

@@ -11,6 +11,7 @@ from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRI
 from balloon_warp.kernels.schedules.touch_parts import box_parts
 from balloon_warp.kernels.schedules.touch_search import find_kernel, looking_kernel
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.model.sharp_edges import sharp_edges
@@ -41,26 +42,26 @@ class TouchPieces:
         if substep % self._interval:
             return
         m, t, working = self.model, self._tables, self._working
-        wp.launch_tiled(
+        launch_tiled(
             box_balloons,
             dim=(m.world_count, m.balloon_count),
             inputs=[t, points, velocities, int(substep == 0), working],
             block_dim=BOX_THREADS if m.device.is_cuda else 1,
             device=m.device,
         )
-        wp.launch(meet_kernel(self._traits), m.world_count, [t, working], device=m.device)
+        launch(meet_kernel(self._traits), m.world_count, [t, working], device=m.device)
         parts, particles = self._part_threads, self._particle_threads
         for of_whole in (1, 0):
             inputs = [t, parts, of_whole, points, velocities, working]
-            wp.launch(box_parts, (m.world_count, parts), inputs, device=m.device)
+            launch(box_parts, (m.world_count, parts), inputs, device=m.device)
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = world_state(state), points, velocities, working
-        wp.launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
-        wp.launch(find_kernel(self._traits), inputs=[t, particles, *moving], **place)
+        launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
+        launch(find_kernel(self._traits), inputs=[t, particles, *moving], **place)
         if self._traits.edges_meet:
             threads = self._edge_threads
             inputs = [t, threads, points, velocities, working]
-            wp.launch(find_edges_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
+            launch(find_edges_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
         if substep == 0:  # what came before is not known where a run begins with a saved state
             working.contact_quanta.zero_()
             self._press(state, points, velocities, only_counts=True)
@@ -68,14 +69,14 @@ class TouchPieces:
     def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
         """Particles that touch push and are pushed, until the forces are taken."""
         m, threads = self.model, self._particle_threads
-        wp.launch(take_counts, (m.world_count, threads), [threads, self._working], device=m.device)
+        launch(take_counts, (m.world_count, threads), [threads, self._working], device=m.device)
         self._press(state, points, velocities, only_counts=False)
 
     def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
         m, threads = self.model, self._particle_threads
         inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
         shape = (m.world_count, threads)
-        wp.launch(press_kernel(self._traits), shape, inputs, block_dim=FEW_THREADS, device=m.device)
+        launch(press_kernel(self._traits), shape, inputs, block_dim=FEW_THREADS, device=m.device)
 
 
 def crowding_remarks(crowded: int) -> list[str]:
@@ -106,7 +107,7 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
         "list_lengths": room.array((worlds, 3 if traits.touches else 0), wp.int32),
-        "touch_quanta": room.array((worlds, particles, 3), wp.int64),
+        "touch_quanta": room.array((worlds, 3, particles), wp.int64),
         "contact_quanta": room.array((worlds, particles), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
         "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),

@@ -66,6 +66,7 @@ def model_traits(model: Model) -> Traits:
         small_spheres=any(small_spheres(model)),
         ground=scene.ground is not None,
         fixtures=bool(scene.obstacle),
+        several_fixtures=len(scene.obstacle) > 1,
         fixture_meshes=any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
         fixtures_move=model.obstacle_motion.shape[0] > 1,
         bodies=model.body_count,

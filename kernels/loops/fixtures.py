@@ -7,13 +7,11 @@ import warp as wp
 
 from balloon_warp.kernels.laws.contact import friction_on, stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.loops.fixture_looks import SURELY, look_functions
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
 from balloon_warp.kernels.loops.solids import surface_function, way_function
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
-
-SURELY = wp.constant(0.999)
-"""part of a distance that rounding leaves"""
 
 
 @wp.struct
@@ -108,13 +106,6 @@ def free_ball_function(traits: Traits) -> Any:
 
 
 @wp.func
-def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, point: wp.vec3):
-    """Whether there was nothing around the particle's last look, as far as to a point, and cannot be since."""
-    look = t.fixtures.looks[world, particle]
-    return wp.length(point - wp.vec3(look[0], look[1], look[2])) + t.fixtures.fastest * time < look[3]
-
-
-@wp.func
 def friction_of(t: Tables, around: Around, fixture: wp.int32):
     """Coulomb's coefficient, between an obstacle and a particle."""
     its = t.fixtures.frictions[row_of_world(around.world, t.fixtures.frictions.shape[0]), fixture]
@@ -125,26 +116,25 @@ def friction_of(t: Tables, around: Around, fixture: wp.int32):
 def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     """The functions that let a particle leave obstacles, and that foresee where they let it go."""
     meet = meeting_function(traits)
+    begin_look, look_at, note_look = look_functions(traits.several_fixtures)
 
     @wp.func
     def leave_fixtures(t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3):
-        """A particle's point and velocity outside of all of them, at the end of a step. Distances are 1-Lipschitz: one
-        look tells for how far the particle need not look again."""
-        if not is_free(t, around.world, around.particle, around.time, point):
-            start = point - t.step_seconds * velocity
-            free = float(FAR_AWAY)
-            for fixture in range(t.fixtures.solids.kinds.shape[0]):
+        """A particle's point and velocity outside of all of them, at the end of a step."""
+        start = point - t.step_seconds * velocity
+        look = begin_look(t, around.world, around.particle, around.time, start, point)
+        if look.first < look.last:
+            end = point
+            for fixture in range(look.first, look.last):
                 met = meet(t, around.world, fixture, around.time, start, point, 0.0)
-                free = wp.min(free, met.free)
+                look = look_at(look, fixture, met.free)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_of(t, around, fixture)
                     step = met.part * t.step_seconds
                     stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
                     velocity = slowed
-            t.fixtures.looks[around.world, around.particle] = wp.vec4(
-                point[0], point[1], point[2], SURELY * free + t.fixtures.fastest * around.time
-            )
+            note_look(t, around.world, around.particle, around.time, look, end, point)
         return point, velocity
 
     @wp.func
@@ -154,16 +144,16 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
         """Where they let a particle go, and the normal of the last one in the way; `last_normal` if none is."""
         outside = end
         outward = last_normal
-        if not is_free(t, around.world, around.particle, around.time, end):
-            for fixture in range(t.fixtures.solids.kinds.shape[0]):
-                met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
-                if wp.length_sq(met.normal) > 0.0:
-                    friction = friction_of(t, around, fixture)
-                    stood, _slowed = stand_on(
-                        met.let, velocity, met.moving, met.normal, friction, met.part * t.step_seconds
-                    )
-                    outside = stood
-                    outward = met.normal
+        look = begin_look(t, around.world, around.particle, around.time, start, end)
+        for fixture in range(look.first, look.last):
+            met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
+            if wp.length_sq(met.normal) > 0.0:
+                friction = friction_of(t, around, fixture)
+                stood, _slowed = stand_on(
+                    met.let, velocity, met.moving, met.normal, friction, met.part * t.step_seconds
+                )
+                outside = stood
+                outward = met.normal
         return outside, outward
 
     return leave_fixtures, out_of_fixtures

@@ -22,6 +22,9 @@ from balloon_warp.kernels.substep import kick, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
+MOST_REGISTERS = 128
+"""of a thread, so that a multiprocessor has two blocks of 256 where particles meet obstacles, too"""
+
 
 @cache
 def gathering_loops(traits: Traits) -> Loops:
@@ -68,7 +71,12 @@ def advance_kernel(
     push_and_move = pushing_function(traits)
     jet = jet_loop(traits, vector_at) if traits.jets else None
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={**OPTIONS, "fast_math": fast_math})
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=MOST_REGISTERS,
+        module_options={**OPTIONS, "fast_math": fast_math},
+    )
     def advance_particles(
         # model
         t: Tables,

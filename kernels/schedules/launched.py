@@ -83,7 +83,7 @@ class Working:
     list_lengths: wp.array2d[wp.int32]
     """of both, and of all edges that may meet"""
     touch_quanta: wp.array3d[wp.int64]
-    """forces of contacts on particles in this substep, see `fixed_point`"""
+    """forces of contacts on particles in this substep, see `fixed_point`: shape (world_count, 3, particle_count)"""
     contact_quanta: wp.array2d[wp.int64]
     """how many contacts particles have in this substep, in parts as forces are"""
     contacts: wp.array2d[float]

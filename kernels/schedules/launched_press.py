@@ -20,7 +20,7 @@ from balloon_warp.kernels.loops.meeting import (
     touch,
 )
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, set_quanta, total_newtons
+from balloon_warp.kernels.schedules.fixed_point import newtons, quanta
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
 from balloon_warp.kernels.schedules.touch_lists import triangle_beside
@@ -29,6 +29,9 @@ from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 wp.set_module_options(OPTIONS)
+
+PRESS_REGISTERS = 96
+"""of a thread: a multiprocessor has 20 warps then, which wait for memory in turns, and 12 without a limit"""
 
 
 @wp.func
@@ -46,10 +49,10 @@ def add_pushes(
         first = quanta(a[axis])
         second = quanta(b[axis])
         third = quanta(c[axis])
-        wp.atomic_add(totals, world, corners[0], axis, first)
-        wp.atomic_add(totals, world, corners[1], axis, second)
-        wp.atomic_add(totals, world, corners[2], axis, third)
-        wp.atomic_add(totals, world, particle, axis, -(first + second + third))
+        wp.atomic_add(totals, world, axis, corners[0], first)
+        wp.atomic_add(totals, world, axis, corners[1], second)
+        wp.atomic_add(totals, world, axis, corners[2], third)
+        wp.atomic_add(totals, world, axis, particle, -(first + second + third))
 
 
 @wp.func
@@ -63,8 +66,10 @@ def add_contact(totals: wp.array2d[wp.int64], world: wp.int32, particle: wp.int3
 @wp.func
 def take_count(working: Working, world: wp.int32, particle: wp.int32):
     """How many contacts a particle had, and from now on none are counted."""
-    working.contacts[world, particle] = newtons(working.contact_quanta[world, particle])
-    working.contact_quanta[world, particle] = wp.int64(0)
+    count = working.contact_quanta[world, particle]
+    working.contacts[world, particle] = newtons(count)
+    if count != wp.int64(0):
+        working.contact_quanta[world, particle] = wp.int64(0)
 
 
 @wp.kernel(enable_backward=False)
@@ -82,11 +87,17 @@ def take_counts(
 
 @wp.func
 def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
-    """What contacts do to a particle [N], and nothing is left of it."""
+    """What contacts do to a particle [N], and nothing is left of it. It is written only where there was something:
+    zeros everywhere take a GPU longer than all else that a particle does in a substep."""
     force = wp.vec3()
     if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
-        force = total_newtons(working.touch_quanta, world, particle)
-        set_quanta(working.touch_quanta, world, particle, wp.vec3())
+        x = working.touch_quanta[world, 0, particle]
+        y = working.touch_quanta[world, 1, particle]
+        z = working.touch_quanta[world, 2, particle]
+        if (x | y | z) != wp.int64(0):
+            force = wp.vec3(newtons(x), newtons(y), newtons(z))
+            for axis in range(3):
+                working.touch_quanta[world, axis, particle] = wp.int64(0)
     return force
 
 
@@ -219,7 +230,7 @@ def press_kernel(traits: Traits) -> Any:
     """The kernel by which particles touch the triangles that were found near them."""
     press_particle = pressing_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=PRESS_REGISTERS, module_options=OPTIONS)
     def press_particles(
         # model
         t: Tables,

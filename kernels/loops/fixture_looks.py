@@ -1,0 +1,83 @@
+"""What a particle saw of obstacles last. Distances are 1-Lipschitz: one look tells for how far it need not look again
+at any, and for how far at none but the nearest."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.tables import Tables
+
+SURELY = wp.constant(0.999)
+"""part of a distance that rounding leaves"""
+
+
+@wp.struct
+class Look:
+    """Around a particle, at some obstacles, of a step that ends at a time."""
+
+    first: wp.int32  # from this one
+    last: wp.int32  # up to, not with, this one
+    nearest: wp.int32
+    free: float  # how far that is, at least [m]
+    beyond: float  # how far the others are, at least [m]
+
+
+@cache
+def look_functions(several: bool) -> tuple[Any, Any, Any]:
+    """The functions that say which obstacles are looked at, that look at one, and that note what was seen.
+
+    Args:
+        several: whether there is more than one.
+    """
+
+    @wp.func
+    def begin_look(t: Tables, world: wp.int32, particle: wp.int32, time: float, start: wp.vec3, end: wp.vec3):
+        """At those that may be in a particle's way to its end; often at none."""
+        look = Look()
+        look.last = t.fixtures.solids.kinds.shape[0]
+        look.free = FAR_AWAY
+        look.beyond = FAR_AWAY
+        seen = t.fixtures.looks[world, particle]
+        gone = wp.length(end - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time
+        if gone < seen[3]:
+            look.last = 0
+        elif wp.static(several):
+            nearest = t.fixtures.nearest[world, particle]
+            if gone + wp.length(end - start) + t.fixtures.fastest * t.step_seconds < nearest[0]:
+                look.first = wp.int32(nearest[1])
+                look.last = look.first + 1
+        return look
+
+    @wp.func
+    def look_at(look: Look, fixture: wp.int32, free: float):
+        """With one that is so far away [m]."""
+        if wp.static(several):
+            if free < look.free:
+                look.beyond = look.free
+                look.nearest = fixture
+            else:
+                look.beyond = wp.min(look.beyond, free)
+        look.free = wp.min(look.free, free)
+        return look
+
+    @wp.func
+    def note_look(
+        t: Tables, world: wp.int32, particle: wp.int32, time: float, look: Look, end: wp.vec3, point: wp.vec3
+    ):
+        """What was seen from the end of a particle's way, which stands at a point now. If one alone was looked at, the
+        look before tells of the others."""
+        passes = t.fixtures.fastest * time
+        free = SURELY * look.free + passes
+        if wp.static(several):
+            beyond = SURELY * (look.beyond - wp.length(point - end)) + passes
+            if look.last - look.first < t.fixtures.solids.kinds.shape[0]:
+                seen = t.fixtures.looks[world, particle]
+                gone = wp.length(point - wp.vec3(seen[0], seen[1], seen[2]))
+                beyond = t.fixtures.nearest[world, particle][0] - gone / SURELY
+            free = wp.min(free, beyond)
+            t.fixtures.nearest[world, particle] = wp.vec2(beyond, float(look.nearest))
+        t.fixtures.looks[world, particle] = wp.vec4(point[0], point[1], point[2], free)
+
+    return begin_look, look_at, note_look
