@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.measure.solids import SolidSums, measure_solids, sum_solids
+from balloon_warp.launching import launch
 from balloon_warp.model import Model
 
 LANES = 32
@@ -49,8 +50,8 @@ def mass_properties(model: Model, points: wp.array) -> MassProperties:
     sums = zeros((*shape, LANES), SolidSums)
     measures = [zeros(shape, wp.float64), zeros(shape, wp.vec3d), zeros(shape, wp.mat33d)]
     topology = [wp.array(offsets, dtype=wp.int32, device=model.device), model.face_offsets, model.face_particles]
-    wp.launch(sum_solids, sums.shape, inputs=[*topology, points], outputs=[sums], device=model.device)
-    wp.launch(measure_solids, shape, inputs=[*topology, points, sums], outputs=measures, device=model.device)
+    launch(sum_solids, sums.shape, inputs=[*topology, points], outputs=[sums], device=model.device)
+    launch(measure_solids, shape, inputs=[*topology, points, sums], outputs=measures, device=model.device)
     # copies: on the CPU numpy() alone is a view
     volume, center, inertia = (np.array(array.numpy(), dtype=np.float64) for array in measures)
     return MassProperties(np.array([balloon.closed for balloon in model.shapes]), volume, center, inertia)

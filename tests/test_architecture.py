@@ -16,7 +16,7 @@ TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="u
 LAYERS = (
     ("garbage",),
     ("kernels", "errors", "quiet"),
-    ("files", "device", "interrupts", "laws", "meant"),
+    ("files", "device", "launching", "interrupts", "laws", "meant"),
     ("mesh",),
     ("springs", "scene", "foil"),
     ("model", "provenance"),

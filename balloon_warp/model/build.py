@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.schedules.frame import place_balloons
+from balloon_warp.launching import begin_loading
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import warp_mesh
@@ -47,6 +49,8 @@ def build_model(
     Raises:
         InputError: as `plan_model`.
     """
+    device = pick_device(device)
+    begin_loading(place_balloons, device)
     return lay_out(plan_model(scene, world_count, vary, laws=laws), device)
 
 

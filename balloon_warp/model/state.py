@@ -9,6 +9,7 @@ import warp as wp
 
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.schedules.frame import place_balloons
+from balloon_warp.launching import launch
 from balloon_warp.mesh.placement import rotation_matrix
 from balloon_warp.model.bodies import initial_centers, initial_turns
 from balloon_warp.model.memory import Allocating, Counting, Room
@@ -152,7 +153,7 @@ def new_state(model: Model, room: Room) -> State:
 def initial_state(model: Model) -> State:
     """Every world at the start: in the shape of the meshes, each balloon as fast as the scene says, as a rigid body."""
     state, parameters = new_state(model, Allocating(model.device)), model.parameters
-    wp.launch(
+    launch(
         place_balloons,
         state.points.shape,
         inputs=[

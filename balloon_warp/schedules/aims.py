@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.schedules.aims import aim_inflation, measure_faces, sum_face_areas
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 
@@ -33,8 +34,8 @@ class AimRefresher:
         """Fill `aims` for `points`, both of shape (world_count, particle_count)."""
         m, t = self.model, self._tables
         measured = [self._centers, self._area_vectors]
-        wp.launch(measure_faces, (m.world_count, m.face_count), [t.faces, points], measured, device=m.device)
-        wp.launch_tiled(
+        launch(measure_faces, (m.world_count, m.face_count), [t.faces, points], measured, device=m.device)
+        launch_tiled(
             sum_face_areas,
             dim=(m.world_count, m.balloon_count),
             inputs=[t.faces, self._area_vectors],
@@ -43,4 +44,4 @@ class AimRefresher:
             device=m.device,
         )
         inputs = [t.particles, t.faces, points, *measured, self._areas]
-        wp.launch(aim_inflation, points.shape, inputs, [aims], device=m.device)
+        launch(aim_inflation, points.shape, inputs, [aims], device=m.device)

@@ -51,6 +51,9 @@ class BlockSchedule:
     def advance_frame(self, state: State) -> None:
         """One frame, after the ramp of the inflation: in one launch, or the worlds that may meet something in one of
         their own."""
+        self._worlds.begin_loading()
+        if self.busy:
+            self.busy.begin_loading(self.capturable)
         refresh_ramp(self.model, state)
         weigh_air(self.model, self._traits, self._worlds.tables, state)
         self._worlds.keep_time(state)

@@ -24,6 +24,16 @@ class BusyWorlds:
         BlockLaunch.allot(model, busy_traits(traits), room)
         outlook_arrays(model, traits, room)
 
+    def begin_loading(self, are_recorded: bool) -> None:
+        """Compile ahead what a frame needs.
+
+        Args:
+            are_recorded: whether frames become a graph, which has what busy worlds need even if there are none.
+        """
+        self.outlook.begin_loading()
+        if are_recorded:
+            self.launch.begin_loading()
+
     def find(self, state: State) -> None:
         """Before the free worlds are advanced."""
         self.launch.keep_time(state)

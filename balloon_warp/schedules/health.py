@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.schedules.frame import end_frame
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 
 MOST_SPAN = 1.0e5
@@ -38,6 +39,7 @@ class HealthCheck:
         if threads is None:
             threads = 1 if model.device.is_cpu else model.particle_count
         self._shape = (model.world_count, threads)
+        self._device = model.device
         self._inputs = [tables.particles, tables.health, threads]
 
     def look(self, state: State) -> None:
@@ -49,12 +51,12 @@ class HealthCheck:
         self._launch(state, 1)
 
     def _launch(self, state: State, frames: int) -> None:
-        wp.launch(
+        launch(
             end_frame,
             self._shape,
             inputs=[*self._inputs, frames, state.points, state.sphere_positions],
             outputs=[state.frame, state.first_bad],
-            device=state.points.device,
+            device=self._device,
         )
 
 

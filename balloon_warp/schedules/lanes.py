@@ -14,9 +14,10 @@ from balloon_warp.kernels.schedules.lanes import lanes_kernel
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import OCTETS, WORLDS, Layout
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.fixtures import forget_looks, look_array
+from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_tables import face_octets, items_of, make_lane_tables, quad_count
 from balloon_warp.schedules.outlook import free_traits
@@ -51,6 +52,7 @@ class LanesSchedule:
         self.busy = busy_worlds(model, self._traits, self.name) if self._traits.in_blocks else None
         if self.busy:
             self._traits = free_traits(self._traits)
+        self._kernel = lanes_kernel(self._traits, self.layout)
         self._tables = make_tables(model, self._traits)
         self._lane_tables = make_lane_tables(model, self._traits, self.layout, self._tables)
         self._lanes = lane_structs(self.layout)[1]()
@@ -66,7 +68,6 @@ class LanesSchedule:
             far_away[:, -1] = FAR_AWAY
             self._lanes.face_centers.assign(far_away)
         self._health = HealthCheck(model, self._tables)
-        self._kernel = lanes_kernel(self._traits, self.layout)
         self._share_out(thread_count)
 
     def _share_out(self, thread_count: int | None) -> None:
@@ -76,7 +77,6 @@ class LanesSchedule:
         self._shares = np.array_split(np.arange(groups), thread_count)
         if thread_count > 1:
             self._threads = ThreadPoolExecutor(thread_count)
-            wp.load_module(self._kernel.module, device=self.model.device)  # before the threads do
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
@@ -88,7 +88,7 @@ class LanesSchedule:
             BusyWorlds.allot(model, traits, room)
             traits = free_traits(traits)
         _working_arrays(model, traits, cls.layout, room)
-        look_array(model, room)
+        look_arrays(model, room)
         return room.bytes // model.world_count
 
     @property
@@ -98,6 +98,9 @@ class LanesSchedule:
 
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""
+        begin_loading(self._kernel, self.model.device)
+        if self.busy:
+            self.busy.begin_loading(self.capturable)
         refresh_ramp(self.model, state)
         weigh_air(self.model, self._traits, self._tables, state)
         forget_looks(self._tables)
@@ -115,7 +118,7 @@ class LanesSchedule:
         self._health.end_frame(state)
 
     def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:
-        wp.launch(
+        launch(
             self._kernel,
             len(groups),
             inputs=[self._lane_tables, int(groups[0]), worlds, self._lanes],

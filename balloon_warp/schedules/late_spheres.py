@@ -3,6 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.schedules.timeline import hold_spheres
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.scene.timeline import frame_at
 
@@ -21,7 +22,7 @@ class LateSpheres:
         if self._first_frames is None:
             return
         starts = [self._model.parameters[f"initial_sphere_{name}"] for name in ("positions", "velocities", "spins")]
-        wp.launch(
+        launch(
             hold_spheres,
             state.sphere_positions.shape,
             inputs=[self._first_frames, *starts, state.frame],

@@ -11,7 +11,7 @@ from balloon_warp.kernels.schedules.advance import advance_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.fixtures import look_array
+from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
@@ -59,7 +59,7 @@ class LaunchedSchedule(ABC):
         room, traits = Counting(), model_traits(model)
         Pieces.allot(model, traits, room)
         cls.allot(model, traits, room)
-        look_array(model, room)
+        look_arrays(model, room)
         return room.bytes // model.world_count
 
     @abstractmethod

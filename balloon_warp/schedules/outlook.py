@@ -13,6 +13,7 @@ from balloon_warp.kernels.schedules.free_frames import (
 )
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.tables import world_state
@@ -50,23 +51,28 @@ class Outlook:
         for name, array in before.items():
             setattr(self._before, name, array)
 
+    def begin_loading(self) -> None:
+        """Compile ahead what a look needs."""
+        for kernel in (surround_kernel(self._traits), judge_kernel(self._traits)):
+            begin_loading(kernel, self.model.device)
+
     def look(self, state: State) -> None:
         """Before the frame."""
         m, threads = self.model, THREADS if self.model.device.is_cuda else 1
-        wp.launch_tiled(
+        launch_tiled(
             surround_kernel(self._traits),
             dim=(m.world_count, m.balloon_count),
             inputs=[self._tables, world_state(state), self.table, self._before],
             block_dim=threads,
             device=m.device,
         )
-        wp.launch(judge_kernel(self._traits), m.world_count, [self._tables, self.table], device=m.device)
+        launch(judge_kernel(self._traits), m.world_count, [self._tables, self.table], device=m.device)
 
     def put_back(self, state: State) -> None:
         """Spheres and gas, once the free frames are over."""
         if self._traits.gas or self._traits.spheres:
             inputs = [self.table, self._before, world_state(state)]
-            wp.launch(put_bodies_back, self.model.world_count, inputs, device=self.model.device)
+            launch(put_bodies_back, self.model.world_count, inputs, device=self.model.device)
 
 
 def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -28,6 +28,7 @@ from balloon_warp.kernels.schedules.launched_touch import touch_kernel
 from balloon_warp.kernels.schedules.launched_wear import wear_kernel
 from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.aims import AimRefresher
@@ -94,14 +95,14 @@ class Pieces:
             self._over_spheres(roll_kernel(self.traits), *now, *moving, *pushed, starts)
             if self.traits.spheres_meet:
                 inputs = [*now, starts, *moving]
-                wp.launch(collide_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
+                launch(collide_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
 
     def tumble(self, state: State, time_in_frame: float) -> None:
         """Free bodies move, once spheres have."""
         m = self.model
         if self.traits.bodies:
             inputs = [self.tables, time_in_frame, world_state(state), self.working]
-            wp.launch(tumble_kernel(self.traits), m.world_count, inputs, device=m.device)
+            launch(tumble_kernel(self.traits), m.world_count, inputs, device=m.device)
 
     def pump(self, state: State, time_in_frame: float) -> None:
         """Gas is pumped in, or let out."""
@@ -110,7 +111,7 @@ class Pieces:
 
     def _pump(self, state: State, time_in_frame: float) -> None:
         inputs = [self.tables, time_in_frame, world_state(state), self.working]
-        wp.launch(pump_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
+        launch(pump_kernel(self.traits), self.model.world_count, inputs, device=self.model.device)
 
     def swell(
         self, state: State, time_in_frame: float, old: tuple[wp.array, wp.array], free_velocities: wp.array
@@ -123,12 +124,12 @@ class Pieces:
             inputs = [self.tables, time_in_frame, *old, free_velocities, world_state(state), self.working]
             place: dict[str, Any] = {"block_dim": threads, "device": m.device}
             if parts[2]:
-                wp.launch_tiled(swelling_kernel(self.traits), dim=parts, inputs=inputs, **place)
+                launch_tiled(swelling_kernel(self.traits), dim=parts, inputs=inputs, **place)
             kernel = load_kernel(self.traits, in_parts=parts[2] > 0)
-            wp.launch_tiled(kernel, dim=whole, inputs=inputs, **place)
+            launch_tiled(kernel, dim=whole, inputs=inputs, **place)
         if self.traits.gas_flows:
             inputs = [self.tables, time_in_frame, world_state(state)]
-            wp.launch(flow_kernel(self.traits), m.world_count, inputs, device=m.device)
+            launch(flow_kernel(self.traits), m.world_count, inputs, device=m.device)
 
     def correct(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
         """Springs that are too long are shortened; then particles leave obstacles."""
@@ -138,7 +139,7 @@ class Pieces:
         for _ in range(m.scene.correction_sweeps):
             for first_spring, count in self._colors:
                 inputs = [self.tables, self._limit_column, first_spring, points, velocities]
-                wp.launch(correct_color, (m.world_count, count), inputs, device=m.device)
+                launch(correct_color, (m.world_count, count), inputs, device=m.device)
         if self.traits.obstacles:
             moving = world_state(state), self.working, points, velocities
             self.over_particles(leave_kernel(self.traits), self.tables, time_in_frame, *moving)
@@ -148,7 +149,7 @@ class Pieces:
         if self.traits.wears:
             m = self.model
             inputs = [self.tables, points, state.peaks]
-            wp.launch(wear_kernel(self.traits), (m.world_count, m.triangle_count), inputs, device=m.device)
+            launch(wear_kernel(self.traits), (m.world_count, m.triangle_count), inputs, device=m.device)
         if self._tears:
             self._tears.weigh(state, time_in_frame)
             self._tears.tear(state, world_state(state), time_in_frame, points)
@@ -167,7 +168,7 @@ class Pieces:
         edges."""
         m = self.model
         if self.traits.impulses:
-            wp.launch_tiled(
+            launch_tiled(
                 touch_kernel(self.traits),
                 dim=[m.world_count],
                 inputs=[self.tables, time_in_frame, world_state(state), self.working, points, velocities],
@@ -180,7 +181,7 @@ class Pieces:
             edges_function: self.traits.edges_meet,
         }
         for meeting in [meeting for meeting, happens in meetings.items() if happens]:
-            wp.launch_tiled(
+            launch_tiled(
                 kernel_of_worlds(meeting(self.traits)),
                 dim=[m.world_count],
                 inputs=[self.tables, world_state(state), self.working, points, velocities],
@@ -199,13 +200,13 @@ class Pieces:
     def over_particles(self, kernel: Any, *arguments: Any) -> None:
         """Launch a thread a (world, particle)."""
         model = self.model
-        wp.launch(kernel, (model.world_count, model.particle_count), inputs=list(arguments), device=model.device)
+        launch(kernel, (model.world_count, model.particle_count), inputs=list(arguments), device=model.device)
 
     def _over_spheres(self, kernel: Any, *arguments: Any) -> None:
         model = self.model
         if model.sphere_count:
             shape = (model.world_count, model.sphere_count)
-            wp.launch(kernel, shape, inputs=list(arguments), device=model.device)
+            launch(kernel, shape, inputs=list(arguments), device=model.device)
 
 
 def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:

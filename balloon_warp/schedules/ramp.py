@@ -2,18 +2,17 @@
 
 from typing import Any
 
-import warp as wp
-
 from balloon_warp.kernels.schedules.air_along import air_kernel
 from balloon_warp.kernels.schedules.frame import note_given_loads, ramp_inflation
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.tables import world_state
 
 
 def refresh_ramp(model: Model, state: State) -> None:
     """The inflation coefficients of the frame that begins."""
-    wp.launch(
+    launch(
         ramp_inflation,
         (model.world_count, model.balloon_count),
         inputs=[model.keyframe_times, model.parameters["keyframe_values"], model.frame_seconds, state.frame],
@@ -26,7 +25,7 @@ def weigh_air(model: Model, traits: Traits, tables: Any, state: State) -> None:
     """The air at balloons in the frame that begins, and what of it moves along with them."""
     if traits.takes_air_along or traits.gas_meets_air:
         places = model.world_count, model.balloon_count
-        wp.launch(air_kernel(traits), places, inputs=[tables, world_state(state)], device=model.device)
+        launch(air_kernel(traits), places, inputs=[tables, world_state(state)], device=model.device)
 
 
 def note_pressures(model: Model, traits: Traits, state: State) -> None:
@@ -34,4 +33,4 @@ def note_pressures(model: Model, traits: Traits, state: State) -> None:
     if traits.pressures and not traits.gas:
         time = (model.substeps - 1) * model.step_seconds
         inputs = [model.inflation_kind, time, world_state(state)]
-        wp.launch(note_given_loads, (model.world_count, model.balloon_count), inputs=inputs, device=model.device)
+        launch(note_given_loads, (model.world_count, model.balloon_count), inputs=inputs, device=model.device)

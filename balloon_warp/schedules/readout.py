@@ -10,6 +10,7 @@ from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_
 from balloon_warp.kernels.schedules.aims import add_inflation_forces
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.launched_wear import wear_kernel
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
 from balloon_warp.schedules.aims import AimRefresher
@@ -50,7 +51,7 @@ class ForceReader:
         if self._traits.wears:
             inputs = [self._tables, state.points, state.peaks]
             shape = (self.model.world_count, self.model.triangle_count)
-            wp.launch(wear_kernel(self._traits, keeps=False), shape, inputs, device=self.model.device)
+            launch(wear_kernel(self._traits, keeps=False), shape, inputs, device=self.model.device)
         if self._traits.bursts:
             TearPieces(self.model, self._tables).weigh(state, 0.0)
         if self._traits.aims:
@@ -95,7 +96,7 @@ class ForceReader:
         worlds, device = self.model.world_count, self.model.device
         pulls = wp.zeros((worlds, measured, count), dtype=float, device=device)
         inputs = [self._tables, time, state.points, state.velocities]
-        wp.launch(pull_kernel(measure), (worlds, count), inputs, [pulls], device=device)
+        launch(pull_kernel(measure), (worlds, count), inputs, [pulls], device=device)
         return pulls
 
     @cached_property
@@ -120,4 +121,4 @@ class ForceReader:
         )
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
-        wp.launch(kernel, self._working.forces.shape, inputs=list(arguments), device=self.model.device)
+        launch(kernel, self._working.forces.shape, inputs=list(arguments), device=self.model.device)

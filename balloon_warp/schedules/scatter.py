@@ -11,6 +11,7 @@ import warp as wp
 from balloon_warp.kernels.schedules.advance import summed_loops
 from balloon_warp.kernels.schedules.scatter import add_area_vectors, force_kernel
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.launched import ExplicitSchedule, Moving
@@ -61,4 +62,4 @@ class ScatterSchedule(ExplicitSchedule):
 
     def _over(self, count: int, kernel: Any, *arguments: Any) -> None:
         model = self.model
-        wp.launch(kernel, (model.world_count, count), inputs=list(arguments), device=model.device)
+        launch(kernel, (model.world_count, count), inputs=list(arguments), device=model.device)

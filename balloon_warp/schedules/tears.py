@@ -19,6 +19,7 @@ from balloon_warp.kernels.schedules.launched_tears import (
     weigh_faces,
 )
 from balloon_warp.kernels.wear_tables import TearTable
+from balloon_warp.launching import launch
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import face_vector_areas
 from balloon_warp.model import Model, State
@@ -138,8 +139,8 @@ class TearPieces:
     def note(self, worlds: Any) -> None:
         """As a frame ends."""
         shape = self.model.world_count, self.model.balloon_count
-        wp.launch(note_bursts, shape, inputs=[self.model.inflation_kind, worlds], device=self.model.device)
+        launch(note_bursts, shape, inputs=[self.model.inflation_kind, worlds], device=self.model.device)
 
     def _over(self, count: int, kernel: Any, *arguments: Any) -> None:
         model = self.model
-        wp.launch(kernel, (model.world_count, count), inputs=[self.tables, *arguments], device=model.device)
+        launch(kernel, (model.world_count, count), inputs=[self.tables, *arguments], device=model.device)

@@ -15,6 +15,7 @@ from balloon_warp.kernels.solvers.linear_systems import (
     multiply_own_inverse,
     shared_inverse_product,
 )
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.solvers.step_matrices import StepMatrices
 
@@ -66,10 +67,10 @@ class DenseInverse:
         inputs = [self._inverse, self._tiles, right_sides, solutions]
         if self._product:
             groups = -(-worlds // WORLDS)
-            wp.launch(self._product, (groups, tiles, int(ROW_THREADS)), inputs=inputs, device=device, block_dim=THREADS)
+            launch(self._product, (groups, tiles, int(ROW_THREADS)), inputs=inputs, device=device, block_dim=THREADS)
         else:
             threads = int(PARTS * ROW_THREADS) if device.is_cuda else 1
-            wp.launch_tiled(multiply_own_inverse, dim=(worlds, tiles), inputs=inputs, device=device, block_dim=threads)
+            launch_tiled(multiply_own_inverse, dim=(worlds, tiles), inputs=inputs, device=device, block_dim=threads)
 
 
 def _tiles(counts: NDArray[np.integer], rows: int) -> list[tuple[int, int]]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.solvers.linear_systems import FactorTable, factored_solver
+from balloon_warp.launching import launch
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Counting
 from balloon_warp.solvers.step_matrices import StepMatrices
@@ -66,7 +67,7 @@ class SparseFactor:
 
     def solve(self, right_sides: wp.array, solutions: wp.array) -> None:
         """A solution for each right side, both of shape (world_count, particle_count), vec3."""
-        wp.launch(
+        launch(
             self._kernel,
             self._work.shape[0],
             inputs=[self._factor, self._entries, self._inverse_pivots, right_sides, self._work, solutions],

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.measure.picking import pick_healthy_worlds, pick_torn_faces
 from balloon_warp.kernels.measure.worlds import BalloonSums, measure_gas, measure_worlds, sum_balloons
+from balloon_warp.launching import launch
 from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
@@ -138,7 +139,7 @@ class Recorder:
 
     def _measure(self) -> None:
         model, state = self.simulator.model, self.simulator.state
-        wp.launch(
+        launch(
             sum_balloons,
             self._sums.shape,
             inputs=[
@@ -148,8 +149,9 @@ class Recorder:
                 *(self._triangle_faces, state.points, state.velocities, state.torn),
             ],
             outputs=[self._sums],
+            device=model.device,
         )
-        wp.launch(
+        launch(
             measure_worlds,
             model.world_count,
             inputs=[
@@ -161,13 +163,14 @@ class Recorder:
                 *(state.first_bad, HEALTHY, self._box_column, self._burst_column, state.bursts),
             ],
             outputs=[self._measures, self._healthy],
+            device=model.device,
         )
         if self._gas_column >= 0:
             given = [self._first_area, self._gas_column, state.gas_amounts, state.thrusts, self._healthy]
-            wp.launch(measure_gas, model.world_count, inputs=given, outputs=[self._measures])
+            launch(measure_gas, model.world_count, inputs=given, outputs=[self._measures], device=model.device)
 
     def _pick(self) -> None:
-        state = self.simulator.state
+        model, state = self.simulator.model, self.simulator.state
         for kernel, every, picked in (
             (pick_healthy_worlds, state.points, self._points),
             (pick_healthy_worlds, state.sphere_positions, self._sphere_positions),
@@ -176,7 +179,8 @@ class Recorder:
             (pick_torn_faces, state.torn, self._torn),
         ):
             if picked.size:
-                wp.launch(kernel, picked.shape, inputs=[every, self._healthy, self._chosen], outputs=[picked])
+                given = [every, self._healthy, self._chosen]
+                launch(kernel, picked.shape, inputs=given, outputs=[picked], device=model.device)
 
 
 def record_bytes(plan: ModelPlan) -> int:
