@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -13,6 +14,8 @@ from xdist.scheduler import LoadScopeScheduling
 import balloon_warp
 
 wp.config.log_level = wp.LOG_ERROR
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the processes that test: two threads each only wait for a core
+gc.set_threshold(20_000)  # Warp's code generator makes much that stays, which is else looked through again and again
 
 pytest_plugins = ("page_fixtures",)
 
@@ -30,7 +33,10 @@ BY_OCTETS = (
 """files of tests of physics that leave `lanes` to test_matrix.py, which has each feature there: `octets` runs the same
 functions with another layout"""
 
-BRIEF = ("atmosphere", "collision", "free_frames", "gas", "health", "law_schedules", "obstacles")
+BRIEF = (
+    *("atmosphere", "collision", "contact", "diagnosis", "euler", "free_frames", "gas", "gas_heat", "health"),
+    *("law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "tubes", "water"),
+)
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
 written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and
 all other tests, run what people run"""
