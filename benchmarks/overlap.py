@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from balloon_warp.mesh import PolygonMesh
 
@@ -69,12 +70,15 @@ def dot(u: Points, v: Points) -> Points:
 
 def winding(points: Points, triangles: Points) -> Points:
     """How often the surface winds around each point: solid angles over 4 pi (van Oosterom and Strackee 1983)."""
-    arms = triangles[None] - points[:, None, None]
-    a, b, c = arms[:, :, 0], arms[:, :, 1], arms[:, :, 2]
-    la, lb, lc = (np.linalg.norm(arm, axis=-1) for arm in (a, b, c))
-    volume = dot(a, np.cross(b, c))
-    below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
-    return np.arctan2(volume, below).sum(axis=1) / (2.0 * np.pi)
+    a, b, c = triangles.swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    height = dot(a, normals) - points @ normals.T  # times twice the area: the triple product of the arms
+    la, lb, lc = (cdist(points, corners) for corners in (a, b, c))
+    ab, bc, ca = (0.5 * dot(edge, edge) for edge in (b - a, c - b, a - c))  # |a|^2 + |b|^2 = 2 a . b + |b - a|^2
+    sa, sb, sc = (0.5 * length * length for length in (la, lb, lc))
+    below = la * lb * lc + (sa + sb - ab) * lc + (sb + sc - bc) * la + (sc + sa - ca) * lb
+    is_corner = np.minimum(np.minimum(la, lb), lc) == 0.0
+    return np.where(is_corner, 0.0, np.arctan2(height, below)).sum(axis=1) / (2.0 * np.pi)
 
 
 def distances(point: Points, triangles: Points) -> Points:
