@@ -26,12 +26,15 @@ CROWDED = (
 """files of tests that start processes or wait for a page: one process goes through them while others do the rest, or a
 machine of two cores is too slow for the clocks that people and networks go by"""
 
-BY_OCTETS = (
-    *("added_mass", "atmosphere", "breathing", "fills", "friction", "gas", "gas_heat", "membrane_motion", "necks"),
-    *("obstacles", "softening", "touch_stack", "tubes", "wind"),
+PHYSICS = (
+    *("added_mass", "breathing", "collision", "conservation", "faces", "fills", "friction", "gas", "gas_heat"),
+    *("impulse", "impulse_energy", "membrane_motion", "necks", "obstacles", "softening", "sphere_friction"),
+    *("timeline", "touch", "touch_crowds", "touch_deep", "touch_stack", "tubes", "wind"),
 )
-"""files of tests of physics that leave `lanes` to test_matrix.py, which has each feature there: `octets` runs the same
-functions with another layout"""
+"""files of tests of physics. On a CPU they run in `scatter` and in `octets`, which people run there, and which has what
+touches from `block`: test_matrix.py finds that all schedules give the same, with any two features together"""
+
+LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 
 BRIEF = (
     *("atmosphere", "collision", "contact", "diagnosis", "euler", "free_frames", "gas", "gas_heat", "health"),
@@ -60,6 +63,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest come first, or a process has nothing to do while another ends; the brief come last, since kernels
     that are optimized serve them, too, and not the other way round."""
+    for item in items:
+        if is_left_to_the_matrix(item):
+            item.add_marker(pytest.mark.skip("test_matrix.py finds that it gives the same"))
     items.sort(key=lambda item: (is_brief(item), group_of(item.nodeid) not in LONGEST))
 
 
@@ -73,6 +79,15 @@ def group_of(nodeid: str) -> str:
     if name in CROWDED:
         return "crowded"
     return "bundled" if name.startswith("bundled_") else name  # each scene is simulated once, see `played`
+
+
+def is_left_to_the_matrix(item: pytest.Item) -> bool:
+    """Whether it is a test of physics that a CPU need not do in this schedule."""
+    file, call = item.path.stem.removeprefix("test_"), getattr(item, "callspec", None)
+    if file not in PHYSICS or call is None or call.params.get("device") != "cpu":
+        return False
+    ways = (str(call.params.get(name)).partition(",")[0] for name in ("schedule", "way", "layout"))
+    return not set(ways).isdisjoint(LEFT_TO_THE_MATRIX)
 
 
 def is_brief(item: pytest.Item) -> bool:
@@ -99,8 +114,6 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
     """Each schedule that is tested against `scatter`, where it runs."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
-    if request.param == "lanes" and request.path.stem.removeprefix("test_") in BY_OCTETS:
-        pytest.skip("octets runs the same functions")
     return request.param
 
 

@@ -51,7 +51,7 @@ def moving(simulator: Simulator) -> float:
 
 WAYS = {
     "gather": {"schedule": "gather", "contact": "impulse"},
-    "lanes": {"schedule": "lanes", "contact": "impulse"},
+    "octets": {"schedule": "octets", "contact": "impulse"},
     "octets, penalty": {"schedule": "octets", "contact": "penalty"},
     "block": {"schedule": "block", "contact": "impulse"},
     "block, penalty": {"schedule": "block", "contact": "penalty"},
@@ -95,11 +95,11 @@ def test_it_slides_slower_until_it_rolls(way, device):
     np.testing.assert_allclose(spins(simulator)[:3, 2], (-50 / 7, 0.0, 30 / 7), rtol=2e-4)
 
 
-@pytest.mark.parametrize("way", ["gather", "lanes", "block", "projective"])
+@pytest.mark.parametrize("way", ["gather", "octets", "block", "projective"])
 def test_two_that_meet_turn_each_other(way, device):
     """Equal ones, inelastic, at an angle: each is rubbed by a seventh of what slides, v sin, where friction is enough;
     or by as much of the push, v cos / 2, as it says. Two pairs, far from each other."""
-    if way == "lanes" and device != "cpu":
+    if way == "octets" and device != "cpu":
         pytest.skip("for the CPU")
     angle, speed, balls = 0.6, 3.0, []
     for z, friction in ((-5, 1.0), (5, 0.1)):
@@ -151,7 +151,7 @@ TOUCHING = {
 @pytest.mark.parametrize("friction", [0.3, 5.0])
 @pytest.mark.parametrize(
     ("what", "schedule"),
-    [*(("particles", schedule) for schedule in ("gather", "lanes", "octets", "block")), ("faces", "gather")],
+    [*(("particles", schedule) for schedule in ("gather", "lanes", "octets", "block")), ("faces", "scatter")],
 )
 def test_a_balloon_turns_it_and_both_keep_momentum_and_angular_momentum(friction, what, schedule, device):
     """And gain no energy: springs swing by h omega / 2 of what is in the fastest. Rounding is that of test_faces."""
