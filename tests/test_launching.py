@@ -1,5 +1,7 @@
 """Kernels are compiled by threads beside, and what goes wrong there is told to whoever launches."""
 
+from typing import Any
+
 import pytest
 import warp as wp
 
@@ -22,10 +24,11 @@ def add_a_vector(counts: wp.array[wp.int32]):
 
 def test_a_kernel_begun_ahead_is_launched():
     counts = wp.zeros(3, dtype=wp.int32, device="cpu")
-    begin_loading(count, counts.device)
-    launching._begun[count.module].result(timeout=60.0)
-    assert count.module.execs  # compiled, and loaded, without a launch
-    launch(count, 3, [counts], device=counts.device)
+    kernel: Any = count
+    begin_loading(kernel, counts.device)
+    launching._begun[kernel.module].result(timeout=60.0)
+    assert kernel.module.execs  # compiled, and loaded, without a launch
+    launch(kernel, 3, [counts], device=counts.device)
     assert counts.numpy().tolist() == [0, 1, 2]
 
 
