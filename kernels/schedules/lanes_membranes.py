@@ -11,6 +11,7 @@ from balloon_warp.kernels.algebra import (
     LaneNumbers,
     Lanes,
     Lanes3,
+    Lanes4,
     any_negative,
     dot_product,
     of_lane,
@@ -60,10 +61,10 @@ def pull_function(traits: Traits, layout: Layout, surely_taut: bool) -> Any:
 
     @wp.func
     def pull(
-        t: LaneTables, entry: wp.int32, material: wp.int32, n: Any, d11: Any, d12: Any, r11: Any, r12: Any,
-        along: Any, mixed: Any, back: Any,
+        t: LaneTables, entry: wp.int32, material: wp.int32, n: Any, d11: Lanes4, d12: Lanes4, r11: Lanes4, r12: Lanes4
     ):  # fmt: skip
-        """From the products of the quad's edges, and how they change."""
+        """From the products of the quad's edges, and how they change, as `pulls_on_corners` takes them."""
+        along, mixed, back = Lanes4(), Lanes4(), Lanes4()
         for corner in range(t.quad_triangles[entry]):
             e11 = d11[corner]
             e12 = d12[corner]
@@ -86,6 +87,7 @@ def pull_function(traits: Traits, layout: Layout, surely_taut: bool) -> Any:
             along[corner] = t11
             mixed[corner] = t12
             back[(corner + 3) % 4] = t22
+        return along, mixed, back
 
     return pull
 
@@ -98,7 +100,7 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
     viscous, Vector = traits.viscous, layout.vector  # noqa: N806 - a type
 
     @wp.func
-    def are_surely_taut(t: LaneTables, entry: wp.int32, d11: Any, d12: Any):
+    def are_surely_taut(t: LaneTables, entry: wp.int32, d11: Lanes4, d12: Lanes4):
         """Whether all triangles of a quad are, in all lanes, so that they need no more than `pull_taut`."""
         surely = bool(True)
         for corner in range(t.quad_triangles[entry]):
@@ -141,8 +143,8 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
         bc = c - b
         cd = d - c
         da = a - d
-        d11 = wp.zeros(shape=(4,), dtype=Lanes)
-        d12 = wp.zeros(shape=(4,), dtype=Lanes)
+        d11 = Lanes4()
+        d12 = Lanes4()
         d11[0] = dot_product(ab, ab)
         d11[1] = dot_product(bc, bc)
         d11[2] = dot_product(cd, cd)
@@ -151,8 +153,8 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
         d12[1] = -dot_product(bc, ab)
         d12[2] = -dot_product(cd, bc)
         d12[3] = -dot_product(da, cd)
-        r11 = wp.zeros(shape=(4,), dtype=Lanes)
-        r12 = wp.zeros(shape=(4,), dtype=Lanes)
+        r11 = Lanes4()
+        r12 = Lanes4()
         if wp.static(viscous):
             va = near(velocities, first)
             vb = near(velocities, second)
@@ -166,18 +168,16 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
             r12[1] = -(dot_product(bc, vb - va) + dot_product(ab, vc - vb))
             r12[2] = -(dot_product(cd, vc - vb) + dot_product(bc, vd - vc))
             r12[3] = -(dot_product(da, vd - vc) + dot_product(cd, va - vd))
-        along = wp.zeros(shape=(4,), dtype=Lanes)
-        mixed = wp.zeros(shape=(4,), dtype=Lanes)
-        back = wp.zeros(shape=(4,), dtype=Lanes)
+        along, mixed, back = Lanes4(), Lanes4(), Lanes4()
         if wp.static(viscous):
-            pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
+            along, mixed, back = pull(t, entry, material, n, d11, d12, r11, r12)
         else:
             if are_surely_taut(t, entry, d11, d12):
-                pull_taut(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
+                along, mixed, back = pull_taut(t, entry, material, n, d11, d12, r11, r12)
             else:
-                pull(t, entry, material, n, d11, d12, r11, r12, along, mixed, back)
+                along, mixed, back = pull(t, entry, material, n, d11, d12, r11, r12)
         if wp.static(wear_quad is not None):
-            wear_quad(t, lanes, group, balloon, entry, d11, d12, along, mixed, back)
+            along, mixed, back = wear_quad(t, lanes, group, balloon, entry, d11, d12, along, mixed, back)
         on_a, on_b, on_c, on_d = pulls_on_corners(ab, bc, cd, da, along, mixed, back)
         add_at(forces, first, on_a)
         add_at(forces, second, on_b)

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, of_lane, times
+from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes4, of_lane, times
 from balloon_warp.kernels.loops.membranes import material_reader
 from balloon_warp.kernels.loops.wear import wear_of_triangle
 from balloon_warp.kernels.schedules.free_frames import FREE
@@ -29,11 +29,11 @@ def wear_quad_function(traits: Traits, layout: Layout) -> Any:
         group: wp.int32,
         balloon: wp.int32,
         entry: wp.int32,
-        d11: Any,
-        d12: Any,
-        along: Any,
-        mixed: Any,
-        back: Any,
+        d11: Lanes4,
+        d12: Lanes4,
+        along: Lanes4,
+        mixed: Lanes4,
+        back: Lanes4,
     ):
         """By the products of the quad's edges."""
         n = lanes.numbers[group, balloon]
@@ -57,6 +57,7 @@ def wear_quad_function(traits: Traits, layout: Layout) -> Any:
             along[corner] = times(along[corner], left)
             mixed[corner] = times(mixed[corner], left)
             back[(corner + 3) % 4] = times(back[(corner + 3) % 4], left)
+        return along, mixed, back
 
     return wear_quad
 
