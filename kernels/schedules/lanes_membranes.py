@@ -143,7 +143,7 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
         bc = c - b
         cd = d - c
         da = a - d
-        d11 = Lanes4()
+        d11 = Lanes4()  # a row a corner; a local array would have its address and strides written for every quad
         d12 = Lanes4()
         d11[0] = dot_product(ab, ab)
         d11[1] = dot_product(bc, bc)
