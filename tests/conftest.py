@@ -35,6 +35,7 @@ PHYSICS = (
 touches from `block`: test_matrix.py finds that all schedules give the same, with any two features together"""
 
 LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
+"""schedules that tests of physics leave out on a CPU"""
 
 BRIEF = (
     *("atmosphere", "collision", "contact", "diagnosis", "euler", "free_frames", "gas", "gas_heat", "health"),

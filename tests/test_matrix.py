@@ -110,7 +110,7 @@ def shown_otherwise() -> set[str]:
 @cache
 def some_scenes(schedule: str) -> list[str]:
     """In which all features meet each other that do in any, of those that this schedule advances itself."""
-    takes = {"lanes": has_lanes, "block": has_blocks}.get(schedule, lambda model: True)
+    takes = {"lanes": has_lanes, "octets": has_blocks, "block": has_blocks}.get(schedule, lambda model: True)
     taken = [name for name in SCENES if takes(model_of(name))]
     return some_with_all({name: meetings(features(model_of(name))) for name in taken})
 
@@ -122,7 +122,7 @@ def has_lanes(model: Model) -> bool:
 
 
 def has_blocks(model: Model) -> bool:
-    """Whether `block` takes a model."""
+    """Whether `block` takes a model, and so do `lanes` and `octets`."""
     return not only_launched(model)
 
 
