@@ -140,11 +140,15 @@ def viscous_tension(
 
 
 @wp.func
-def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: float, volume: float):
+def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: float, double_volume: float):
     """The tensions 2 (dW/dtr G + dW/ddet det C M^-1) along the edges, times the volume at rest, components 11, 12, 22
-    [N/m]."""
-    first = 2.0 * volume * by_trace
-    second = 2.0 * volume * by_det * squared_size(rest)
+    [N/m].
+
+    Args:
+        double_volume: twice that volume [m^3].
+    """
+    first = double_volume * by_trace
+    second = double_volume * by_det * squared_size(rest)
     return wp.vec3(
         first * rest[0] + second * metric[2],
         first * rest[1] - second * metric[1],

@@ -20,12 +20,22 @@ def cross_at_quad_corner(before: Any, opposite: Any, after: Any):
     """Over `CROSSES`, what a quad adds to the area vector of one of its corners [m^2], from the vectors to the others
     [m].
 
-    The formula above with c = (b + o + d) / 4 and A = 1/2 o x (b - d).
+    The formula above with c = (b + o + d) / 4 and A = 1/2 o x (b - d), where (d - b) x d = (d - b) x b.
     """
-    return cross_product(after - before, before + after + scaled(opposite, 2.0))
+    return cross_product(after - before, before + opposite)
 
 
-CROSSES = wp.constant(1.0 / 24.0)
+@wp.func
+def crosses_at_quad_corners(ab: wp.vec3, bc: wp.vec3, cd: wp.vec3, da: wp.vec3):
+    """The same for all four corners, from the edges in order [m]: sooner, since the crosses of opposite corners' edges
+    add up to that of the diagonals."""
+    both = wp.cross(ab + bc, bc + cd)
+    at_a = both - wp.cross(ab, da)
+    at_b = both - wp.cross(bc, ab)
+    return at_a, at_b, 3.0 * both - at_a, 3.0 * both - at_b
+
+
+CROSSES = wp.constant(1.0 / 12.0)
 """area vector over the sum of the crosses at the corners of quads"""
 
 

@@ -76,11 +76,11 @@ def tension_function(traits: Traits) -> Any:
             material, n, lane,
         )  # fmt: skip
         by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
-        volume = rest[3] * number_in(n, thickness, lane)
-        tensions = elastic_tension(metric, rest, by_trace, by_det, volume)
+        double_volume = rest[3] * (2.0 * number_in(n, thickness, lane))
+        tensions = elastic_tension(metric, rest, by_trace, by_det, double_volume)
         if wp.static(traits.viscous):
             inverse = compliance_of(rest, metric) / det
-            tensions += volume * viscous_tension(
+            tensions += (0.5 * double_volume) * viscous_tension(
                 mixed, rate, rest, inverse, major, spread, taut, wrinkles, number_in(n, damping, lane)
             )
         return tensions
@@ -101,7 +101,8 @@ def taut_tension_function(traits: Traits) -> Any:
         trace, det = trace_and_det(metric, rest)
         _trace, _det, spread = invariants_of(mixed_stretch(metric, rest))  # left out where no law asks for it
         by_trace, by_det = slopes_of_law(trace, det, spread, material, n, lane)
-        return elastic_tension(metric, rest, by_trace, by_det, rest[3] * number_in(n, thickness, lane))
+        double_volume = rest[3] * (2.0 * number_in(n, thickness, lane))
+        return elastic_tension(metric, rest, by_trace, by_det, double_volume)
 
     return taut_tension
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.laws.tension_field import how_surely_taut
-from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
+from balloon_warp.kernels.loops.areas import CROSSES, crosses_at_quad_corners
 from balloon_warp.kernels.loops.membranes import (
     material_reader,
     pulls_on_corners,
@@ -120,14 +120,14 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     @wp.func
     def are_surely_taut(films: FilmTable, face: wp.int32, d11: wp.vec4, d12: wp.vec4):
         """Whether all triangles of a face are, so that they need no more than `pulls_if_taut`."""
-        surely = bool(True)
+        least = float(0.0)
         for corner in range(triangles):
             rest = rest_of(films, face, corner)
-            taut = how_surely_taut(metric_at(corner, d11, d12), rest) >= 0.0
+            surely = how_surely_taut(metric_at(corner, d11, d12), rest)
             if wp.static(mixed):
-                taut = taut or not is_there(corner, rest)
-            surely = surely and taut
-        return surely
+                surely = wp.where(is_there(corner, rest), surely, 0.0)
+            least = wp.min(least, surely)
+        return least >= 0.0
 
     @wp.func
     def what_is_left(t: Tables, world: wp.int32, face: wp.int32, corner: wp.int32, rest: wp.vec4, pulls: wp.vec3):
@@ -214,10 +214,11 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         if wp.static(triangles == 4):
             put(pulls, 2 * count + face, on_c)
         if wp.static(areas and triangles == 4):
-            put(area_vectors, face, cross_at_quad_corner(-da, ab + bc, ab))
-            put(area_vectors, count + face, cross_at_quad_corner(-ab, bc + cd, bc))
-            put(area_vectors, 2 * count + face, cross_at_quad_corner(-bc, cd + da, cd))
-            put(area_vectors, 3 * count + face, cross_at_quad_corner(-cd, da + ab, da))
+            at_a, at_b, at_c, at_d = crosses_at_quad_corners(ab, bc, cd, da)
+            put(area_vectors, face, at_a)
+            put(area_vectors, count + face, at_b)
+            put(area_vectors, 2 * count + face, at_c)
+            put(area_vectors, 3 * count + face, at_d)
         elif wp.static(areas):
             put(area_vectors, face, wp.cross(da, ab))
             put(area_vectors, count + face, wp.cross(da, ab))
