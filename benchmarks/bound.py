@@ -6,6 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.model import Model
+from balloon_warp.schedules.patches import cut_into_patches
+from balloon_warp.schedules.traits import model_traits
 
 ISSUE_RATE = 4 * 32 * 1.98e9
 """thread instructions a second and multiprocessor of an H100 or H200 at its highest clock"""
@@ -37,6 +39,9 @@ def bound(model: Model, schedule: str) -> float | None:
     if schedule == "block":
         multiprocessors = min(model.device.sm_count, model.world_count)  # a world runs on one
         return block_bound(multiprocessors, obstacles=model.sphere_count > 0)
+    if schedule == "gather" and (patches := cut_into_patches(model, model_traits(model))):
+        blocks = min(model.device.sm_count, model.world_count * patches.count)
+        return block_bound(blocks, obstacles=False)  # by the same code; what blocks tell each other is not counted
     if schedule == "gather":
         particles = model.world_count * model.particle_count
         launches = launch_seconds(model.device, particles) * (2 if model.sphere_count else 1)

@@ -94,10 +94,11 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     """By device, size and number of worlds.
 
     On a GPU, a block a world, if it fits in one: where each particle has a thread; where there are enough worlds to
-    give each multiprocessor one, or with spheres a quarter of them; with gas or corrections, when a substep would be
-    many launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with
-    sooner if it has few particles. Where balloons touch, only where there are enough worlds. On the CPU, eight worlds
-    side by side, or eight particles of a world that is alone.
+    give each multiprocessor one, with spheres a quarter of them, or where they could be moved in patches half of them,
+    with fresh normals a third. Else, where they could not: with gas or corrections, when a substep would be many
+    launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with sooner if
+    it has few particles. Where balloons touch, only where there are enough worlds. On the CPU, eight worlds side by
+    side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if only_launched(model) or model.bodies or any(small_spheres(model)):
@@ -110,13 +111,17 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
+    from balloon_warp.schedules.patches import cut_into_patches
     from balloon_warp.schedules.residence import thread_a_particle
     from balloon_warp.schedules.traits import model_traits
 
+    traits = model_traits(model)
     many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
-    some_launches = model.sphere_count > 0 or model_traits(model).aims_on_the_way
+    some_launches = model.sphere_count > 0 or traits.aims_on_the_way
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
     few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
+    if cut_into_patches(model, traits):
+        return "block" if world_count >= model.device.sm_count // (3 if traits.fresh_normals else 2) else "gather"
     # a block that looks for who touches whom has few threads for it, where launches have a thread a particle
     pays = enough_worlds or (not model.scene.touches and (few_particles or many_launches))
     return "block" if pays else "gather"

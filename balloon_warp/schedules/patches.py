@@ -1,0 +1,132 @@
+"""Frames of large worlds on a GPU, in one launch: each block has a patch of a world."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.patch_memory import PatchMemory
+from balloon_warp.kernels.schedules.patches import PatchLayout, patch_kernel
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch_tiled
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.patching import Patches, patch_table, patches_of, slots_in_patches, tables_in_patches
+from balloon_warp.schedules.residence import (
+    MOST_REGISTERS,
+    MOST_THREADS_OF_MULTIPROCESSOR,
+    REGISTERS,
+    thread_a_particle,
+)
+from balloon_warp.schedules.rings import quad_rings
+from balloon_warp.schedules.slots import kind_slots
+from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.tables import world_state
+
+BYTES_OF_PLACE = 24
+"""of shared memory: two buffers of points"""
+SUM_BYTES = 2048
+"""of it, beside those"""
+OWN_REGISTERS, SUM_REGISTERS, MEMBRANE_REGISTERS = 56, 24, 32
+"""of a thread, beside its springs: always, where something is summed over balloons, and with membranes"""
+FEWER_REGISTERS = 32
+"""that it can do without, in local memory"""
+
+
+def cut_into_patches(model: Model, traits: Traits) -> Patches | None:
+    """The patches that worlds are moved in, or None where they are not: worlds that fit a block's threads have no need
+    of it, and what needs more of others than where they are goes launch by launch."""
+    needs_others = (
+        traits.looks_at_velocities or traits.wears or traits.has("hinge") or traits.has("face") or traits.in_water
+    )
+    meets_others = traits.spheres > 0 or traits.fixtures or traits.touches or traits.meets_solids
+    in_rounds = traits.corrected or traits.gas_changes or (traits.fresh_normals and (traits.gas or not traits.rings))
+    if model.device.is_cpu or thread_a_particle(model) or model.substeps < 2:
+        return None
+    if needs_others or meets_others or in_rounds or traits.guarded:
+        return None
+    patches = patches_of(model, traits.gas)
+    if patches is None or patches.most_of_rim > patches.threads:
+        return None
+    fits = bytes_of_block(patches) <= model.device.max_shared_memory_per_block
+    return patches if fits and _registers(model, traits, patches) else None
+
+
+def _registers(model: Model, traits: Traits, patches: Patches) -> int:
+    """Of a thread; 0 if there are too few for it."""
+    springs = sum(kind_slots(spring_ends(model))) * (3 if traits.springs_vary else 2)
+    sums = traits.gas or traits.fresh_normals
+    own = OWN_REGISTERS + (SUM_REGISTERS if sums else 0) + (MEMBRANE_REGISTERS if traits.membranes else 0)
+    wanted, most = -(-(springs + own) // 8) * 8, REGISTERS // patches.threads // 8 * 8
+    return min(wanted, most) if wanted - most <= FEWER_REGISTERS and wanted <= MOST_REGISTERS else 0
+
+
+def worlds_at_once(model: Model, traits: Traits, patches: Patches) -> int:
+    """Worlds that all multiprocessors together have a block for each patch of."""
+    blocks = min(
+        REGISTERS // (patches.threads * _registers(model, traits, patches)),
+        MOST_THREADS_OF_MULTIPROCESSOR // patches.threads,
+        model.device.max_shared_memory_per_block // bytes_of_block(patches),
+    )
+    return min(model.world_count, blocks * model.device.sm_count // patches.count)
+
+
+def bytes_of_block(patches: Patches) -> int:
+    """Of shared memory."""
+    return BYTES_OF_PLACE * (patches.threads + patches.most_of_rim) + SUM_BYTES
+
+
+class PatchLaunch:
+    """Advances all worlds by a frame, as many at a time as there are multiprocessors for: their blocks wait for each
+    other, and so must all run at once."""
+
+    def __init__(self, model: Model, traits: Traits, tables: Any, patches: Patches, arrays: dict[str, Any]):
+        self.model, self._traits, self._patches = model, traits, patches
+        rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
+        self._kernel = patch_kernel(traits, _layout(model, traits, patches, rings is not None))
+        self._tables = tables_in_patches(model, patches, tables)
+        self._slots, self._table = (
+            slots_in_patches(model, patches, rings),
+            patch_table(model, patches, traits.aims_on_the_way),
+        )
+        self._at_once = worlds_at_once(model, traits, patches)
+        self.memory = PatchMemory()
+        for name, array in arrays.items():
+            setattr(self.memory, name, array)
+
+    @staticmethod
+    def arrays(model: Model, traits: Traits, patches: Patches, room: Room) -> dict[str, Any]:
+        """The memory of `PatchMemory`, but for aims."""
+        worlds = worlds_at_once(model, traits, patches)
+        return {
+            "points": room.array((2 * worlds * model.particle_count,), wp.vec4),
+            "sums": room.array((2 * 2 * worlds * patches.count if traits.gas or traits.fresh_normals else 0,), wp.vec4),
+            "frame": room.array((1,), wp.int32),
+        }
+
+    def advance(self, state: State, aims: wp.array) -> None:
+        """The substeps of a frame."""
+        if self._traits.tells_time:
+            wp.copy(self.memory.frame, state.frame)
+        self.memory.aims = aims
+        for first in range(0, self.model.world_count, self._at_once):
+            worlds = min(self._at_once, self.model.world_count - first)
+            self.memory.points.zero_()
+            self.memory.sums.zero_()
+            launch_tiled(
+                self._kernel,
+                dim=[worlds, self._patches.count],
+                inputs=[self._tables, self._slots, self._table, first, worlds, world_state(state), self.memory],
+                block_dim=self._patches.threads,
+                device=self.model.device,
+            )
+
+
+def _layout(model: Model, traits: Traits, patches: Patches, rings: bool) -> PatchLayout:
+    return PatchLayout(
+        threads=patches.threads,
+        rim=max(patches.most_of_rim, 1),
+        registers=_registers(model, traits, patches),
+        kind_slots=kind_slots(spring_ends(model)),
+        rings=rings,
+        odd_substeps=model.substeps % 2 == 1,
+    )
