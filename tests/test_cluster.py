@@ -176,11 +176,13 @@ def is_at_work() -> bool:
     return True
 
 
-def test_a_share_that_ends_every_worker_is_given_up(address: str, tmp_path: Path):
+def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
     """Now and then Dask does not start a worker again that ended as it joined; then none is left, which ends it too."""
-    cluster = Cluster(address=address, prepare=end_worker)
-    with pytest.raises(WorkersLostError, match=r"^(a share of the batch ended 4 workers, one after|all workers ended)"):
-        run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
+    with cluster_module.start_workers([{}]) as workers:
+        cluster = Cluster(address=address_of(workers), prepare=end_worker)
+        lost = r"^(a share of the batch ended 4 workers, one after|all workers ended)"
+        with pytest.raises(WorkersLostError, match=lost):
+            run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
     assert list((tmp_path / "out").iterdir()) == []
 
 
