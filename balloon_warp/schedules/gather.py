@@ -47,7 +47,8 @@ class GatherSchedule(ExplicitSchedule):
             super().advance_frame(state)
             return
         self.pieces.begin_frame(state)
-        self.pieces.refresh(state.points)
+        if not self.traits.fresh_normals:
+            self.pieces.refresh(state.points)
         self._patches.advance(state, self.pieces.working.aims)
         self.pieces.end_frame(state)
         self._health.end_frame(state)

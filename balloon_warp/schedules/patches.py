@@ -22,9 +22,9 @@ from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import world_state
 
-BYTES_OF_PLACE = 24
-"""of shared memory: two buffers of points"""
-SUM_BYTES = 2048
+BYTES_OF_PLACE = 12
+"""of shared memory: a point"""
+SUM_BYTES = 8192
 """of it, beside those"""
 OWN_REGISTERS, SUM_REGISTERS, MEMBRANE_REGISTERS = 56, 24, 32
 """of a thread, beside its springs: always, where something is summed over balloons, and with membranes"""
@@ -128,5 +128,4 @@ def _layout(model: Model, traits: Traits, patches: Patches, rings: bool) -> Patc
         registers=_registers(model, traits, patches),
         kind_slots=kind_slots(spring_ends(model)),
         rings=rings,
-        odd_substeps=model.substeps % 2 == 1,
     )

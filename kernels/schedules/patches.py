@@ -40,7 +40,6 @@ class PatchLayout(NamedTuple):
     """the most springs of each kind at a particle"""
     rings: bool
     """area vectors come of the ring of springs around each particle"""
-    odd_substeps: bool
 
 
 @cache
@@ -108,29 +107,30 @@ def patch_kernel(traits: Traits, layout: PatchLayout) -> Any:
         member: Member,
         frame_begin: float,
         number: wp.int32,
-        source: Any,
-        target: Any,
+        tile: Any,
     ):
-        """One substep, from one tile of points to the other."""
+        """One substep. With a tile to read and one to write there would be two of these in a loop, which takes three
+        times as long to compile."""
         now = at_substep(t, take_seat(state, seat.world, seat.thread), frame_begin, number)
         member = pieces.fill(t, now, member)
         area = float(0.0)
         if wp.static(traits.aims_on_the_way):
-            area = aims.measure(patches, memory, seat, number, source)
-        force, pulled = pieces.pull(t, now, source, state.velocities[seat.world], member, area)
+            area = aims.measure(patches, memory, seat, number, tile)
+        force, pulled = pieces.pull(t, now, tile, state.velocities[seat.world], member, area)
         member = pulled
         if wp.static(traits.gas):
             member.free_velocity = pieces.free(t, now, member, force)
-            part = pieces.swell(t, now, member, in_tile(source, patches.origins[seat.patch]))
+            part = pieces.swell(t, now, member, in_tile(tile, patches.origins[seat.patch]))
             member.load = gas.find_load(t, state, memory, seat, now, member, part)
             member = pieces.push(t, now, member, member.free_velocity, wp.vec3())
         else:
             member = pieces.push(t, now, member, member.velocity, force)
         if wp.static(traits.stands):
             member = pieces.stand(t, now, member)
-        put_in_tile(target, seat.thread, member.point)
+        block_barrier()
+        put_in_tile(tile, seat.thread, member.point)
         if number + 1 < t.substeps:
-            exchange(memory, seat, now, member, target)
+            exchange(memory, seat, now, member, tile)
         block_barrier()
         return member
 
@@ -153,8 +153,7 @@ def patch_kernel(traits: Traits, layout: PatchLayout) -> Any:
     ):
         """A block a patch, a thread a particle: one frame."""
         world, patch, thread = wp.tid()
-        even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
-        odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+        tile = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         seat = take_patch(patches, first_world, worlds_at_work, world, patch, thread)
         frame_begin = float(0.0)
         if wp.static(traits.tells_time):
@@ -164,15 +163,12 @@ def patch_kernel(traits: Traits, layout: PatchLayout) -> Any:
         in_world = take_seat(state, seat.world, thread)
         member = seat_member(t, slots, state, in_world, patches.numbers[patch, thread])
         member = take_place(state, memory, seat, member)
-        put_in_tile(even, thread, member.point)
+        put_in_tile(tile, thread, member.point)
         if seat.rim >= 0:
-            put_in_tile(even, threads + thread, state.points[seat.world, seat.rim])
+            put_in_tile(tile, threads + thread, state.points[seat.world, seat.rim])
         block_barrier()
-        for pair in range(t.substeps // 2):
-            between = substep(t, state, memory, patches, seat, member, frame_begin, 2 * pair, even, odd)
-            member = substep(t, state, memory, patches, seat, between, frame_begin, 2 * pair + 1, odd, even)
-        if wp.static(layout.odd_substeps):
-            member = substep(t, state, memory, patches, seat, member, frame_begin, t.substeps - 1, even, odd)
+        for number in range(t.substeps):
+            member = substep(t, state, memory, patches, seat, member, frame_begin, number, tile)
         if member.active:
             state.points[seat.world, member.own.number] = member.point
             state.velocities[seat.world, member.own.number] = member.velocity
