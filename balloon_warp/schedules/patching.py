@@ -123,15 +123,16 @@ def _led_to(model: Model, volumes: bool) -> list[tuple[NDArray[np.int64], NDArra
         wide = turn < sizes[face]
         pairs.append((corners[wide], corners[offsets[face] + (within + turn) % np.maximum(sizes[face], 1)][wide]))
     if volumes:
-        pairs.append((np.arange(model.particle_count), volume_origins(model)[model.particle_balloon.numpy()]))
+        balloon = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
+        pairs.append((np.arange(model.particle_count), volume_origins(model)[balloon]))
     return pairs
 
 
 def volume_origins(model: Model) -> NDArray[np.int64]:
     """The particle that the volume of each balloon is measured from, see `kernels.substep.volume_origin`."""
     first_faces = np.searchsorted(model.face_balloon.numpy(), np.arange(model.balloon_count))
-    corners = model.face_offsets.numpy()[first_faces]
-    return np.append(model.face_particles.numpy(), 0)[corners].astype(np.int64)
+    corners = np.asarray(model.face_offsets.numpy(), dtype=np.int64)[first_faces]
+    return np.append(np.asarray(model.face_particles.numpy(), dtype=np.int64), 0)[corners]
 
 
 def patch_table(model: Model, patches: Patches, measures_faces: bool) -> Any:
