@@ -13,7 +13,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.schedules.patching import Patches, patch_table, patches_of, slots_in_patches, tables_in_patches
 from balloon_warp.schedules.residence import (
     MOST_REGISTERS,
-    MOST_THREADS_OF_MULTIPROCESSOR,
+    MOST_THREADS,
     REGISTERS,
     thread_a_particle,
 )
@@ -61,10 +61,11 @@ def _registers(model: Model, traits: Traits, patches: Patches) -> int:
 
 
 def worlds_at_once(model: Model, traits: Traits, patches: Patches) -> int:
-    """Worlds that all multiprocessors together have a block for each patch of."""
+    """Worlds that all multiprocessors together have a block for each patch of; each runs at least as many threads as a
+    block may have, whatever GPU it is of."""
     blocks = min(
         REGISTERS // (patches.threads * _registers(model, traits, patches)),
-        MOST_THREADS_OF_MULTIPROCESSOR // patches.threads,
+        MOST_THREADS // patches.threads,
         model.device.max_shared_memory_per_block // bytes_of_block(patches),
     )
     return min(model.world_count, blocks * model.device.sm_count // patches.count)
@@ -84,10 +85,8 @@ class PatchLaunch:
         rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
         self._kernel = patch_kernel(traits, _layout(model, traits, patches, rings is not None))
         self._tables = tables_in_patches(model, patches, tables)
-        self._slots, self._table = (
-            slots_in_patches(model, patches, rings),
-            patch_table(model, patches, traits.aims_on_the_way),
-        )
+        self._slots = slots_in_patches(model, patches, rings)
+        self._table = patch_table(model, patches, traits.aims_on_the_way)
         self._at_once = worlds_at_once(model, traits, patches)
         self.memory = PatchMemory()
         for name, array in arrays.items():

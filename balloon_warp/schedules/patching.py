@@ -12,13 +12,12 @@ from balloon_warp.kernels.schedules.block_springs import SlotTable
 from balloon_warp.kernels.schedules.patch_memory import PatchTable
 from balloon_warp.kernels.tables import SLICE, FanTable, MembraneTable, Tables
 from balloon_warp.model import Model
+from balloon_warp.schedules.residence import MOST_THREADS, WARP_THREADS
 from balloon_warp.schedules.rings import Ring
 from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, spring_ends
 
 LEAST_THREADS = 256
 """of a block: with fewer particles a patch is mostly rim"""
-MOST_THREADS = 1024
-WARP_THREADS = 32
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product, scaled
-from balloon_warp.kernels.memory import triple_at
+from balloon_warp.kernels.memory import in_tile, triple_at
 from balloon_warp.kernels.tables import SLICE, FanTable, first_entry
 
 
@@ -43,6 +43,15 @@ CROSSES = wp.constant(1.0 / 12.0)
 def area_vector_of_quad(before: Any, opposite: Any, after: Any):
     """Area times unit normal of a quad, flat or not [m^2], from the vectors from one corner to the others [m]."""
     return scaled(cross_product(opposite, before - after), 0.5)
+
+
+@wp.func
+def area_vector_between(points: Any, corners: wp.vec4i):
+    """The same of a quad by its corners, whose points are in a tile."""
+    point = in_tile(points, corners[0])
+    return area_vector_of_quad(
+        in_tile(points, corners[3]) - point, in_tile(points, corners[2]) - point, in_tile(points, corners[1]) - point
+    )
 
 
 @wp.func

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.loops.aims import aim_loop, ring_aim_loop
-from balloon_warp.kernels.loops.areas import area_vector_of_quad, face_measures
+from balloon_warp.kernels.loops.areas import area_vector_between, face_measures
 from balloon_warp.kernels.memory import in_tile, put_in_array, put_in_tile, quad_at, vector_at
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warps import (
@@ -17,7 +17,7 @@ from balloon_warp.kernels.schedules.warps import (
     warp_sum,
     word_at,
 )
-from balloon_warp.kernels.tables import FaceTable, Tables
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -45,24 +45,13 @@ def refresh_of(traits: Traits, layout: Layout) -> Refresh:
     rings = traits.rings and (traits.fresh_normals or not layout.resident)
 
     @wp.func
-    def area_vector_of_quad_face(faces: FaceTable, points: Any, face: wp.int32):
-        """[m^2]"""
-        corners = quad_at(faces.particles, face)
-        point = in_tile(points, corners[0])
-        return area_vector_of_quad(
-            in_tile(points, corners[3]) - point,
-            in_tile(points, corners[2]) - point,
-            in_tile(points, corners[1]) - point,
-        )
-
-    @wp.func
     def measure(t: Tables, seat: Seat, points: Any, centers: Any, area_vectors: Any):
         for balloon in range(balloons):
             part = float(0.0)
             begin = t.faces.balloon_offsets[balloon]
             for face in range(begin + seat.thread, t.faces.balloon_offsets[balloon + 1], wp.block_dim()):
                 if wp.static(rings):
-                    part += wp.length(area_vector_of_quad_face(t.faces, points, face))
+                    part += wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
                 else:
                     center = center_of_face(t.faces, points, face)
                     area_vector = area_vector_of_face(t.faces, points, face, center)

@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.areas import area_vector_of_quad
-from balloon_warp.kernels.memory import four_ints_at, in_tile
+from balloon_warp.kernels.loops.areas import area_vector_between
+from balloon_warp.kernels.memory import four_ints_at
 from balloon_warp.kernels.schedules.block_refresh import Refresh
 from balloon_warp.kernels.schedules.patch_memory import PatchMemory, PatchSeat, PatchTable
 from balloon_warp.kernels.schedules.patch_sums import sums_of
@@ -25,15 +25,7 @@ def patch_aims(warps: int) -> Refresh:
         part = float(0.0)
         begin = patches.face_offsets[seat.patch]
         for face in range(begin + seat.thread, patches.face_offsets[seat.patch + 1], wp.block_dim()):
-            corners = four_ints_at(patches.faces, face)
-            point = in_tile(points, corners[0])
-            part += wp.length(
-                area_vector_of_quad(
-                    in_tile(points, corners[3]) - point,
-                    in_tile(points, corners[2]) - point,
-                    in_tile(points, corners[1]) - point,
-                )
-            )
+            part += wp.length(area_vector_between(points, four_ints_at(patches.faces, face)))
         total = sum_in_balloon(memory, seat, substep, Five(part, 0.0, 0.0, 0.0, 0.0))
         put_word(known(), 0, total[0])  # the same by all
         return total[0]

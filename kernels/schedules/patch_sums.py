@@ -5,24 +5,22 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.schedules.block_gas import NUMBERS_OF_WARP
 from balloon_warp.kernels.schedules.patch_memory import PatchMemory, PatchSeat
 from balloon_warp.kernels.schedules.patch_sync import hear_sums, tell_sums
 from balloon_warp.kernels.schedules.warp_sums import Five, put_warp_sums, sum_of_warp_sums
 from balloon_warp.kernels.schedules.warps import WARP_THREADS, block_barrier, shared_words
 
-WORDS = 8
-"""that a warp has: five sums, and three that are 0"""
-
 
 @cache
 def sums_of(warps: int) -> Any:
     """The function that adds up five numbers over a balloon, once a substep."""
-    own, others = (shared_words(f"sums of {each}", WORDS * warps) for each in ("a patch", "patches"))
+    own, others = (shared_words(f"sums of {each}", NUMBERS_OF_WARP * warps) for each in ("a patch", "patches"))
 
     @wp.func
     def sum_in_balloon(memory: PatchMemory, seat: PatchSeat, substep: wp.int32, part: Five):
         """By all threads of all its blocks, which get the same to the last bit every time."""
-        warp = WORDS * (seat.thread // WARP_THREADS)
+        warp = NUMBERS_OF_WARP * (seat.thread // WARP_THREADS)
         row = ((substep & 1) * seat.slots + seat.slot) * seat.patches
         put_warp_sums(own(), warp, part, False)
         block_barrier()

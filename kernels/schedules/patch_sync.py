@@ -8,14 +8,22 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.warp_sums import Five
 
-WRITE = """
-    const float* words = WORDS;
-    const unsigned long long low = (unsigned long long)__float_as_uint(words[1]) << 32 | __float_as_uint(words[0]);
-    const unsigned long long high = (unsigned long long)(unsigned)round << 32 | __float_as_uint(words[2]);
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const unsigned long long low = (unsigned long long)__float_as_uint(v[1]) << 32 | __float_as_uint(v[0]);
+    const unsigned long long high = (unsigned long long)(unsigned)round << 32 | __float_as_uint(v[2]);
     asm volatile("{ .reg .b128 entry; mov.b128 entry, {%1, %2}; st.relaxed.gpu.global.b128 [%0], entry; }"
         :: "l"(entries.data + place), "l"(low), "l"(high) : "memory");
-"""
-READ = """
+#endif
+""")
+def tell(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec3):
+    """A vector."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
     unsigned long long low, high;
     unsigned looks = 0;
     do {
@@ -25,22 +33,6 @@ READ = """
         asm volatile("{ .reg .b128 entry; ld.relaxed.gpu.global.b128 entry, [%2]; mov.b128 {%0, %1}, entry; }"
             : "=l"(low), "=l"(high) : "l"(entries.data + place) : "memory");
     } while ((int)(high >> 32) < round);
-"""
-
-
-@wp.func_native(f"""
-#if defined(__CUDA_ARCH__)
-{WRITE.replace("WORDS", "&v.c[0]")}
-#endif
-""")
-def tell(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec3):
-    """A vector."""
-    ...
-
-
-@wp.func_native(f"""
-#if defined(__CUDA_ARCH__)
-{READ}
     return wp::vec3(__uint_as_float((unsigned)low), __uint_as_float((unsigned)(low >> 32)),
         __uint_as_float((unsigned)high));
 #else
