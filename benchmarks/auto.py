@@ -18,7 +18,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.model import build_model
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.schedules.block_launch import fits_in_block
+from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, make_schedule, only_launched
 
 WORLDS = (1, 64, 1024)

@@ -17,7 +17,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Scene
 from balloon_warp.scene.load import bundled_scenes, load_scene
-from balloon_warp.schedules.block_launch import fits_in_block
+from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, only_launched
 from balloon_warp.schedules.traits import model_traits
 

@@ -185,12 +185,12 @@ def frames_of(model: Model, count: int) -> State:
     return state
 
 
-def test_trajectories_are_those_of_launches_on_a_gpu(scene: Scene, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch):
-    model = build_model(scene, gpu)
+def assert_moves_as_in_launches(model: Model, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same in launch after launch, and to the bit the same again."""
     assert cut_into_patches(model, model_traits(model))
-    found, again = frames_of(model, 5), frames_of(model, 5)
+    found, again = frames_of(model, frames), frames_of(model, frames)
     monkeypatch.setattr(gather, "cut_into_patches", lambda model, traits: None)
-    expected = frames_of(model, 5)
+    expected = frames_of(model, frames)
     start = initial_state(model).points.numpy()
     size = np.ptp(start[0], axis=0).max()
     assert np.abs(expected.points.numpy() - start).max() > 100 * ROUNDING * size
@@ -198,6 +198,25 @@ def test_trajectories_are_those_of_launches_on_a_gpu(scene: Scene, gpu: wp.Devic
     np.testing.assert_allclose(found.pressures.numpy(), expected.pressures.numpy(), rtol=0, atol=OF_PRESSURES)
     np.testing.assert_array_equal(found.points.numpy(), again.points.numpy())
     np.testing.assert_array_equal(found.frame.numpy(), expected.frame.numpy())
+
+
+def test_trajectories_are_those_of_launches_on_a_gpu(scene: Scene, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch):
+    assert_moves_as_in_launches(build_model(scene, gpu), 5, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["cached normals", "fresh normals", "gas"])
+def test_so_are_those_of_patches_on_nearly_all_multiprocessors_of_a_gpu(
+    name: str, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch
+):
+    """More patches hear each other's sums than a warp has threads, and threads have few registers."""
+    inflation = Inflation(kind="gas", start_pressure=5.0e3) if name == "gas" else Inflation(k_normal=20.0)
+    balloon = Balloon(mesh=quad_sphere(129), mass=60.0, inflation=inflation)
+    normals = "fresh" if name == "fresh normals" else "cached"
+    model = build_model(Scene(balloon=[balloon], normals=normals, substeps=40), gpu)
+    patches = cut_into_patches(model, model_traits(model))
+    assert patches
+    assert patches.count > 0.9 * gpu.sm_count
+    assert_moves_as_in_launches(model, 3, monkeypatch)
 
 
 @pytest.mark.parametrize("name", ["fresh normals", "gas, on the ground"])

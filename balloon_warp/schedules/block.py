@@ -3,7 +3,8 @@
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Counting
-from balloon_warp.schedules.block_launch import BlockLaunch, fits_in_block, most_particles
+from balloon_warp.schedules.block_launch import BlockLaunch
+from balloon_warp.schedules.block_room import fits_in_block, most_particles
 from balloon_warp.schedules.busy_worlds import BusyWorlds
 from balloon_warp.schedules.outlook import free_traits, has_free_frames
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air

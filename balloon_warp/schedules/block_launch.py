@@ -15,6 +15,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.films import film_entries, film_layout, film_table
 from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
@@ -25,15 +26,8 @@ from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.touching import touch_arrays
 
-BYTES_PER_PARTICLE = 24
-"""two buffers of points"""
 BYTES_WITH_VELOCITY = 36
-RESERVED_BYTES = 2048
-"""of shared memory, for spheres and the sums of areas and swellings of a balloon or two"""
-CPU_TILE_BYTES = 1 << 18
-"""the CPU stands in for a GPU here: a block of one thread, a tile of a GPU's size"""
-CAPACITY_STEP = 512
-"""capacities of the streaming kernel are multiples of this, so that few are compiled"""
+"""two buffers of points and a velocity"""
 THREADS_BESIDE = ((416, 72), (384, 80), (256, 80))
 """of a block whose threads go through many particles, and registers of each, where a multiprocessor has memory for two
 such blocks: those whose last turn is fullest"""
@@ -201,22 +195,6 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "film_pulls": vectors(streaming and film is not None, entries),
         "frame": room.array((1,), wp.int32),
     }
-
-
-def fits_in_block(model: Model) -> bool:
-    """Whether a world's points, in two buffers, fit in the shared memory of a block."""
-    return model.particle_count <= most_particles(model)
-
-
-def most_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -> int:
-    """Of a world whose points fit in shared memory, with so many bytes of it each."""
-    if model.device.is_cpu:
-        return CPU_TILE_BYTES // bytes_per_particle
-    sums = 1 << 10  # bytes for each further balloon or sphere, of the most warps
-    presses = 1 << 13 if model.scene.contact == "impulse" else 0
-    reserved = RESERVED_BYTES + presses + sums * (model.balloon_count + model.sphere_count)
-    capacity = (model.device.max_shared_memory_per_block - reserved) // bytes_per_particle
-    return capacity // CAPACITY_STEP * CAPACITY_STEP
 
 
 def _round_up(count: int, step: int) -> int:

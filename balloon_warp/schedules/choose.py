@@ -5,8 +5,10 @@ from typing import Protocol
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.small_spheres import small_spheres
+from balloon_warp.schedules.block_room import fits_in_block, thread_a_particle
 
 
 class Schedule(Protocol):
@@ -105,23 +107,30 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         return "gather"
     if model.device.is_cpu and not model.scene.touches:
         return "lanes" if world_count > 1 else "octets"
-    from balloon_warp.schedules.block_launch import fits_in_block
-
+    if not model.device.is_cpu and (traits := _in_patches(model)):
+        enough = model.device.sm_count // (3 if traits.fresh_normals else 2)
+        return "block" if world_count >= enough and fits_in_block(model) else "gather"
     if not fits_in_block(model):  # blocks are also what lets balloons touch beside lanes
         return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
-    from balloon_warp.schedules.patches import cut_into_patches
-    from balloon_warp.schedules.residence import thread_a_particle
     from balloon_warp.schedules.traits import model_traits
 
-    traits = model_traits(model)
     many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
-    some_launches = model.sphere_count > 0 or traits.aims_on_the_way
+    some_launches = model.sphere_count > 0 or model_traits(model).aims_on_the_way
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
     few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
-    if cut_into_patches(model, traits):
-        return "block" if world_count >= model.device.sm_count // (3 if traits.fresh_normals else 2) else "gather"
     # a block that looks for who touches whom has few threads for it, where launches have a thread a particle
     pays = enough_worlds or (not model.scene.touches and (few_particles or many_launches))
     return "block" if pays else "gather"
+
+
+def _in_patches(model: Model) -> Traits | None:
+    """What a model has, if `gather` moves it in patches."""
+    if thread_a_particle(model):
+        return None  # so that nothing of patches need be imported
+    from balloon_warp.schedules.patches import cut_into_patches
+    from balloon_warp.schedules.traits import model_traits
+
+    traits = model_traits(model)
+    return traits if cut_into_patches(model, traits) else None

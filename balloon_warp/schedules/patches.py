@@ -10,13 +10,9 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.block_room import MOST_THREADS, thread_a_particle
 from balloon_warp.schedules.patching import Patches, patch_table, patches_of, slots_in_patches, tables_in_patches
-from balloon_warp.schedules.residence import (
-    MOST_REGISTERS,
-    MOST_THREADS,
-    REGISTERS,
-    thread_a_particle,
-)
+from balloon_warp.schedules.residence import MOST_REGISTERS, REGISTERS
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends

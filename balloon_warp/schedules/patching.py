@@ -12,7 +12,8 @@ from balloon_warp.kernels.schedules.block_springs import SlotTable
 from balloon_warp.kernels.schedules.patch_memory import PatchTable
 from balloon_warp.kernels.tables import SLICE, FanTable, MembraneTable, Tables
 from balloon_warp.model import Model
-from balloon_warp.schedules.residence import MOST_THREADS, WARP_THREADS
+from balloon_warp.schedules.block_room import MOST_THREADS
+from balloon_warp.schedules.residence import WARP_THREADS
 from balloon_warp.schedules.rings import Ring
 from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, spring_ends
 

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from balloon_warp.kernels.schedules.block_memory import FilmLayout
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
+from balloon_warp.schedules.block_room import MOST_THREADS, thread_a_particle
 from balloon_warp.schedules.films import film_entries
 from balloon_warp.schedules.rings import Ring, quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import SpringEnds
 
 WARP_THREADS = 32
-MOST_THREADS = 1024
-"""of a block"""
 MOST_THREADS_OF_MULTIPROCESSOR = 2048
 REGISTERS = 65536
 """of a multiprocessor"""
@@ -96,8 +95,3 @@ def _useful_blocks(model: Model, threads: int) -> int:
 def _blocks_with(model: Model, tile_bytes: int) -> int:
     """Blocks that have shared memory for so large tiles, and for sums."""
     return model.device.max_shared_memory_per_block // (tile_bytes + SUM_BYTES)
-
-
-def thread_a_particle(model: Model) -> bool:
-    """Whether a block has a thread for each particle of a world."""
-    return model.particle_count <= MOST_THREADS

@@ -28,9 +28,7 @@ def sums_of(warps: int) -> Any:
             of_patch = sum_of_warp_sums(own(), 0, warps)
             if seat.thread == 0:
                 tell_sums(memory.sums, row + seat.patch, substep + 1, of_patch)
-        other = Five()
-        if seat.thread < seat.count:
-            other = hear_sums(memory.sums, row + seat.begin + seat.thread, substep + 1)
+        other = hear_sums(memory.sums, row + seat.begin + seat.thread, substep + 1, seat.thread < seat.count)
         put_warp_sums(others(), warp, other, False)
         block_barrier()
         return sum_of_warp_sums(others(), 0, warps)

@@ -8,6 +8,8 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.warp_sums import Five
 
+Six = wp.types.vector(length=6, dtype=wp.float32)
+
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
@@ -22,25 +24,51 @@ def tell(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec
     ...
 
 
-@wp.func_native("""
+def _listening(count: int) -> str:
+    """To so many entries, one after the other: their vectors, or zeros for a thread that does not listen. The threads
+    of a warp stay together until the last has heard. With a loop for each, which ends sooner for some than for others,
+    a compiler let those go on alone to what only all may do."""
+    return f"""
 #if defined(__CUDA_ARCH__)
-    unsigned long long low, high;
+    unsigned long long low[{count}] = {{}}, high[{count}] = {{}};
     unsigned looks = 0;
-    do {
-        if (++looks == 1u << 25) {
+    bool waits = listens;
+    do {{
+        if (++looks == 1u << 25) {{
             __trap();
-        }
-        asm volatile("{ .reg .b128 entry; ld.relaxed.gpu.global.b128 entry, [%2]; mov.b128 {%0, %1}, entry; }"
-            : "=l"(low), "=l"(high) : "l"(entries.data + place) : "memory");
-    } while ((int)(high >> 32) < round);
-    return wp::vec3(__uint_as_float((unsigned)low), __uint_as_float((unsigned)(low >> 32)),
-        __uint_as_float((unsigned)high));
+        }}
+        if (waits) {{
+            waits = false;
+            for (int n = 0; n < {count}; ++n) {{
+                asm volatile(
+                    "{{ .reg .b128 entry; ld.relaxed.gpu.global.b128 entry, [%2]; mov.b128 {{%0, %1}}, entry; }}"
+                    : "=l"(low[n]), "=l"(high[n]) : "l"(entries.data + place + n) : "memory");
+                waits |= (int)(high[n] >> 32) < round;
+            }}
+        }}
+    }} while (__any_sync(0xffffffffu, waits));
+    wp::vec_t<{3 * count}, float> heard;
+    for (int n = 0; n < {count}; ++n) {{
+        heard[3 * n] = __uint_as_float((unsigned)low[n]);
+        heard[3 * n + 1] = __uint_as_float((unsigned)(low[n] >> 32));
+        heard[3 * n + 2] = __uint_as_float((unsigned)high[n]);
+    }}
+    return heard;
 #else
-    return wp::vec3();
+    return wp::vec_t<{3 * count}, float>();
 #endif
-""")
-def hear(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32) -> wp.vec3:
-    """What another block tells in that round, once it does, or in a later one."""
+"""
+
+
+@wp.func_native(_listening(1))
+def hear(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> wp.vec3:
+    """What another block tells in that round, once it does, or in a later one. By all threads of a warp."""
+    ...
+
+
+@wp.func_native(_listening(2))
+def hear_two(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> Six:
+    """The same of two entries."""
     ...
 
 
@@ -52,8 +80,7 @@ def tell_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, sums
 
 
 @wp.func
-def hear_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32):
-    """Those of another block."""
-    first = hear(entries, 2 * place, round)
-    second = hear(entries, 2 * place + 1, round)
-    return Five(first[0], first[1], first[2], second[0], second[1])
+def hear_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool):
+    """Those of another block. By all threads of a warp."""
+    heard = hear_two(entries, 2 * place, round, listens)
+    return Five(heard[0], heard[1], heard[2], heard[3], heard[4])

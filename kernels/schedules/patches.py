@@ -94,8 +94,9 @@ def patch_kernel(traits: Traits, layout: PatchLayout) -> Any:
         row = ((number & 1) * seat.slots + seat.slot) * now.count
         if seat.told:
             tell(memory.points, row + member.own.number, number + 1, member.point)
+        point = hear(memory.points, row + seat.rim, number + 1, seat.rim >= 0)
         if seat.rim >= 0:
-            put_in_tile(tile, threads + seat.thread, hear(memory.points, row + seat.rim, number + 1))
+            put_in_tile(tile, threads + seat.thread, point)
 
     @wp.func
     def substep(
