@@ -280,9 +280,10 @@ def test_bundled_scenes_can_be_played_with(name):
     playground.inflate(0.5 * playground.inflation + 0.001)
     center = playground.points.mean(axis=0)
     playground.throw(center + [0.0, 2.0 * playground.size, 0.0], np.zeros(3), 0.1 * playground.size, 1.0)
-    playground.grab("hand", 5, playground.points[5] + [0.0, 0.1 * playground.size, 0.0])
+    for hand, particle in (("left", 5), ("right", 9)):
+        playground.grab(hand, particle, playground.points[particle] + [0.0, 0.1 * playground.size, 0.0])
     steps(playground, 2)
-    playground.release("hand")
+    playground.release("left")  # with no hand left, other kernels would be compiled
     steps(playground, 1)
     assert np.isfinite(playground.points).all()
     np.testing.assert_array_equal(replayed(playground).state.points.numpy()[0], playground.points)
