@@ -14,6 +14,18 @@ def int_at(array: wp.array[wp.int32], index: wp.int32) -> wp.int32:
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ldg(array.data + (unsigned int)index);
+#else
+    return array.data[index];
+#endif
+""")
+def fixed_int_at(array: wp.array[wp.int32], index: wp.int32) -> wp.int32:
+    """`array[index]` of a contiguous array that no kernel writes to, so that a loop may read it once."""
+    ...
+
+
 @wp.func_native("return array.data[(unsigned int)index];")
 def float_at(array: wp.array[float], index: wp.int32) -> float:
     """`array[index]` of a contiguous array."""

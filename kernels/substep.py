@@ -30,6 +30,7 @@ from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.gas import Swelling, free_along, gas_load, memory_of_rate, swelling_of_particle
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, normal_push
 from balloon_warp.kernels.loops.obstacles import Around, course_function
+from balloon_warp.kernels.memory import fixed_int_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -54,9 +55,9 @@ def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an over
 
 
 @wp.func
-def kick(velocity: Any, force: Any, mass: Any, step_seconds: float):
-    """v + h F / m"""
-    return velocity + scaled(force, response(mass, step_seconds))
+def kick(velocity: Any, force: Any, gain: Any):
+    """v + h F / m; the gain is h / m, see `response`."""
+    return velocity + scaled(force, gain)
 
 
 @wp.func
@@ -129,7 +130,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         spheres: Any,
         around: Around,
         share: float,
-        mass: float,
+        gain: float,
         load: wp.vec2,
         arm: wp.vec3,
         point: wp.vec3,
@@ -140,21 +141,20 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         """Under the old load; the velocity is that without inflation.
 
         Args:
+            gain: see `response`.
             arm: from a point of the balloon's own [m].
             remembered: what of the velocity before the step counts, see `memory_function`.
         """
         height = wp.dot(point, t.up)
         push = load[0] + load[1] * height
-        course = velocity + (response(mass, t.step_seconds) * push) * area_vector
+        course = velocity + (gain * push) * area_vector
         free = area_vector
         if wp.static(traits.obstacles):
-            if mass > 0.0:
+            if gain > 0.0:
                 let, normal = course_beside_obstacles(t, spheres, around, point, course)
                 course = let
                 free = free_along(area_vector, normal)
-        return swelling_of_particle(
-            arm, area_vector, free, course - remembered, mass, share, height, push, t.step_seconds
-        )
+        return swelling_of_particle(arm, area_vector, free, course - remembered, gain, share, height, push)
 
     return swell
 
@@ -219,8 +219,8 @@ def end_of_step(t: Tables, frame: wp.array[wp.int32], time_in_frame: float):
 
 @wp.func
 def volume_origin(t: Tables, balloon: wp.int32):
-    """The particle of a balloon about which its volume is taken: one of a face."""
-    return t.faces.particles[t.faces.offsets[t.faces.balloon_offsets[balloon]]]
+    """The particle of a balloon about which its volume is taken."""
+    return fixed_int_at(t.faces.volume_origins, balloon)
 
 
 @wp.func

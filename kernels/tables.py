@@ -144,6 +144,8 @@ class FaceTable:
     balloon: wp.array[wp.int32]
     balloon_offsets: wp.array[wp.int32]
     """where each balloon's faces begin, and after the last, where they end"""
+    volume_origins: wp.array[wp.int32]
+    """the particle of each balloon about which its volume is taken: one of a face"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
 

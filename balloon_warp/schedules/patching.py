@@ -16,6 +16,7 @@ from balloon_warp.schedules.block_room import MOST_THREADS
 from balloon_warp.schedules.residence import WARP_THREADS
 from balloon_warp.schedules.rings import Ring
 from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, spring_ends
+from balloon_warp.schedules.tables import volume_origins
 
 LEAST_THREADS = 256
 """of a block: with fewer particles a patch is mostly rim"""
@@ -126,13 +127,6 @@ def _led_to(model: Model, volumes: bool) -> list[tuple[NDArray[np.int64], NDArra
         balloon = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
         pairs.append((np.arange(model.particle_count), volume_origins(model)[balloon]))
     return pairs
-
-
-def volume_origins(model: Model) -> NDArray[np.int64]:
-    """The particle that the volume of each balloon is measured from, see `kernels.substep.volume_origin`."""
-    first_faces = np.searchsorted(model.face_balloon.numpy(), np.arange(model.balloon_count))
-    corners = np.asarray(model.face_offsets.numpy(), dtype=np.int64)[first_faces]
-    return np.append(np.asarray(model.face_particles.numpy(), dtype=np.int64), 0)[corners]
 
 
 def patch_table(model: Model, patches: Patches, measures_faces: bool) -> Any:

@@ -173,8 +173,16 @@ def _faces(model: Model) -> Any:
     table.offsets, table.particles, table.balloon = model.face_offsets, model.face_particles, model.face_balloon
     counts = [shape.mesh.face_count for shape in model.shapes]
     table.balloon_offsets = _array(model, np.cumsum([0, *counts]), wp.int32)
+    table.volume_origins = _array(model, volume_origins(model), wp.int32)
     table.particle_offsets, table.around_particles = model.particle_face_offsets, model.particle_faces
     return table
+
+
+def volume_origins(model: Model) -> NDArray[np.int64]:
+    """The particle of each balloon about which its volume is taken: one of a face, shape (balloon_count,)."""
+    first_faces = np.searchsorted(model.face_balloon.numpy(), np.arange(model.balloon_count))
+    corners = np.asarray(model.face_offsets.numpy(), dtype=np.int64)[first_faces]
+    return np.append(np.asarray(model.face_particles.numpy(), dtype=np.int64), 0)[corners]
 
 
 class OtherCorners(NamedTuple):

@@ -51,10 +51,10 @@ PARAMETERS = (
 Swelling = wp.types.vector(length=5, dtype=wp.float32)
 """How a balloon swells, summed over its particles: see the numbers below."""
 VOLUME = wp.constant(0)  # [m^3]
-RESPONSE = wp.constant(1)  # sum |a|^2 / m [m^4/kg], a the area vectors, along obstacles
+RESPONSE = wp.constant(1)  # to a pressure in a step: sum h |a|^2 / m [m^3/s/Pa], a the area vectors, along obstacles
 RATE = wp.constant(2)  # sum a . v [m^3/s], v the velocities at the end of the step, without pressure
 HEIGHT = wp.constant(3)  # of the center of mass [m]
-RESPONSE_HEIGHT = wp.constant(4)  # sum |a|^2 height / m [m^5/kg]
+RESPONSE_HEIGHT = wp.constant(4)  # sum h |a|^2 height / m [m^4/s/Pa]
 
 
 @wp.func
@@ -70,25 +70,25 @@ def swelling_of_particle(
     area_vector: wp.vec3,
     free: wp.vec3,
     velocity: wp.vec3,
-    mass: float,
+    gain: float,
     share: float,
     height: float,
     push: float,
-    step_seconds: float,
 ):
-    """A particle's part; without mass it is fixed.
+    """A particle's part.
 
     Args:
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
         velocity: at which it will move in this step under the old pressure, beside obstacles, less `memory_of_rate` of
             that before the step [m/s].
         free: what of the area vector it can follow, see `free_along`.
+        gain: h / m, the velocity that a force gives in a step [m/s/N]; 0 if it is fixed.
         share: of the balloon's mass.
         push: the old pressure [Pa], whose part in the velocity does not count.
     """
     volume = wp.dot(arm, area_vector) / 3.0
-    response = wp.where(mass > 0.0, wp.length_sq(free) / mass, 0.0)
-    rate = wp.dot(area_vector, velocity) - step_seconds * push * response
+    response = gain * wp.length_sq(free)
+    rate = wp.dot(area_vector, velocity) - push * response
     return Swelling(volume, response, rate, share * height, response * height)
 
 
@@ -156,7 +156,7 @@ def gas_load(
     Where the gas is stiff, the step is too long for the pressure p(V) of its beginning. What acts is a mean of the
     pressures at its end, its beginning and that of the step before, to first order in the volume:
 
-        P = p(V) - w s h (r - k r_before),  r = r_free + h G P,
+        P = p(V) - w s h (r - k r_before),  r = r_free + G P,
 
     s = -dp/dV, r the rate of swelling in the step, r_free that without the gas, and G the response. Solved for P, it is
     stable at any step that the springs allow, p(V) at rest whatever the step, since r counts the other forces and
@@ -176,9 +176,9 @@ def gas_load(
     stiffness = gamma * (air[0] + explicit) / volume
     rise = (air[2] - amount * molar_mass / volume) * gravity
     by_rise = rise * (swelling[RESPONSE_HEIGHT] - swelling[HEIGHT] * swelling[RESPONSE])
-    rate = swelling[RATE] + step_seconds * by_rise
+    rate = swelling[RATE] + by_rise
     pull = weight_of_end(breathing_damping) * stiffness * step_seconds
-    yielding = 1.0 + pull * step_seconds * swelling[RESPONSE]
+    yielding = 1.0 + pull * swelling[RESPONSE]
     pressure = (explicit - pull * rate) / yielding
     thin = THINNEST * wp.vec2(STANDARD_PRESSURE, volume)
     slope = gamma * wp.max(air[0] + explicit, thin[0]) / wp.max(there, thin[1])

@@ -65,10 +65,10 @@ def is_taut(det: float, stretch: float, wrinkling: float):
 
 @wp.func
 def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
-    """If it is not negative, there are tensions both ways, told without a root: (a b)^2 is more than a + b. What has no
-    size at rest never is."""
+    """If it is positive, there are tensions both ways, told without a root: (a b)^2 is more than a + b. Of what has no
+    size at rest it is 0."""
     trace, det = trace_and_det(metric, rest)
-    return det * det - (trace + NEVER_ZERO)
+    return det * det - trace
 
 
 @wp.func

@@ -83,7 +83,7 @@ def string_loop(traits: Traits) -> Any:
         """Net force of a particle's strings [N]."""
         force = wp.vec3()
         if strings.offsets.shape[0] > 0:
-            for held in range(strings.offsets[particle], strings.offsets[particle + 1]):
+            for held in range(int_at(strings.offsets, particle), int_at(strings.offsets, particle + 1)):
                 force += pull_of_string(strings, world, strings.order[held], point, velocity, n, step_seconds, time)
         return force
 

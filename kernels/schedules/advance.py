@@ -18,7 +18,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function, pushing_function
 from balloon_warp.kernels.schedules.launched_press import take_pushes
-from balloon_warp.kernels.substep import kick, time_of
+from balloon_warp.kernels.substep import kick, response, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -130,6 +130,8 @@ def advance_kernel(
             if wp.static(until == "forces"):
                 working.forces[world, particle] = force
             else:
-                free_velocities[world, particle] = kick(velocity, force, inertia(working, own), t.step_seconds)
+                free_velocities[world, particle] = kick(
+                    velocity, force, response(inertia(working, own), t.step_seconds)
+                )
 
     return advance_particles

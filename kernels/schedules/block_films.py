@@ -65,6 +65,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     read_numbers = numbers_reader(traits.columns)
     triangles, mixed, slots, areas = film.triangles, film.mixed, film.slots, film.areas
     viscous, fours = traits.viscous, -(-slots // 4)
+    has_springs = not layout.resident or sum(layout.kind_slots) > 0
 
     @wp.struct
     class Held:
@@ -85,7 +86,10 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         t: Tables, points: Any, velocities: Any, own: Any, held: Held, point: wp.vec3, velocity: wp.vec3, time: float
     ):
         """Net force of springs and faces [N]."""
-        return pull_of_springs(t, points, velocities, own, held.springs, point, velocity, time) + held.pull
+        if wp.static(has_springs):
+            return pull_of_springs(t, points, velocities, own, held.springs, point, velocity, time) + held.pull
+        else:
+            return held.pull
 
     @wp.func
     def area_vector(t: Tables, points: Any, own: Any, held: Held, point: wp.vec3):
@@ -93,10 +97,18 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         return held.area_vector
 
     @wp.func
+    def count_of(films: FilmTable):
+        """Faces; known ahead where kernels are made for so many."""
+        if wp.static(layout.resident):
+            return wp.static((layout.faces - 1) // 4)
+        else:
+            return films.corners.shape[0]
+
+    @wp.func
     def begin(t: Tables, seat: Seat, pulls: Any, area_vectors: Any):
         """Where a particle has fewer faces than others, it reads what is always zero."""
         if seat.thread == 0:
-            last = 4 * t.membranes.films.corners.shape[0]
+            last = 4 * count_of(t.membranes.films)
             put(pulls, last, wp.vec3())
             if wp.static(areas):
                 put(area_vectors, last, wp.vec3())
@@ -104,7 +116,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     @wp.func
     def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
         """Of the triangle at a corner of a face."""
-        return four_floats_at(films.rests, corner * films.corners.shape[0] + face)
+        return four_floats_at(films.rests, corner * count_of(films) + face)
 
     @wp.func
     def is_there(corner: wp.int32, rest: wp.vec4):
@@ -120,14 +132,14 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     @wp.func
     def are_surely_taut(films: FilmTable, face: wp.int32, d11: wp.vec4, d12: wp.vec4):
         """Whether all triangles of a face are, so that they need no more than `pulls_if_taut`."""
-        least = float(0.0)
+        least = float(1.0)
         for corner in range(triangles):
             rest = rest_of(films, face, corner)
             surely = how_surely_taut(metric_at(corner, d11, d12), rest)
             if wp.static(mixed):
-                surely = wp.where(is_there(corner, rest), surely, 0.0)
+                surely = wp.where(is_there(corner, rest), surely, 1.0)
             least = wp.min(least, surely)
-        return least >= 0.0
+        return least > 0.0
 
     @wp.func
     def what_is_left(t: Tables, world: wp.int32, face: wp.int32, corner: wp.int32, rest: wp.vec4, pulls: wp.vec3):
@@ -176,7 +188,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         t: Tables, world: wp.int32, face: wp.int32, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any
     ):
         """By one thread."""
-        count = t.membranes.films.corners.shape[0]
+        count = count_of(t.membranes.films)
         corners = four_ints_at(t.membranes.films.corners, face)
         a = in_tile(points, corners[0])
         b = in_tile(points, corners[1])
@@ -226,7 +238,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
 
     @wp.func
     def stretch(t: Tables, seat: Seat, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
-        for face in range(seat.thread, t.membranes.films.corners.shape[0], wp.block_dim()):
+        for face in range(seat.thread, count_of(t.membranes.films), wp.block_dim()):
             if wp.static(traits.balloons == 1):
                 measure_face(t, seat.world, face, n, points, velocities, pulls, area_vectors)
             else:
@@ -237,11 +249,17 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     @wp.func
     def take(t: Tables, seat: Seat, number: wp.int32, held: Held, pulls: Any, area_vectors: Any):
         """In the order of its faces."""
-        held.pull = wp.vec3()
-        held.area_vector = wp.vec3()
-        for four in range(fours):
+        first = four_ints_at(t.membranes.films.places, number)
+        held.pull = at(pulls, first[0])
+        if wp.static(areas):
+            held.area_vector = at(area_vectors, first[0])
+        for slot in range(1, wp.static(min(slots, 4))):
+            held.pull += at(pulls, first[slot])
+            if wp.static(areas):
+                held.area_vector += at(area_vectors, first[slot])
+        for four in range(1, fours):
             places = four_ints_at(t.membranes.films.places, four * seat.count + number)
-            for slot in range(wp.static(min(slots, 4))):
+            for slot in range(4):
                 held.pull += at(pulls, places[slot])
                 if wp.static(areas):
                     held.area_vector += at(area_vectors, places[slot])

@@ -10,6 +10,7 @@ from balloon_warp.kernels.own import own_beside_function, own_functions
 from balloon_warp.kernels.schedules.free_frames import FREE, FreeFrames, goes_too_far, note_hurry
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.warps import any_in_block
+from balloon_warp.kernels.substep import response
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -198,6 +199,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         ramp: wp.vec2  # what is keyframed, at the start of the frame, and its slope [1/s]
         load: wp.vec2  # with gas: the pressure at height 0 [Pa], and its rise with height [Pa/m]
         inertia: float  # its mass, and with gas its share of that [kg]
+        gain: float  # velocity that a force gives it in a substep [m/s/N]
         point: wp.vec3
         velocity: wp.vec3
         aim: wp.vec3
@@ -215,6 +217,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
             member.own.mass = 0.0
         member.springs = read_springs(t, slots, member.own)
         member.inertia = member.own.mass
+        member.gain = response(member.inertia, t.step_seconds)
         return member
 
     @wp.func

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, aim_of
+from balloon_warp.kernels.laws.inflation import aim_of
 from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function
 from balloon_warp.kernels.loops.obstacles import around_function, leave_one_sphere, standing_function
@@ -17,7 +16,7 @@ from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.block_refresh import Refresh
 from balloon_warp.kernels.schedules.warps import any_in_warp
-from balloon_warp.kernels.substep import drift_of, inflation_of, kick, memory_function, swell_function
+from balloon_warp.kernels.substep import drift_of, inflation_of, kick, memory_function, response, swell_function
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -66,14 +65,6 @@ def pieces_of(
     molar_mass_column = traits.columns.places["molar_mass"]
 
     @wp.func
-    def inertia(member: Member):
-        """What a particle moves [kg]."""
-        if wp.static(traits.gas):
-            return member.inertia
-        else:
-            return member.own.mass
-
-    @wp.func
     def fill(t: Tables, seat: Seat, member: Member):
         if wp.static(traits.gas):
             amount = gas.amount_at(seat.substep, member.own.balloon)
@@ -81,6 +72,7 @@ def pieces_of(
             if wp.static(traits.takes_air_along):
                 along += gas.air_at(member.own.balloon)
             member.inertia = member.own.mass + member.own.share * along
+            member.gain = response(member.inertia, t.step_seconds)
         return member
 
     @wp.func
@@ -102,19 +94,16 @@ def pieces_of(
 
     @wp.func
     def free(t: Tables, seat: Seat, member: Member, force: wp.vec3):
-        return kick(member.velocity, force, inertia(member), t.step_seconds)
+        return kick(member.velocity, force, member.gain)
 
     @wp.func
     def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
-        part = Swelling()
-        if member.active and member.own.kind != NORMAL_FORCE:
-            around = around_own(member.own, seat.time + t.step_seconds)
-            part = swell_of_particle(
-                t, seat.substep, around, member.own.share, member.inertia,
-                member.load, member.point - origin, member.point, member.free_velocity,
-                remembered(member.velocity, member.own.n), member.area_vector,
-            )  # fmt: skip
-        return part
+        around = around_own(member.own, seat.time + t.step_seconds)
+        return swell_of_particle(
+            t, seat.substep, around, member.own.share, member.gain,
+            member.load, member.point - origin, member.point, member.free_velocity,
+            remembered(member.velocity, member.own.n), wp.where(member.active, member.area_vector, wp.vec3()),
+        )  # fmt: skip
 
     @wp.func
     def inflation_now(t: Tables, seat: Seat, member: Member):
@@ -140,7 +129,7 @@ def pieces_of(
         if wp.static(traits.pressures):
             member.push = pushed
         old_velocity = member.velocity
-        member.velocity = kick(velocity, force + pushed, inertia(member), t.step_seconds)
+        member.velocity = kick(velocity, force + pushed, member.gain)
         member.point = drift(member.point, old_velocity, member.velocity, t.step_seconds)
         return member
 

@@ -123,9 +123,10 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
             board.roll(t, seat.spins, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
             block_barrier()
-        mine = pieces.fill(t, seat, mine)
-        if wp.static(two):
-            also = pieces.fill(t, seat, also)
+        if wp.static(traits.gas_changes):
+            mine = pieces.fill(t, seat, mine)
+            if wp.static(two):
+                also = pieces.fill(t, seat, also)
         force, pulled = pieces.pull(t, seat, source, velocities, mine, area)
         mine = pulled
         other_force = wp.vec3()
@@ -234,6 +235,10 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             beside = seat_beside(t, slots, state, seat, thread + threads, mine)
             also = take_place(state, seat, beside, thread + threads, even, velocities)
         block_barrier()
+        if wp.static(traits.gas and not traits.gas_changes):
+            mine = pieces.fill(t, seat, mine)
+            if wp.static(two):
+                also = pieces.fill(t, seat, also)
         if wp.static(traits.aims and not traits.fresh_normals):
             _area, aimed, other_aimed = together.aim(t, seat, mine, also, even, centers, areas)
             mine = aimed

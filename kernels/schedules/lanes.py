@@ -27,7 +27,7 @@ from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.lanes_touch import touch_function
 from balloon_warp.kernels.schedules.lanes_wear import peaks_functions
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, one_of_item, put_item
-from balloon_warp.kernels.substep import drift_of, inflation_of, kick
+from balloon_warp.kernels.substep import drift_of, inflation_of, kick, response
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -88,7 +88,7 @@ def gas_steps(traits: Traits, layout: Layout) -> Any:
             if wp.static(jet is not None):
                 force += jet(t, lanes, own, points, point, time)
             masses = times(own.share, lanes.masses[group, balloon])
-            free = kick(velocity, force, masses, t.step_seconds)
+            free = kick(velocity, force, response(masses, t.step_seconds))
             lanes.free_velocities[group, item] = free
             lanes.area_vectors[group, item] = area_vector
             if kind != NORMAL_FORCE:
@@ -169,7 +169,7 @@ def particle_steps(traits: Traits, layout: Layout) -> Any:
             if wp.static(traits.aims):
                 aim = lanes.aims[group, item]
             push = inflation(own.kind, k_normal, pressure, rise, t.up, point, aim, area_vector)
-            velocity = kick(velocity, force + push, masses, t.step_seconds)
+            velocity = kick(velocity, force + push, response(masses, t.step_seconds))
             point = drift(point, old_velocity, velocity, t.step_seconds)
             if wp.static(traits.keeps_inflations):
                 lanes.inflations[group, item] = push

@@ -86,7 +86,8 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
         """Under the old load; the velocity is that without inflation."""
         heights = reach_along(point, t.up)
         pushes = lanes.loads[own.group, own.balloon] + times(lanes.rises[own.group, own.balloon], heights)
-        course = velocity + scaled(area_vector, times(response(masses, t.step_seconds), pushes))
+        gains = response(masses, t.step_seconds)
+        course = velocity + scaled(area_vector, times(gains, pushes))
         normals = Lanes3()
         if wp.static(traits.obstacles):
             if touches_any(t, lanes, own, time, point + scaled(course, t.step_seconds), course):
@@ -107,7 +108,7 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
                 free = free_along(along, of_lane(normals, lane))
             part = swelling_of_particle(
                 of_lane(arm, lane), along, free, of_lane(course, lane),
-                masses[lane], of_lane(own.share, lane), heights[lane], pushes[lane], t.step_seconds,
+                gains[lane], of_lane(own.share, lane), heights[lane], pushes[lane],
             )  # fmt: skip
             for number in range(5):
                 parts[number, lane] = part[number]

@@ -16,7 +16,7 @@ from balloon_warp.kernels.algebra import (
     dot_product,
     of_lane,
 )
-from balloon_warp.kernels.laws.tension_field import how_surely_taut
+from balloon_warp.kernels.laws.tension_field import NEVER_ZERO, how_surely_taut
 from balloon_warp.kernels.loops.membranes import (
     material_reader,
     pulls_on_corners,
@@ -110,7 +110,8 @@ def stretch_function(traits: Traits, layout: Layout) -> Any:
             rests = t.quad_rests[4 * entry + corner]
             excess = Lanes()
             for lane in range(LANE_COUNT):
-                excess[lane] = how_surely_taut(wp.vec3(e11[lane], e12[lane], e22[lane]), of_lane(rests, lane))
+                surplus = how_surely_taut(wp.vec3(e11[lane], e12[lane], e22[lane]), of_lane(rests, lane))
+                excess[lane] = surplus - NEVER_ZERO
             surely = surely and not any_negative(excess)
         return surely
 

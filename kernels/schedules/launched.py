@@ -23,6 +23,7 @@ from balloon_warp.kernels.substep import (
     kick,
     load_once_burst,
     ramp_at,
+    response,
 )
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -164,7 +165,7 @@ def pushing_function(traits: Traits) -> Any:
         if wp.static(traits.aims):
             aim = working.aims[own.world, own.number]
         push = inflation(own.kind, value, load[0], load[1], t.up, point, aim, area_vector)
-        velocity = kick(velocity, force + push, mass, t.step_seconds)
+        velocity = kick(velocity, force + push, response(mass, t.step_seconds))
         point = drift(point, old_velocity, velocity, t.step_seconds)
         if wp.static(traits.keeps_inflations):
             working.inflations[own.world, own.number] = push

@@ -18,6 +18,7 @@ from balloon_warp.kernels.substep import (
     memory_function,
     note_function,
     ramp_at,
+    response,
     swell_function,
     time_of,
     volume_origin,
@@ -107,7 +108,7 @@ def summing_function(traits: Traits) -> Any:
                 own = read_own(t, world, particle)
                 point = points[world, particle]
                 part += swell(
-                    t, state, around_own(own, time), own.share, inertia(working, own),
+                    t, state, around_own(own, time), own.share, response(inertia(working, own), t.step_seconds),
                     state.inflation_loads[world, balloon], point - origin, point, free_velocities[world, particle],
                     remembered(velocities[world, particle], own.n), working.area_vectors[world, particle],
                 )  # fmt: skip

@@ -113,7 +113,6 @@ def patch_kernel(traits: Traits, layout: PatchLayout) -> Any:
         """One substep. With a tile to read and one to write there would be two of these in a loop, which takes three
         times as long to compile."""
         now = at_substep(t, take_seat(state, seat.world, seat.thread), frame_begin, number)
-        member = pieces.fill(t, now, member)
         area = float(0.0)
         if wp.static(traits.aims_on_the_way):
             area = aims.measure(patches, memory, seat, number, tile)
@@ -168,6 +167,7 @@ def patch_kernel(traits: Traits, layout: PatchLayout) -> Any:
         if seat.rim >= 0:
             put_in_tile(tile, threads + thread, state.points[seat.world, seat.rim])
         block_barrier()
+        member = pieces.fill(t, in_world, member)  # once: whose gas changes is in no patches
         for number in range(t.substeps):
             member = substep(t, state, memory, patches, seat, member, frame_begin, number, tile)
         if member.active:
