@@ -9,6 +9,8 @@ class FilmTable:
     A face of one has its first corner twice. Empty where no block does."""
 
     corners: wp.array[wp.vec4i]
+    """the particles at each face's corners; where particles are resident, where their points begin in a tile, in
+    bytes"""
     rests: wp.array[wp.vec4]
     """of the triangle at each corner, all of the first corners first; without area where there is none"""
     balloons: wp.array[wp.int32]

@@ -8,7 +8,7 @@ import warp as wp
 from meshes import mesh_of, quad_sphere
 
 from balloon_warp.kernels.loops.springs import spring_loop
-from balloon_warp.kernels.memory import in_tile
+from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_films import films_of
@@ -37,8 +37,9 @@ def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh) -> None:
     assert film is not None
     assert film.areas
     tables = make_tables(model, traits, in_block=True)
-    tables.membranes.films = film_table(model, film)
-    layout = Layout(1, model.particle_count, resident=False, film=film)
+    tables.membranes.films = film_table(model, film, resident=True)
+    count, places = model.particle_count, film_entries(model)
+    layout = Layout(1, count, resident=True, faces=places, film=film)
     films = films_of(traits, layout, wp.int32, no_springs, spring_loop(traits, in_tile))
     read_numbers = numbers_reader(traits.columns)
 
@@ -46,26 +47,26 @@ def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh) -> None:
     def measure(
         t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
         points: wp.array[wp.vec3],
-        pulls: wp.array[wp.vec3],
-        areas: wp.array[wp.vec3],
         found: wp.array[wp.vec3],
     ):
+        tile = wp.tile_empty(shape=count, dtype=wp.vec3, storage="shared")
+        pulls = wp.tile_full(shape=places, dtype=wp.vec4, value=wp.vec4(1.0), storage="shared")
+        areas = wp.tile_full(shape=places, dtype=wp.vec2, value=wp.vec2(1.0), storage="shared")
+        for particle in range(count):
+            put_in_tile(tile, particle, points[particle])
         seat = Seat()
-        seat.count = points.shape[0]
+        seat.count = count
         films.begin(t, seat, pulls, areas)
-        films.stretch(t, seat, read_numbers(t, 0, 0), points, points, pulls, areas)
-        for particle in range(points.shape[0]):
+        films.stretch(t, seat, read_numbers(t, 0, 0), tile, points, pulls, areas)
+        for particle in range(count):
             held = films.take(t, seat, particle, films.held(), pulls, areas)
             found[particle] = held.area_vector
 
     rng = np.random.default_rng(0)
     points = (np.asarray(mesh.points) * rng.uniform(0.9, 1.1, (len(mesh.points), 1))).astype(np.float32)
-    memory = [wp.full(film_entries(model), wp.vec3(1.0), dtype=wp.vec3, device="cpu") for _ in range(2)]
-    found = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
-    wp.launch_tiled(
-        measure, dim=[1], inputs=[tables, wp.array(points, dtype=wp.vec3, device="cpu"), *memory, found], block_dim=1,
-        device="cpu",
-    )  # fmt: skip
+    found = wp.zeros(count, dtype=wp.vec3, device="cpu")
+    given = [tables, wp.array(points, dtype=wp.vec3, device="cpu"), found]
+    wp.launch_tiled(measure, dim=[1], inputs=given, block_dim=1, device="cpu")
     np.testing.assert_allclose(found.numpy(), gradient(mesh, points.astype(np.float64)), atol=1e-7)
 
 

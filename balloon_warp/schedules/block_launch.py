@@ -109,13 +109,13 @@ def _recipe(model: Model, traits: Traits) -> Recipe:
         slots = [slot_table(model, ends, residing.rings)]
         own_order = np.arange(model.particle_count)
         tables = make_tables(model, traits, in_block=traits.in_water)
-        tables.membranes.films = film_table(model, layout.film)
+        tables.membranes.films = film_table(model, layout.film, resident=True)
         return Recipe(resident_kernel(traits, layout), layout, tables, slots, own_order)
     # where balloons or solids touch, everyone finds everyone's points in the state, and in its order
     order = np.arange(model.particle_count) if traits.in_blocks else order_by_springs(model, ends)
     ordered = renumbered(model, order)
     tables = make_tables(ordered, traits, in_block=True)
-    tables.membranes.films = film_table(ordered, layout.film)
+    tables.membranes.films = film_table(ordered, layout.film, resident=False)
     return Recipe(streaming_kernel(traits, layout), layout, tables, [], order)
 
 

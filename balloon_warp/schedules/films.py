@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.schedules.block_memory import FilmLayout
+from balloon_warp.kernels.schedules.film_places import VECTOR_BYTES
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
@@ -31,8 +32,12 @@ def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
     return FilmLayout(most, triangles, mixed, bool(traits.measures_areas and all_there and not mixed))
 
 
-def film_table(model: Model, layout: FilmLayout | None) -> Any:
-    """For the layout; empty without one."""
+def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
+    """For the layout; empty without one.
+
+    Args:
+        resident: whether particles stay in registers.
+    """
     table = FilmTable()
     if layout is None:
         return table
@@ -44,7 +49,7 @@ def film_table(model: Model, layout: FilmLayout | None) -> Any:
     of_slots = np.full((fours, model.particle_count, 4), 4 * len(quads.corners))
     of_slots[slot // 4, particles, slot % 4] = places
     rests = quads.rests.transpose(1, 0, 2).reshape(-1, 4)
-    table.corners = wp.array(quads.corners, dtype=wp.vec4i, device=model.device)
+    table.corners = wp.array((VECTOR_BYTES if resident else 1) * quads.corners, dtype=wp.vec4i, device=model.device)
     table.rests = wp.array(rests, dtype=wp.vec4, device=model.device)
     table.balloons = wp.array(quads.balloons, dtype=wp.int32, device=model.device)
     if model.softens:

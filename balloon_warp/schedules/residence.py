@@ -76,7 +76,7 @@ def _residence(
     needed = own + particles_a_thread * (24 + slots)
     words = 2 * 3 * threads * particles_a_thread
     if film:
-        words += (2 if film.areas else 1) * 3 * film_entries(model)
+        words += (6 if film.areas else 4) * film_entries(model)
     if threads > MOST_THREADS:
         return None
     for blocks in range(min(_useful_blocks(model, threads), _blocks_with(model, 4 * words)), 0, -1):

@@ -19,13 +19,11 @@ from balloon_warp.kernels.loops.membranes import (
 from balloon_warp.kernels.memory import (
     four_floats_at,
     four_ints_at,
-    in_tile,
-    put_in_array,
-    put_in_tile,
     vector_at,
 )
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
+from balloon_warp.kernels.schedules.film_places import film_places
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -59,7 +57,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     """For a layout that has films, beside the springs of particles."""
     film = layout.film
     assert film is not None
-    at, put = (in_tile, put_in_tile) if layout.resident else (vector_at, put_in_array)
+    put, get, point_at = film_places(layout)
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of, left_of = material_reader(traits), wear_reader(traits)
     read_numbers = numbers_reader(traits.columns)
@@ -108,10 +106,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     def begin(t: Tables, seat: Seat, pulls: Any, area_vectors: Any):
         """Where a particle has fewer faces than others, it reads what is always zero."""
         if seat.thread == 0:
-            last = 4 * count_of(t.membranes.films)
-            put(pulls, last, wp.vec3())
-            if wp.static(areas):
-                put(area_vectors, last, wp.vec3())
+            put(pulls, area_vectors, 4 * count_of(t.membranes.films), wp.vec3(), wp.vec3())
 
     @wp.func
     def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
@@ -190,10 +185,10 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         """By one thread."""
         count = count_of(t.membranes.films)
         corners = four_ints_at(t.membranes.films.corners, face)
-        a = in_tile(points, corners[0])
-        b = in_tile(points, corners[1])
-        c = in_tile(points, corners[2])
-        d = in_tile(points, corners[3])
+        a = point_at(points, corners[0])
+        b = point_at(points, corners[1])
+        c = point_at(points, corners[2])
+        d = point_at(points, corners[3])
         ab = b - a
         bc = c - b
         cd = d - c
@@ -220,21 +215,21 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
             )
         along, both, back = stretch_face(t, world, face, n, d11, d12, r11, r12)
         on_a, on_b, on_c, on_d = pulls_on_corners(ab, bc, cd, da, along, both, back)
-        put(pulls, face, on_a)
-        put(pulls, count + face, on_b)
-        put(pulls, 3 * count + face, on_d)
-        if wp.static(triangles == 4):
-            put(pulls, 2 * count + face, on_c)
+        at_a = wp.vec3()
+        at_b = wp.vec3()
+        at_c = wp.vec3()
+        at_d = wp.vec3()
         if wp.static(areas and triangles == 4):
             at_a, at_b, at_c, at_d = crosses_at_quad_corners(ab, bc, cd, da)
-            put(area_vectors, face, at_a)
-            put(area_vectors, count + face, at_b)
-            put(area_vectors, 2 * count + face, at_c)
-            put(area_vectors, 3 * count + face, at_d)
         elif wp.static(areas):
-            put(area_vectors, face, wp.cross(da, ab))
-            put(area_vectors, count + face, wp.cross(da, ab))
-            put(area_vectors, 3 * count + face, wp.cross(da, ab))
+            at_a = wp.cross(da, ab)
+            at_b = at_a
+            at_d = at_a
+        put(pulls, area_vectors, face, on_a, at_a)
+        put(pulls, area_vectors, count + face, on_b, at_b)
+        if wp.static(triangles == 4):
+            put(pulls, area_vectors, 2 * count + face, on_c, at_c)
+        put(pulls, area_vectors, 3 * count + face, on_d, at_d)
 
     @wp.func
     def stretch(t: Tables, seat: Seat, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
@@ -250,20 +245,19 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     def take(t: Tables, seat: Seat, number: wp.int32, held: Held, pulls: Any, area_vectors: Any):
         """In the order of its faces."""
         first = four_ints_at(t.membranes.films.places, number)
-        held.pull = at(pulls, first[0])
-        if wp.static(areas):
-            held.area_vector = at(area_vectors, first[0])
+        pull, area_vector = get(pulls, area_vectors, first[0])
         for slot in range(1, wp.static(min(slots, 4))):
-            held.pull += at(pulls, first[slot])
-            if wp.static(areas):
-                held.area_vector += at(area_vectors, first[slot])
+            more, further = get(pulls, area_vectors, first[slot])
+            pull += more
+            area_vector += further
         for four in range(1, fours):
             places = four_ints_at(t.membranes.films.places, four * seat.count + number)
             for slot in range(4):
-                held.pull += at(pulls, places[slot])
-                if wp.static(areas):
-                    held.area_vector += at(area_vectors, places[slot])
-        held.area_vector *= wp.static(CROSSES if triangles == 4 else OF_TRIANGLE)
+                more, further = get(pulls, area_vectors, places[slot])
+                pull += more
+                area_vector += further
+        held.pull = pull
+        held.area_vector = wp.static(CROSSES if triangles == 4 else OF_TRIANGLE) * area_vector
         return held
 
     return Films(Held, begin, stretch, take, read, pull, area_vector if areas else None)

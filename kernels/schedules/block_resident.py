@@ -44,6 +44,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     """A kernel for just what a scene has."""
     threads, two, face_capacity = layout.threads, layout.two, layout.faces
     area_capacity = 1 if layout.film and not layout.film.areas else face_capacity
+    Center, Area = (wp.vec4, wp.vec2) if layout.film else (wp.vec3, wp.vec3)  # noqa: N806 - or what `film_places` says
     capacity = threads * (2 if two else 1)
     Springs, read_springs, pull_of_springs, area_in_ring, facing_in_ring = slot_functions(  # noqa: N806 - a type
         traits, layout.kind_slots
@@ -213,8 +214,8 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             return
         even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
         odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
-        centers = wp.tile_empty(shape=face_capacity, dtype=wp.vec3, storage="shared")
-        areas = wp.tile_empty(shape=area_capacity, dtype=wp.vec3, storage="shared")
+        centers = wp.tile_empty(shape=face_capacity, dtype=Center, storage="shared")
+        areas = wp.tile_empty(shape=area_capacity, dtype=Area, storage="shared")
         seat = take_seat(state, world, thread)
         frame_begin = begins(t, memory)
         velocities = state.velocities[world]
