@@ -63,13 +63,13 @@ class TouchPieces:
             inputs = [t, threads, points, velocities, working]
             launch(find_edges_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
         if substep == 0:  # what came before is not known where a run begins with a saved state
-            working.contact_quanta.zero_()
+            for counted in (working.contact_quanta, working.contacts, working.touched):
+                counted.zero_()
             self._press(state, points, velocities, only_counts=True)
+            launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
 
     def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
         """Particles that touch push and are pushed, until the forces are taken."""
-        m, threads = self.model, self._particle_threads
-        launch(take_counts, (m.world_count, threads), [threads, self._working], device=m.device)
         self._press(state, points, velocities, only_counts=False)
 
     def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
@@ -110,6 +110,7 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "touch_quanta": room.array((worlds, 3, particles), wp.int64),
         "contact_quanta": room.array((worlds, particles), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
+        "touched": room.array((worlds, particles), wp.int8),
         "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
         "edge_counts": room.array((worlds, edges), wp.int32),
         "crowded": room.array(worlds if traits.touches else 0, wp.int32),

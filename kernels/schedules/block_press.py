@@ -9,7 +9,12 @@ import warp as wp
 
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat
 from balloon_warp.kernels.schedules.launched_edges import finding_edges_function
-from balloon_warp.kernels.schedules.launched_press import pressing_function, take_count, take_pushes
+from balloon_warp.kernels.schedules.launched_press import (
+    forget_count,
+    pressing_function,
+    take_count,
+    take_pushes,
+)
 from balloon_warp.kernels.schedules.touch_boxes import (
     ALONE,
     APART,
@@ -158,13 +163,13 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
             search(t, state, memory, seat, velocities)
             if seat.substep == 0:  # as in `TouchPieces.search`
                 for particle in range(seat.thread, seat.count, wp.block_dim()):
-                    memory.contacts.contact_quanta[seat.world, particle] = wp.int64(0)
+                    forget_count(memory.contacts, seat.world, particle)
                 block_barrier()
                 press_all(t, state, memory, seat, velocities, True)
+                for particle in range(seat.thread, seat.count, wp.block_dim()):
+                    take_count(memory.contacts, seat.world, particle)
+                block_barrier()
         if is_near(memory, seat):
-            for particle in range(seat.thread, seat.count, wp.block_dim()):
-                take_count(memory.contacts, seat.world, particle)
-            block_barrier()
             press_all(t, state, memory, seat, velocities, False)
 
     @wp.func

@@ -35,6 +35,12 @@ def total_newtons(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32)
 
 
 @wp.func
+def total_by_axes(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
+    """The same where they stand at `totals[world, axis, item]`."""
+    return wp.vec3(newtons(totals[world, 0, item]), newtons(totals[world, 1, item]), newtons(totals[world, 2, item]))
+
+
+@wp.func
 def set_quanta(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, force: wp.vec3):
     """Overwrite `totals[world, item]` with a force [N]."""
     for axis in range(3):

@@ -89,6 +89,8 @@ class Working:
     """how many contacts particles have in this substep, in parts as forces are"""
     contacts: wp.array2d[float]
     """how many they had in the substep before"""
+    touched: wp.array2d[wp.int8]
+    """what contacts have to do with each particle, see `launched_press`"""
     crowded: wp.array[wp.int32]
     """how often a triangle, or an edge, had no place in a list"""
     edge_candidates: wp.array3d[wp.int32]

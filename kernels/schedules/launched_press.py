@@ -20,7 +20,7 @@ from balloon_warp.kernels.loops.meeting import (
     touch,
 )
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.fixed_point import newtons, quanta
+from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, total_by_axes
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
 from balloon_warp.kernels.schedules.touch_lists import triangle_beside
@@ -30,6 +30,9 @@ from balloon_warp.kernels.traits import Traits
 
 wp.set_module_options(OPTIONS)
 
+UNTOUCHED, TOUCHED, COUNTED = wp.constant(wp.int8(0)), wp.constant(wp.int8(1)), wp.constant(wp.int8(2))
+"""what contacts have to do with a particle: nothing; they push or soon will, or it is a corner of what they do to; or
+did so in the substep before, of which their number is left"""
 PRESS_REGISTERS = 96
 """of a thread: a multiprocessor has 20 warps then, which wait for memory in turns, and 12 without a limit"""
 
@@ -56,20 +59,34 @@ def add_pushes(
 
 
 @wp.func
-def add_contact(totals: wp.array2d[wp.int64], world: wp.int32, particle: wp.int32, corners: wp.vec3i, counts: wp.vec3):
+def add_contact(working: Working, world: wp.int32, particle: wp.int32, corners: wp.vec3i, counts: wp.vec3):
     """To how many contacts each has: one to the particle, and to a triangle's corners their counts."""
-    wp.atomic_add(totals, world, particle, quanta(1.0))
+    wp.atomic_add(working.contact_quanta, world, particle, quanta(1.0))
+    working.touched[world, particle] = TOUCHED
     for corner in range(3):
-        wp.atomic_add(totals, world, corners[corner], quanta(counts[corner]))
+        wp.atomic_add(working.contact_quanta, world, corners[corner], quanta(counts[corner]))
+        working.touched[world, corners[corner]] = TOUCHED
 
 
 @wp.func
 def take_count(working: Working, world: wp.int32, particle: wp.int32):
     """How many contacts a particle had, and from now on none are counted."""
-    count = working.contact_quanta[world, particle]
-    working.contacts[world, particle] = newtons(count)
-    if count != wp.int64(0):
+    mark = working.touched[world, particle]
+    if mark == TOUCHED:
+        working.contacts[world, particle] = newtons(working.contact_quanta[world, particle])
         working.contact_quanta[world, particle] = wp.int64(0)
+        working.touched[world, particle] = COUNTED
+    elif mark == COUNTED:
+        working.contacts[world, particle] = 0.0
+        working.touched[world, particle] = UNTOUCHED
+
+
+@wp.func
+def forget_count(working: Working, world: wp.int32, particle: wp.int32):
+    """As if it had no contacts until now."""
+    working.contact_quanta[world, particle] = wp.int64(0)
+    working.contacts[world, particle] = 0.0
+    working.touched[world, particle] = UNTOUCHED
 
 
 @wp.kernel(enable_backward=False)
@@ -80,24 +97,22 @@ def take_counts(
 ):
     """Some threads a world."""
     world, thread = wp.tid()
-    if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
-        for particle in range(thread, working.contacts.shape[1], threads):
-            take_count(working, world, particle)
+    for particle in range(thread, working.contacts.shape[1], threads):
+        take_count(working, world, particle)
 
 
 @wp.func
 def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
-    """What contacts do to a particle [N], and nothing is left of it. It is written only where there was something:
-    zeros everywhere take a GPU longer than all else that a particle does in a substep."""
+    """What contacts do to a particle [N], and nothing is left of it; and how many they are, for the next substep. Most
+    are touched by nothing, and cost a GPU the byte that says so."""
     force = wp.vec3()
-    if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
-        x = working.touch_quanta[world, 0, particle]
-        y = working.touch_quanta[world, 1, particle]
-        z = working.touch_quanta[world, 2, particle]
-        if (x | y | z) != wp.int64(0):
-            force = wp.vec3(newtons(x), newtons(y), newtons(z))
+    mark = working.touched[world, particle]
+    if mark != UNTOUCHED:
+        if mark == TOUCHED:
+            force = total_by_axes(working.touch_quanta, world, particle)
             for axis in range(3):
                 working.touch_quanta[world, axis, particle] = wp.int64(0)
+        take_count(working, world, particle)
     return force
 
 
@@ -158,7 +173,7 @@ def press_function(traits: Traits) -> Any:
             ease_of_moving(t, world, corners[2]),
         )
         if comes_at(told, place, velocities[particle], moving):
-            add_contact(working.contact_quanta, world, particle, corners, corner_counts(place, places))
+            add_contact(working, world, particle, corners, corner_counts(place, places))
         if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
             told.friction = pair_friction(t, world, own, other)
