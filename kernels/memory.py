@@ -117,6 +117,46 @@ def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
     ...
 
 
+IN_ROW = "array.data[(size_t)(unsigned int)row * (unsigned int)array.shape[1] + (unsigned int)column]"
+
+
+@wp.func_native(f"return {IN_ROW};")
+def vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32) -> wp.vec3:
+    """`array[row, column]` of a contiguous array."""
+    ...
+
+
+@wp.func_native(f"{IN_ROW} = value;")
+def put_vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32, value: wp.vec3):
+    """Into a contiguous array."""
+    ...
+
+
+@wp.func_native(f"return {IN_ROW};")
+def byte_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.int8:
+    """`array[row, column]` of a contiguous array."""
+    ...
+
+
+@wp.func_native(f"return {IN_ROW};")
+def two_in(array: wp.array2d[wp.vec2], row: wp.int32, column: wp.int32) -> wp.vec2:
+    """The same of two numbers."""
+    ...
+
+
+@wp.func_native(f"""
+#if defined(__CUDA_ARCH__)
+    const float4 four = *reinterpret_cast<const float4*>(&{IN_ROW});
+    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
+#else
+    return {IN_ROW};
+#endif
+""")
+def four_in(array: wp.array2d[wp.vec4], row: wp.int32, column: wp.int32) -> wp.vec4:
+    """The same of four, in one load."""
+    ...
+
+
 @wp.func_native("return array.data[(unsigned int)index];")
 def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
     """`array[index]` of a contiguous array."""

@@ -30,7 +30,7 @@ from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.gas import Swelling, free_along, gas_load, memory_of_rate, swelling_of_particle
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, normal_push
 from balloon_warp.kernels.loops.obstacles import Around, course_function
-from balloon_warp.kernels.memory import fixed_int_at
+from balloon_warp.kernels.memory import fixed_int_at, two_in
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -226,7 +226,7 @@ def volume_origin(t: Tables, balloon: wp.int32):
 @wp.func
 def ramp_at(state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame: float):
     """What is keyframed, such as k_normal, at a time of the frame."""
-    ramp = state.inflation_ramp[world, balloon]
+    ramp = two_in(state.inflation_ramp, world, balloon)
     return ramp[0] + ramp[1] * time_in_frame
 
 

@@ -8,13 +8,17 @@ from typing import Any, ClassVar
 import warp as wp
 
 from balloon_warp.kernels.schedules.advance import advance_kernel
+from balloon_warp.kernels.schedules.launched_leave import leave_later_kernel
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.later import puts_off, threads_of_list
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.touching import FEW_THREADS
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 Moving = tuple[wp.array, wp.array]
@@ -114,6 +118,7 @@ class ExplicitSchedule(LaunchedSchedule):
             self._launch(state, time_in_frame, old, free_velocities, None)
             self.pieces.swell(state, time_in_frame, old, free_velocities)
             self._launch(state, time_in_frame, old, free_velocities, new)
+        self._leave(state, time_in_frame, *new)
         self.pieces.correct(state, time_in_frame, *new)
 
     def _launch(
@@ -123,7 +128,15 @@ class ExplicitSchedule(LaunchedSchedule):
         pulls = free_velocities is None or new is None
         loops, until = self.loops() if pulls else None, "end" if new else "free velocities"
         self.pieces.over_particles(
-            advance_kernel(self.traits, loops, until, self.fast_math and pulls),
+            advance_kernel(self.traits, loops, until, self.fast_math and pulls, puts_off(self.model, self.traits)),
             *(self.tables, time_in_frame, *old, world_state(state), self.pieces.working),
             *(free_velocities, *(new or (None, None))),
         )
+
+    def _leave(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
+        """Particles that were put off leave obstacles."""
+        if puts_off(self.model, self.traits):
+            m, threads = self.model, threads_of_list(self.model)
+            inputs = [self.tables, threads, time_in_frame, world_state(state), self.pieces.working, points, velocities]
+            kernel, shape = leave_later_kernel(self.traits, self.fast_math), (m.world_count, threads)
+            launch(kernel, shape, inputs, block_dim=FEW_THREADS, device=m.device)

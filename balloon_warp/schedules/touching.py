@@ -15,6 +15,7 @@ from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.model.sharp_edges import sharp_edges
+from balloon_warp.schedules.later import threads_of_list
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
@@ -36,6 +37,7 @@ class TouchPieces:
         self._part_threads = tables.touch.part_ends.shape[0] if model.device.is_cuda else 1
         self._edge_threads = working.edge_counts.shape[1] if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
+        self._list_threads = threads_of_list(model)
 
     def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
         """Who may touch whom, at a frame's first substep; now and then after it, where particles have strayed since."""
@@ -57,7 +59,8 @@ class TouchPieces:
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = world_state(state), points, velocities, working
         launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
-        launch(find_kernel(self._traits), inputs=[t, particles, *moving], **place)
+        place["dim"] = m.world_count, self._list_threads
+        launch(find_kernel(self._traits), inputs=[t, self._list_threads, *moving], **place)
         if self._traits.edges_meet:
             threads = self._edge_threads
             inputs = [t, threads, points, velocities, working]
@@ -73,7 +76,7 @@ class TouchPieces:
         self._press(state, points, velocities, only_counts=False)
 
     def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
-        m, threads = self.model, self._particle_threads
+        m, threads = self.model, self._list_threads
         inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
         shape = (m.world_count, threads)
         launch(press_kernel(self._traits), shape, inputs, block_dim=FEW_THREADS, device=m.device)

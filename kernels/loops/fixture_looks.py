@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.memory import four_in, two_in
 from balloon_warp.kernels.tables import Tables
 
 SURELY = wp.constant(0.999)
@@ -24,6 +25,19 @@ class Look:
     beyond: float  # how far the others are, at least [m]
 
 
+@wp.func
+def gone_since(t: Tables, seen: wp.vec4, time: float, place: wp.vec3):
+    """How far a particle and the obstacles may have come nearer since it saw that [m]."""
+    return wp.length(place - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time
+
+
+@wp.func
+def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, end: wp.vec3):
+    """Whether no obstacle is in a particle's way to its end, for what it saw last."""
+    seen = four_in(t.fixtures.looks, world, particle)
+    return gone_since(t, seen, time, end) < seen[3]
+
+
 @cache
 def look_functions(several: bool) -> tuple[Any, Any, Any]:
     """The functions that say which obstacles are looked at, that look at one, and that note what was seen.
@@ -39,12 +53,12 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
         look.last = t.fixtures.solids.kinds.shape[0]
         look.free = FAR_AWAY
         look.beyond = FAR_AWAY
-        seen = t.fixtures.looks[world, particle]
-        gone = wp.length(end - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time
+        seen = four_in(t.fixtures.looks, world, particle)
+        gone = gone_since(t, seen, time, end)
         if gone < seen[3]:
             look.last = 0
         elif wp.static(several):
-            nearest = t.fixtures.nearest[world, particle]
+            nearest = two_in(t.fixtures.nearest, world, particle)
             if gone + wp.length(end - start) + t.fixtures.fastest * t.step_seconds < nearest[0]:
                 look.first = wp.int32(nearest[1])
                 look.last = look.first + 1

@@ -13,7 +13,7 @@ import warp as wp
 from balloon_warp.kernels.loops.areas import area_loop_beside_holes
 from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function, scalar_loops
-from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.memory import put_vector_in, vector_at, vector_in
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import Working, inertia_function, pushing_function
@@ -58,17 +58,19 @@ def advance_kernel(
     loops: Loops | None,
     until: Literal["forces", "free velocities", "end"] = "end",
     fast_math: bool = False,
+    puts_off: bool = False,
 ) -> Any:
     """The kernel that advances particles.
 
     Args:
         loops: over what acts on a particle; None where free velocities already have all of it but the inflation.
         until: how far. Forces are all but the inflation's; free velocities are those that they give.
+        puts_off: whether those are put off that may meet an obstacle, see `later`.
     """
     _, read_own = own_functions(traits.columns, traits.balloons)
     net_force = net_force_function(traits, loops) if loops else None
     inertia = inertia_function(traits)
-    push_and_move = pushing_function(traits)
+    push_and_move = pushing_function(traits, puts_off)
     jet = jet_loop(traits, vector_at) if traits.jets else None
 
     @wp.kernel(
@@ -96,8 +98,8 @@ def advance_kernel(
         points or velocities, the new ones are not in the place of the old."""
         world, particle = wp.tid()
         own = read_own(t, world, particle)
-        point = points[world, particle]
-        velocity = velocities[world, particle]
+        point = vector_in(points, world, particle)
+        velocity = vector_in(velocities, world, particle)
         free_velocity = velocity
         force = wp.vec3()
         area_vector = wp.vec3()
@@ -122,8 +124,8 @@ def advance_kernel(
                 t, state, working, own, inertia(working, own), force, area_vector, point, velocity, free_velocity,
                 time_in_frame,
             )  # fmt: skip
-            new_points[world, particle] = new_point
-            new_velocities[world, particle] = new_velocity
+            put_vector_in(new_points, world, particle, new_point)
+            put_vector_in(new_velocities, world, particle, new_velocity)
         else:
             if wp.static(traits.measures_areas):
                 working.area_vectors[world, particle] = area_vector

@@ -11,10 +11,13 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.grip import Grip
+from balloon_warp.kernels.loops.fixture_looks import is_free
 from balloon_warp.kernels.loops.obstacles import around_function, obstacle_loop
+from balloon_warp.kernels.memory import two_in
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
+from balloon_warp.kernels.schedules.later import put_off, turn_of
 from balloon_warp.kernels.schedules.near import noting_function
 from balloon_warp.kernels.substep import (
     drift_of,
@@ -62,6 +65,10 @@ class Working:
     """what points of bodies meet in this substep"""
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
+    later: wp.array2d[wp.int32]
+    """particles of each world that are put off, see `later`; empty where none are, as is the next"""
+    later_counts: wp.array2d[wp.int32]
+    """how many they are, in substeps of even and of odd numbers"""
     balloon_boxes: wp.array3d[wp.vec3]
     """around each balloon until the next search: lower and upper corner [m], and `PACE`; this and what follows is empty
     unless balloons touch, see `touch_boxes`"""
@@ -101,10 +108,14 @@ class Working:
 
 
 @cache
-def leaving_function(traits: Traits) -> Any:
+def leaving_function(traits: Traits, puts_off: bool = False) -> Any:
     """The function by which a particle leaves obstacles; one that may exchange momentum waits for the others, see
-    `launched_touch`."""
-    leave_obstacles = obstacle_loop(traits, add_quanta)
+    `launched_touch`.
+
+    Args:
+        puts_off: whether those are put off that may meet what goes where it is told, see `later`.
+    """
+    leave_obstacles = obstacle_loop(traits._replace(fixtures=traits.fixtures and not puts_off), add_quanta)
     is_noted = noting_function(traits)
     around_own = around_function(traits)
 
@@ -124,6 +135,10 @@ def leaving_function(traits: Traits) -> Any:
             if is_noted(t, state, working.near, own.world, own.number, point, velocity):
                 return point, velocity
         around = around_own(own, end_of_step(t, state.frame, time_in_frame))
+        if wp.static(puts_off):
+            if not is_free(t, own.world, own.number, around.time, point):
+                put_off(working.later, working.later_counts, own.world, own.number, turn_of(t, time_in_frame))
+                return point, velocity
         out, after = leave_obstacles(t, state, working.sphere_quanta, around, point, velocity, inflation)
         return out, after
 
@@ -131,11 +146,15 @@ def leaving_function(traits: Traits) -> Any:
 
 
 @cache
-def pushing_function(traits: Traits) -> Any:
-    """The function that ends a particle's substep: the inflation, the movement, and obstacles."""
+def pushing_function(traits: Traits, puts_off: bool = False) -> Any:
+    """The function that ends a particle's substep: the inflation, the movement, and obstacles.
+
+    Args:
+        puts_off: as in `leaving_function`.
+    """
     inflation = inflation_of(traits)
     drift = drift_of(traits)
-    leave = leaving_function(traits)
+    leave = leaving_function(traits, puts_off)
 
     @wp.func
     def push_and_move(
@@ -158,7 +177,7 @@ def pushing_function(traits: Traits) -> Any:
             old_velocity: before the substep, by which forward Euler moves.
         """
         value = ramp_at(state, own.world, own.balloon, time_in_frame)
-        load = state.inflation_loads[own.world, own.balloon]
+        load = two_in(state.inflation_loads, own.world, own.balloon)
         if wp.static(not traits.gas):
             load = wp.vec2(value, 0.0)  # a given pressure
         if wp.static(traits.bursts):

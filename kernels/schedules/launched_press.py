@@ -19,6 +19,7 @@ from balloon_warp.kernels.loops.meeting import (
     skin_functions,
     touch,
 )
+from balloon_warp.kernels.memory import byte_in
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, total_by_axes
 from balloon_warp.kernels.schedules.launched import Working
@@ -106,7 +107,7 @@ def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
     """What contacts do to a particle [N], and nothing is left of it; and how many they are, for the next substep. Most
     are touched by nothing, and cost a GPU the byte that says so."""
     force = wp.vec3()
-    mark = working.touched[world, particle]
+    mark = byte_in(working.touched, world, particle)
     if mark != UNTOUCHED:
         if mark == TOUCHED:
             force = total_by_axes(working.touch_quanta, world, particle)

@@ -1,0 +1,27 @@
+"""Particles that leave obstacles in a launch of their own do what they would do at once."""
+
+import numpy as np
+import pytest
+
+from balloon_warp.model import build_model, initial_state
+from balloon_warp.scene import load_scene
+from balloon_warp.schedules import later
+from balloon_warp.schedules.gather import GatherSchedule
+
+
+def after_frames(name: str, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and velocities of a bundled scene's worlds."""
+    model = build_model(load_scene(name), "cpu", 2)
+    state, schedule = initial_state(model), GatherSchedule(model)
+    for _ in range(frames):
+        schedule.advance_frame(state)
+    return state.points.numpy(), state.velocities.numpy()
+
+
+@pytest.mark.parametrize(("name", "frames"), [("table", 8), ("balloon_pit", 6)])
+def test_particles_that_are_put_off_do_the_same(name, frames, monkeypatch):
+    at_once = after_frames(name, frames)
+    monkeypatch.setattr(later, "has_many", lambda model: True)
+    put_off = after_frames(name, frames)
+    for one, other in zip(at_once, put_off, strict=True):
+        np.testing.assert_array_equal(one, other)
