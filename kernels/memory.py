@@ -126,6 +126,21 @@ def vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32) -> wp
     ...
 
 
+@wp.func_native(f"return {IN_ROW};")
+def float_in(array: wp.array2d[float], row: wp.int32, column: wp.int32) -> float:
+    """The same of a number."""
+    ...
+
+
+@wp.func_native(
+    "return array.data[((size_t)(unsigned int)page * (unsigned int)array.shape[1] + (unsigned int)row)"
+    " * (unsigned int)array.shape[2] + (unsigned int)column];"
+)
+def int_on_page(array: wp.array3d[wp.int32], page: wp.int32, row: wp.int32, column: wp.int32) -> wp.int32:
+    """`array[page, row, column]` of a contiguous array."""
+    ...
+
+
 @wp.func_native(f"{IN_ROW} = value;")
 def put_vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32, value: wp.vec3):
     """Into a contiguous array."""

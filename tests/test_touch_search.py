@@ -59,7 +59,7 @@ def test_whatever_is_touched_is_on_the_list(speed):
                     triangles = np.flatnonzero(of_triangle == other)
                     away = distances(point, points[corners[triangles]])
                     if away.min() < 0.04:
-                        known = set((candidates[: counts[particle], particle] // 2).tolist())
+                        known = set((candidates[: counts[particle], particle] // 4).tolist())
                         assert particle in listed
                         assert known & set(triangles[away < away.min() + 1e-6].tolist())
                         touched += 1

@@ -32,12 +32,14 @@ class LaunchedSchedule(ABC):
     capturable = True
     watchable: ClassVar[bool] = True
     """whether each substep ends in the state"""
+    fast_math: ClassVar[bool] = False
+    """whether divisions and roots are a GPU's own, good to the last bits but two"""
 
     def __init__(self, model: Model):
         self.model, self.traits = model, model_traits(model)
         self.tables = make_tables(model, self.traits)
         room = Allocating(model.device)
-        self.pieces = Pieces(model, self.traits, self.tables, room)
+        self.pieces = Pieces(model, self.traits, self.tables, room, self.fast_math)
         self.vectors = self.allot(model, self.traits, room)
         """its own memory"""
         self._health = HealthCheck(model, self.tables)
@@ -100,8 +102,6 @@ class LaunchedSchedule(ABC):
 
 class ExplicitSchedule(LaunchedSchedule):
     """One whose particles advance by `advance_kernel`."""
-
-    fast_math: ClassVar[bool]
 
     @abstractmethod
     def loops(self) -> Any:

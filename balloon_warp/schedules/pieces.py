@@ -50,12 +50,12 @@ TOUCH_THREADS = 256
 class Pieces:
     """Launches each piece for all worlds."""
 
-    def __init__(self, model: Model, traits: Traits, tables: Any, room: Room):
+    def __init__(self, model: Model, traits: Traits, tables: Any, room: Room, fast_math: bool = False):
         self.model, self.traits, self.tables = model, traits, tables
         self.working = Working()
         for name, array in working_arrays(model, traits, room).items():
             setattr(self.working, name, array)
-        self._touching = TouchPieces(model, traits, tables, self.working) if traits.touches else None
+        self._touching = TouchPieces(model, traits, tables, self.working, fast_math) if traits.touches else None
         self._tears = TearPieces(model, tables) if traits.bursts else None
         self._aims = AimRefresher(model, tables, room) if traits.aims else None
         places, split = model.columns.places, model.columns.balloon_width

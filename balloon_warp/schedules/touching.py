@@ -29,9 +29,9 @@ FEW_THREADS = 64
 class TouchPieces:
     """Launches what finds and presses balloons that touch."""
 
-    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any):
+    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any, fast_math: bool = False):
         self.model, self._traits, self._tables, self._working = model, traits, tables, working
-        self._interval = substeps_of_search(model)
+        self._interval, self._fast_math = substeps_of_search(model), fast_math
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
         self._part_threads = tables.touch.part_ends.shape[0] if model.device.is_cuda else 1
@@ -79,7 +79,7 @@ class TouchPieces:
         m, threads = self.model, self._list_threads
         inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
         shape = (m.world_count, threads)
-        launch(press_kernel(self._traits), shape, inputs, block_dim=FEW_THREADS, device=m.device)
+        launch(press_kernel(self._traits, self._fast_math), shape, inputs, block_dim=FEW_THREADS, device=m.device)
 
 
 def crowding_remarks(crowded: int) -> list[str]:

@@ -19,12 +19,18 @@ from balloon_warp.kernels.loops.meeting import (
     skin_functions,
     touch,
 )
-from balloon_warp.kernels.memory import byte_in
+from balloon_warp.kernels.memory import byte_in, float_at, float_in, four_in, int_at, int_on_page, triple_at, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, total_by_axes
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
-from balloon_warp.kernels.schedules.touch_lists import triangle_beside
+from balloon_warp.kernels.schedules.touch_lists import (
+    is_first_of_balloon,
+    rows_at,
+    side_of,
+    triangle_beside,
+    triangle_of,
+)
 from balloon_warp.kernels.schedules.touch_search import TOUCHING
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
@@ -125,18 +131,20 @@ def press_function(traits: Traits) -> Any:
     pair_friction = pair_friction_function(traits)
 
     @wp.func
-    def ease_of_moving(t: Tables, world: wp.int32, particle: wp.int32):
+    def mass_of(t: Tables, world: wp.int32, balloon: wp.int32):
+        """A balloon's [kg]."""
+        return t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, mass_column]
+
+    @wp.func
+    def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
         """1 over its mass [1/kg], 0 if it is fixed."""
-        share = t.particles.mass_share[particle]
-        row = row_of_world(world, t.balloon_numbers.shape[0])
-        mass = share * t.balloon_numbers[row, t.particles.balloon[particle], mass_column]
+        mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
         return wp.where(mass > 0.0, 1.0 / mass, 0.0)
 
     @wp.func
-    def crowd_at(t: Tables, working: Working, world: wp.int32, particle: wp.int32):
-        """The contacts of a particle, over those that the step allows for; none if it is fixed."""
-        moves = wp.where(t.particles.mass_share[particle] > 0.0, 1.0, 0.0)
-        return moves * working.contacts[world, particle] / t.touch.crowd[t.particles.balloon[particle]]
+    def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
+        """Of a particle; none if it is fixed."""
+        return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
 
     @wp.func
     def press(
@@ -153,37 +161,46 @@ def press_function(traits: Traits) -> Any:
         hold: wp.vec4,
     ):
         """What the particle's hold is then; zero if it does not touch."""
-        corners = t.touch.triangles[candidate // 2]
-        own = t.particles.balloon[particle]
-        other = t.particles.balloon[corners[0]]
+        corners = triple_at(t.touch.triangles, triangle_of(candidate))
+        own = int_at(t.particles.balloon, particle)
+        other = int_at(t.particles.balloon, corners[0])
+        velocity = vector_at(velocities, particle)
         kept = wp.vec4()
         told = Touching()
-        told.side = 1.0 - 2.0 * float(candidate % 2)
+        told.side = side_of(candidate)
         told.thickness = thickness_between(t, world, own, other)
         told.step_seconds = t.step_seconds
-        moving = wp.matrix_from_rows(velocities[corners[0]], velocities[corners[1]], velocities[corners[2]])
-        if is_clear(told.side, place, told.thickness, SOON * t.step_seconds, velocities[particle], moving):
+        moving = rows_at(velocities, corners)
+        if is_clear(told.side, place, told.thickness, SOON * t.step_seconds, velocity, moving):
             return kept
-        places = wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]])
+        places = rows_at(points, corners)
         place = faced(place, places[0], places[1], places[2])
         told.overlap = told.thickness - told.side * place.gap
+        its_mass = mass_of(t, world, other)
         told.masses = wp.vec4(
-            ease_of_moving(t, world, particle),
-            ease_of_moving(t, world, corners[0]),
-            ease_of_moving(t, world, corners[1]),
-            ease_of_moving(t, world, corners[2]),
+            ease_of_moving(t, mass_of(t, world, own), particle),
+            ease_of_moving(t, its_mass, corners[0]),
+            ease_of_moving(t, its_mass, corners[1]),
+            ease_of_moving(t, its_mass, corners[2]),
         )
-        if comes_at(told, place, velocities[particle], moving):
+        if comes_at(told, place, velocity, moving):
             add_contact(working, world, particle, corners, corner_counts(place, places))
         if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
             told.friction = pair_friction(t, world, own, other)
             told.first = first
-            told.crowd = wp.max(
-                wp.max(crowd_at(t, working, world, particle), crowd_at(t, working, world, corners[0])),
-                wp.max(crowd_at(t, working, world, corners[1]), crowd_at(t, working, world, corners[2])),
+            its_contacts = wp.max(
+                wp.max(
+                    contacts_at(working, world, corners[0], told.masses[1]),
+                    contacts_at(working, world, corners[1], told.masses[2]),
+                ),
+                contacts_at(working, world, corners[2], told.masses[3]),
             )
-            pushes = touch(told, place, hold, velocities[particle], places, moving)
+            told.crowd = wp.max(
+                contacts_at(working, world, particle, told.masses[0]) / float_at(t.touch.crowd, own),
+                its_contacts / float_at(t.touch.crowd, other),
+            )
+            pushes = touch(told, place, hold, velocity, places, moving)
             add_pushes(working.touch_quanta, world, particle, corners, pushes.a, pushes.b, pushes.c)
             kept = pushes.hold
         return kept
@@ -213,20 +230,20 @@ def pressing_function(traits: Traits) -> Any:
             only_counts: whether nothing is pushed, but only counted what touches.
         """
         count = working.candidate_counts[world, particle]
-        hold = state.holds[world, particle]
+        point = vector_at(points, particle)
+        hold = four_in(state.holds, world, particle)
         after = wp.vec4()
         at = wp.int32(0)
         while at < count:
-            nearest = working.candidates[world, at, particle]
-            balloon = t.particles.balloon[t.touch.triangles[nearest // 2][0]]
-            place = triangle_beside(t, points, nearest // 2, points[particle])
+            nearest = int_on_page(working.candidates, world, at, particle)
+            place = triangle_beside(t, points, triangle_of(nearest), point)
             at += 1
             beside = bool(True)
             while at < count and beside:
-                candidate = working.candidates[world, at, particle]
-                beside = t.particles.balloon[t.touch.triangles[candidate // 2][0]] == balloon
+                candidate = int_on_page(working.candidates, world, at, particle)
+                beside = not is_first_of_balloon(candidate)
                 if beside:
-                    other = triangle_beside(t, points, candidate // 2, points[particle])
+                    other = triangle_beside(t, points, triangle_of(candidate), point)
                     if is_nearer(other, place):
                         place = other
                         nearest = candidate
@@ -242,11 +259,16 @@ def pressing_function(traits: Traits) -> Any:
 
 
 @cache
-def press_kernel(traits: Traits) -> Any:
+def press_kernel(traits: Traits, fast_math: bool = False) -> Any:
     """The kernel by which particles touch the triangles that were found near them."""
     press_particle = pressing_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=PRESS_REGISTERS, module_options=OPTIONS)
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=PRESS_REGISTERS,
+        module_options={**OPTIONS, "fast_math": fast_math},
+    )
     def press_particles(
         # model
         t: Tables,

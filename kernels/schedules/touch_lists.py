@@ -9,6 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.meeting import Place, faced, is_nearer, place_beside, skin_functions
+from balloon_warp.kernels.memory import triple_at, vector_at
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
     LOWER,
@@ -31,34 +32,71 @@ Distances = wp.types.vector(length=24, dtype=wp.float32)
 
 
 @wp.func
+def candidate_of(triangle: wp.int32, is_behind: bool, is_first: bool):
+    """What a list says of a triangle.
+
+    Args:
+        is_behind: whether the particle is.
+        is_first: whether it stands before all others of its balloon.
+    """
+    return 4 * triangle + wp.where(is_first, 2, 0) + wp.where(is_behind, 1, 0)
+
+
+@wp.func
+def triangle_of(candidate: wp.int32):
+    """Which it is."""
+    return candidate >> 2
+
+
+@wp.func
+def is_first_of_balloon(candidate: wp.int32):
+    """Whether another balloon's begin with it."""
+    return (candidate & 2) != 0
+
+
+@wp.func
+def side_of(candidate: wp.int32):
+    """1 where the particle is in front of it, -1 behind."""
+    return 1.0 - 2.0 * float(candidate & 1)
+
+
+@wp.func
+def rows_at(vectors: wp.array[wp.vec3], corners: wp.vec3i):
+    """Those of a triangle's corners, row by row."""
+    return wp.matrix_from_rows(
+        vector_at(vectors, corners[0]), vector_at(vectors, corners[1]), vector_at(vectors, corners[2])
+    )
+
+
+@wp.func
 def triangle_beside(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
     """Where a particle stands beside it."""
-    corners = t.touch.triangles[triangle]
-    return place_beside(point, points[corners[0]], points[corners[1]], points[corners[2]])
+    corners = rows_at(points, triple_at(t.touch.triangles, triangle))
+    return place_beside(point, corners[0], corners[1], corners[2])
 
 
 @wp.func
 def faced_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, place: Place):
     """The same with normal and gap."""
-    corners = t.touch.triangles[triangle]
-    return faced(place, points[corners[0]], points[corners[1]], points[corners[2]])
+    corners = rows_at(points, triple_at(t.touch.triangles, triangle))
+    return faced(place, corners[0], corners[1], corners[2])
 
 
 @wp.func
 def squared_distance_to_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
     """No more than that to the triangle, and sooner found: to its box [m^2]."""
-    corners = t.touch.triangles[triangle]
-    a = points[corners[0]]
-    b = points[corners[1]]
-    c = points[corners[2]]
+    corners = triple_at(t.touch.triangles, triangle)
+    a = vector_at(points, corners[0])
+    b = vector_at(points, corners[1])
+    c = vector_at(points, corners[2])
     return squared_distance_to_box(point, wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c))
 
 
 @wp.func
 def relative_speed(t: Tables, velocities: wp.array[wp.vec3], triangle: wp.int32, velocity: wp.vec3):
     """Of a particle beside a triangle's center [m/s]."""
-    corners = t.touch.triangles[triangle]
-    mean = (velocities[corners[0]] + velocities[corners[1]] + velocities[corners[2]]) / 3.0
+    corners = rows_at(velocities, triple_at(t.touch.triangles, triangle))
+    mean = (corners[0] + corners[1] + corners[2]) / 3.0
     return wp.length(velocity - mean)
 
 
@@ -139,7 +177,7 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
         other: wp.int32,
         points: wp.array[wp.vec3],
         within: float,
-        behind: wp.int32,
+        behind: bool,
         count: wp.int32,
     ):
         """Of another balloon, or of its own, within a distance [m].
@@ -171,7 +209,9 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
                                     slot = slot_for(working, world, kept, place.squared, found.count - first, most)
                                     if slot >= 0:
                                         kept[slot] = place.squared
-                                        working.candidates[world, first + slot, particle] = 2 * triangle + behind
+                                        working.candidates[world, first + slot, particle] = candidate_of(
+                                            triangle, behind, slot == 0
+                                        )
                                         found.count = wp.max(found.count, first + slot + 1)
                             else:
                                 if is_nearer(place, found.place):
@@ -225,10 +265,10 @@ def finding_functions(traits: Traits) -> Any:
             one_sided = other != own and t.touch.closed[other] == 1
             swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, PACE][SPEED])
             within = pad + swept
-            found = nearest_of(t, working, world, particle, own, other, points, within, 0, count)
+            found = nearest_of(t, working, world, particle, own, other, points, within, False, count)
             is_deep = may_be_deep or wp.abs(hold) > t.touch.slack[own]
             if found.nearest < 0 and one_sided and is_deep and t.touch.depth[other] > within:
-                deeper = nearest_of(t, working, world, particle, own, other, points, t.touch.depth[other], 0, count)
+                deeper = nearest_of(t, working, world, particle, own, other, points, t.touch.depth[other], False, count)
                 found = deeper
             if found.nearest >= 0:
                 place = faced_triangle(t, points, found.nearest, found.place)
@@ -242,8 +282,7 @@ def finding_functions(traits: Traits) -> Any:
                     state.deep[world, particle] = wp.int8(1)  # until it is out
                 if side * place.gap < pad + comes and side * place.gap > -deepest:
                     beside = wp.sqrt(place.squared) + pad + 2.0 * comes
-                    behind = wp.where(side < 0.0, 1, 0)
-                    listed = list_those(t, working, world, particle, own, other, points, beside, behind, count)
+                    listed = list_those(t, working, world, particle, own, other, points, beside, side < 0.0, count)
                     count = listed.count
         return count
 
