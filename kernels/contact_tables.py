@@ -81,14 +81,17 @@ class TouchTable:
 
     triangles: wp.array[wp.vec3i]
     """the particles of each, counter-clockwise from outside"""
-    part_triangles: wp.array[wp.vec2i]
-    """where each part's triangles begin and end"""
+    parts: wp.array[wp.vec4i]
+    """after each part, the next that is not in it: the very next, where it has none in it; where its triangles begin
+    and end; its balloon. Others in it are two: the next, and the one after that"""
+    parts_by_level: wp.array[wp.int32]
+    """first those that have no others in them; the others after those that are in them"""
+    levels: wp.array[wp.int32]
+    """where in that order the parts begin whose boxes can be made at once, and after the last, where they end"""
     particles: wp.array[wp.int32]
     """of the parts that have no others in them, each once in a part"""
     part_particles: wp.array[wp.vec2i]
     """where each part's particles begin and end; nowhere, where it has others in it"""
-    part_ends: wp.array[wp.int32]
-    """after each part, the next that is not in it: the very next, where it has none in it"""
     balloon_parts: wp.array[wp.int32]
     """where each balloon's parts begin, and after the last, where they end"""
     rest_boxes: wp.array2d[wp.vec3]

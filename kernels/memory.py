@@ -172,6 +172,18 @@ def four_in(array: wp.array2d[wp.vec4], row: wp.int32, column: wp.int32) -> wp.v
     ...
 
 
+@wp.func_native(f"""
+#if defined(__CUDA_ARCH__)
+    *reinterpret_cast<float4*>(&{IN_ROW}) = make_float4(value[0], value[1], value[2], value[3]);
+#else
+    {IN_ROW} = value;
+#endif
+""")
+def put_four_in(array: wp.array2d[wp.vec4], row: wp.int32, column: wp.int32, value: wp.vec4):
+    """Into a contiguous array, in one store."""
+    ...
+
+
 @wp.func_native("return array.data[(unsigned int)index];")
 def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
     """`array[index]` of a contiguous array."""

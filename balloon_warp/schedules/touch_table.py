@@ -59,8 +59,12 @@ def touch_table(model: Model, traits: Traits) -> Any:
     places = np.cumsum([0, *(len(own) for own in own_particles)])
     table.particles = array(np.concatenate(own_particles), wp.int32)
     table.part_particles = array(np.stack([places[:-1], places[1:]], axis=1), wp.vec2i)
-    table.part_triangles = array(np.concatenate(own_triangles), wp.vec2i)
-    table.part_ends = array(np.concatenate(ends), wp.int32)
+    owners = np.repeat(np.arange(len(shapes)), np.diff(first_parts))
+    table.parts = array(np.column_stack([np.concatenate(ends), np.concatenate(own_triangles), owners]), wp.vec4i)
+    levels = [np.flatnonzero(np.concatenate([surface.heights for surface in surfaces]) == n) for n in range(99)]
+    levels = [level for level in levels if len(level)]
+    table.parts_by_level = array(np.concatenate(levels), wp.int32)
+    table.levels = array(np.cumsum([0, *map(len, levels)]), wp.int32)
     table.balloon_parts = array(first_parts, wp.int32)
     table.closed = array([shape.closed for shape in shapes], wp.int32)
     table.thickness = array(THICKNESS * edges, float)
@@ -95,6 +99,15 @@ class Surface(NamedTuple):
     """where each part's triangles begin and end, shape (parts, 2)"""
     ends: NDArray[np.int64]
     """after each part, the next that is not in it, shape (parts,)"""
+
+    @property
+    def heights(self) -> NDArray[np.int64]:
+        """How many levels of others each part has in it, shape (parts,)."""
+        heights = np.zeros(len(self.ends), dtype=np.int64)
+        for part in reversed(range(len(heights))):
+            if self.ends[part] > part + 1:
+                heights[part] = 1 + max(heights[part + 1], heights[self.ends[part + 1]])
+        return heights
 
 
 def surface_of(mesh: PolygonMesh) -> Surface:

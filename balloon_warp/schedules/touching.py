@@ -8,7 +8,7 @@ from balloon_warp.kernels.schedules.launched_edges import MOST_EDGES, find_edges
 from balloon_warp.kernels.schedules.launched_press import press_kernel, take_counts
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, meet_kernel
 from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES
-from balloon_warp.kernels.schedules.touch_parts import box_parts
+from balloon_warp.kernels.schedules.touch_parts import box_parts_of_worlds
 from balloon_warp.kernels.schedules.touch_search import find_kernel, looking_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch, launch_tiled
@@ -21,6 +21,8 @@ from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
 BOX_THREADS = 128
 """that go through the particles of a balloon on a GPU"""
+PART_THREADS = 512
+"""that go through the parts of a world there"""
 
 FEW_THREADS = 64
 """of a block, where each thread takes many registers"""
@@ -34,7 +36,6 @@ class TouchPieces:
         self._interval, self._fast_math = substeps_of_search(model), fast_math
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
-        self._part_threads = tables.touch.part_ends.shape[0] if model.device.is_cuda else 1
         self._edge_threads = working.edge_counts.shape[1] if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
         self._list_threads = threads_of_list(model)
@@ -52,10 +53,14 @@ class TouchPieces:
             device=m.device,
         )
         launch(meet_kernel(self._traits), m.world_count, [t, working], device=m.device)
-        parts, particles = self._part_threads, self._particle_threads
-        for of_whole in (1, 0):
-            inputs = [t, parts, of_whole, points, velocities, working]
-            launch(box_parts, (m.world_count, parts), inputs, device=m.device)
+        particles = self._particle_threads
+        launch_tiled(
+            box_parts_of_worlds,
+            dim=[m.world_count],
+            inputs=[t, points, velocities, working],
+            block_dim=PART_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = world_state(state), points, velocities, working
         launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
@@ -102,7 +107,7 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     return {
         "balloon_boxes": room.array((worlds, balloons, 3), wp.vec3),
         "sought": room.array((worlds, particles), wp.vec3),
-        "part_boxes": room.array((worlds, parts, 2), wp.vec3),
+        "part_boxes": room.array((worlds, 2 * parts), wp.vec4),
         "neighbors": room.array((worlds, balloons, balloons), wp.int32),
         "neighbor_counts": room.array((worlds, balloons), wp.int32),
         "near_balloons": room.array((worlds, balloons + 1 if traits.touches else 0), wp.int32),

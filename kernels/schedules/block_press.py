@@ -18,8 +18,6 @@ from balloon_warp.kernels.schedules.launched_press import (
 from balloon_warp.kernels.schedules.touch_boxes import (
     ALONE,
     APART,
-    LOWER,
-    UPPER,
     Sweep,
     decide,
     has_strayed,
@@ -28,7 +26,7 @@ from balloon_warp.kernels.schedules.touch_boxes import (
     put_sweep,
     sweep_of,
 )
-from balloon_warp.kernels.schedules.touch_parts import box_of_parts, box_whole_part, is_boxed, is_whole
+from balloon_warp.kernels.schedules.touch_parts import box_parts
 from balloon_warp.kernels.schedules.touch_search import LOOKING, TOUCHING, listing_function, looking_function
 from balloon_warp.kernels.schedules.warps import WARP_THREADS, any_in_block, block_barrier, warp_max
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -77,27 +75,6 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
                 put_sweep(t, memory.contacts, seat.world, balloon, sweep, seat.substep == 0)
 
     @wp.func
-    def box_parts(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
-        """First of parts that have no others in them, of which the others' are made, by a warp each."""
-        boxes = memory.contacts.part_boxes[seat.world]
-        for part in range(seat.thread, boxes.shape[0], wp.block_dim()):
-            if is_whole(t, part) and is_boxed(t, memory.contacts, seat.world, part):
-                box_whole_part(t, memory.contacts, seat.world, part, state.points[seat.world], velocities)
-        block_barrier()
-        for part in range(seat.thread // WARP_THREADS, boxes.shape[0], warps):
-            if not is_whole(t, part) and is_boxed(t, memory.contacts, seat.world, part):
-                own_lower, own_upper = box_of_parts(
-                    t, memory.contacts, seat.world, part, seat.thread % WARP_THREADS,
-                    wp.min(WARP_THREADS, wp.block_dim()),
-                )  # fmt: skip
-                lower = -warp_max_of_vectors(-own_lower)
-                upper = warp_max_of_vectors(own_upper)
-                if seat.thread % WARP_THREADS == 0:
-                    boxes[part, LOWER] = lower
-                    boxes[part, UPPER] = upper
-        block_barrier()
-
-    @wp.func
     def search(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
         """Who may touch whom until the next search, if what the last one found does not do."""
         near_balloons = memory.contacts.near_balloons[seat.world]
@@ -118,7 +95,9 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
         block_barrier()
         if is_searched(memory.contacts, seat.world):
             if any_near:
-                box_parts(t, state, memory, seat, velocities)
+                box_parts(
+                    t, memory.contacts, seat.world, seat.thread, wp.block_dim(), state.points[seat.world], velocities
+                )
             for particle in range(seat.thread, seat.count, wp.block_dim()):
                 note_looking(t, state, memory.contacts, seat.world, particle, state.points[seat.world], velocities)
             block_barrier()

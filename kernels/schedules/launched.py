@@ -74,8 +74,8 @@ class Working:
     unless balloons touch, see `touch_boxes`"""
     sought: wp.array2d[wp.vec3]
     """where each particle was at the last search [m]"""
-    part_boxes: wp.array3d[wp.vec3]
-    """the same around each part of their surfaces, without `PACE`"""
+    part_boxes: wp.array2d[wp.vec4]
+    """the same around each part of their surfaces, without `PACE`: shape (world_count, 2 part_count)"""
     neighbors: wp.array3d[wp.int32]
     """which each balloon may meet, perhaps itself: shape (world_count, balloon_count, balloon_count)"""
     neighbor_counts: wp.array2d[wp.int32]

@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.meeting import Place, faced, is_nearer, place_beside, skin_functions
-from balloon_warp.kernels.memory import triple_at, vector_at
+from balloon_warp.kernels.memory import four_ints_at, int_at, triple_at, vector_at
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
     LOWER,
@@ -20,7 +20,7 @@ from balloon_warp.kernels.schedules.touch_boxes import (
     pad_function,
     squared_distance_to_box,
 )
-from balloon_warp.kernels.schedules.touch_parts import is_whole
+from balloon_warp.kernels.schedules.touch_parts import lower_of_part, upper_of_part
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -157,8 +157,10 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
         squared: float,
     ):
         """Whether a part may have triangles within a distance, given squared [m^2], that the particle may touch."""
-        lower = working.part_boxes[world, part, LOWER]
-        upper = working.part_boxes[world, part, UPPER]
+        low = lower_of_part(working, world, part)
+        high = upper_of_part(working, world, part)
+        lower = wp.vec3(low[0], low[1], low[2])
+        upper = wp.vec3(high[0], high[1], high[2])
         looks = squared_distance_to_box(point, lower, upper) <= squared
         if wp.static(traits.touches_itself):
             if looks and own == other:
@@ -186,7 +188,7 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
             behind: whether the particle is behind them, for the list.
             count: triangles that are in it already.
         """
-        point = points[particle]
+        point = vector_at(points, particle)
         first = count
         most = wp.min(MOST_OF_BALLOON, MOST_TRIANGLES - first)
         kept = Distances()
@@ -194,13 +196,15 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
         found.nearest = wp.int32(-1)
         found.place.squared = within * within
         found.count = count
-        part = t.touch.balloon_parts[other]
-        while part < t.touch.balloon_parts[other + 1]:
-            after = t.touch.part_ends[part]
+        part = int_at(t.touch.balloon_parts, other)
+        last = int_at(t.touch.balloon_parts, other + 1)
+        while part < last:
+            node = four_ints_at(t.touch.parts, part)
+            after = node[0]
             if looks_into(t, working, world, particle, own, other, part, point, found.place.squared):
                 after = part + 1
-                if is_whole(t, part):
-                    for triangle in range(t.touch.part_triangles[part][0], t.touch.part_triangles[part][1]):
+                if node[0] == after:
+                    for triangle in range(node[1], node[2]):
                         squared = squared_distance_to_triangle(t, points, triangle, point)
                         if squared <= found.place.squared and may_touch(t, particle, own, other, triangle):
                             place = triangle_beside(t, points, triangle, point)
