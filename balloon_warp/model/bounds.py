@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -131,10 +132,11 @@ class Bounds:
                 total = total + 0.5 * held * around.strings[:, place]
         for of_hinge in self._of_kind("hinge", bound):
             total = total + of_hinge(**told) * around.hinges
-        place = {"mass_share": around.mass_share, "area": around.area, "velocity": around.velocity}
+        told |= {"mass_share": around.mass_share, "area": around.area, "velocity": around.velocity}
+        told["mass"] = told["mass"] * around.mass_share
         for kind in ("particle", "face"):
             for of_one in self._of_kind(kind, bound):
-                total = total + 0.5 * of_one(**told | place | {"mass": told["mass"] * around.mass_share})
+                total = total + 0.5 * of_one(**told)
         if bound in self._touch:
             total = total + _some(self._touch[bound][:, None], worlds)
         return total
@@ -167,6 +169,7 @@ def told_what_it_names(bound: Callable[..., Any]) -> Callable[..., Any]:
     return lambda **told: bound(**{name: told[name] for name in names})
 
 
+@cache
 def names_of(bound: Callable[..., Any] | None) -> set[str]:
     """What a law's bound asks for."""
     return set(inspect.signature(bound).parameters) if bound else set()

@@ -66,10 +66,11 @@ class Network:
             bounds = self._bounds(scene, number, parameters)
             around = self._around(scene, number, bounds, None if velocities is None else velocities[number])
             different = around.different()
-            step = float(np.min(_steps(scene, number, parameters, bounds, different)))
+            masses = parameters["mass"][:, number]
+            rates = 2.0 * bounds.largest("drag", different) / masses
+            step = float(np.min(_steps(scene, masses, rates, bounds, different)))
             if scene.solver != "forward_euler":
-                masses = parameters["mass"][:, number]
-                rate = float(np.max(2.0 * bounds.largest("drag", different) / masses))
+                rate = float(np.max(rates))
                 step = max(step, self._step_of_spectrum(self.shapes[number], masses, bounds, around, rate))
             steps.append(step)
         return min(steps)
@@ -98,7 +99,9 @@ class Network:
             bounds = self._bounds(scene, number, parameters)
             around = self._around(scene, number, bounds)
             if around.particle_count:
-                step = float(_steps(scene, number, parameters, bounds, around)[0])
+                masses = parameters["mass"][:, number]
+                rates = 2.0 * bounds.largest("drag", around) / masses
+                step = float(_steps(scene, masses, rates, bounds, around)[0])
                 stiffest = (bounds.sums("stiffness", around, slice(1))[0] / around.mass_share).argmax()
                 limits.append((step, number, int(np.flatnonzero(shape.mass_share)[stiffest])))
         return min(limits, default=(np.inf, 0, 0))[1:]
@@ -125,14 +128,21 @@ def names_of_the_step(laws: Sequence[Law]) -> set[str]:
 
 
 def _steps(
-    scene: Scene, number: int, parameters: Parameters, bounds: Bounds, around: Surroundings
+    scene: Scene,
+    masses: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    bounds: Bounds,
+    around: Surroundings,
 ) -> NDArray[np.float64]:
-    """The stable step [s] of one balloon, shape (W,)."""
-    mass = parameters["mass"][:, number]
-    squared_frequency = np.maximum(2.0 * bounds.largest("stiffness", around) / mass, 1.0e-12)
-    rate = 2.0 * bounds.largest("drag", around) / mass
-    steps = _step(squared_frequency, rate)
-    return np.minimum(steps, rate / squared_frequency) if scene.solver == "forward_euler" else steps
+    """The stable step [s] of one balloon, shape (W,).
+
+    Args:
+        masses: [kg], shape (W,) or (1,).
+        rates: of damping [1/s], shape (W,) or (1,).
+    """
+    squared_frequencies = np.maximum(2.0 * bounds.largest("stiffness", around) / masses, 1.0e-12)
+    steps = _step(squared_frequencies, rates)
+    return np.minimum(steps, rates / squared_frequencies) if scene.solver == "forward_euler" else steps
 
 
 def _step(squared_frequency: Any, rate: Any) -> Any:
