@@ -15,7 +15,7 @@ TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="u
 
 LAYERS = (
     ("garbage",),
-    ("kernels", "errors", "quiet"),
+    ("kernels", "errors", "quiet", "driver"),
     ("files", "device", "launching", "interrupts", "laws", "meant"),
     ("mesh",),
     ("springs", "scene", "foil"),

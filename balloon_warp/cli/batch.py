@@ -31,7 +31,9 @@ from balloon_warp.cli.options import (
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import first_line, note, opened_by, warn
 from balloon_warp.cli.words import counted, played
+from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
+from balloon_warp.garbage import without_collecting
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
 
@@ -145,18 +147,18 @@ def batch(
     """
     loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
-    quiet_warp()
-    from balloon_warp.sweep.cluster import Cluster  # loads much: only once the scene is known to be good
-    from balloon_warp.sweep.memory import require_room
-    from balloon_warp.sweep.values import parse_export, parse_vary, spread
+    spread_over = (cluster, gpus, workers) != (None, None, None)
+    if not spread_over:
+        begin_driver(device)
+    with without_collecting():  # loads much: only once the scene is known to be good
+        from balloon_warp.sweep.batch import run_batch
+        from balloon_warp.sweep.cluster import Cluster
+        from balloon_warp.sweep.memory import require_room
+        from balloon_warp.sweep.values import parse_export, parse_vary, spread
 
-    spread_over = None
-    if (cluster, gpus, workers) != (None, None, None):
-        spread_over = Cluster(cluster, gpus, workers, prepare=quiet_warp)
+    workers_of = Cluster(cluster, gpus, workers, prepare=quiet_warp) if spread_over else None
     choices = dict(parse_vary(text, scene) for text in vary or [])
-    require_room(loaded, worlds, choices, device, schedule, spread=bool(spread_over))  # before each gets its values
-    from balloon_warp.sweep.batch import run_batch  # loads more: only once all may fit
-
+    require_room(loaded, worlds, choices, device, schedule, spread=spread_over)  # before each gets its values
     with _naming_vary(), frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
         listeners = (lambda number: progress.update(task, completed=number)), note, warn
@@ -171,7 +173,7 @@ def batch(
             device=device,
             schedule=schedule,
             on_blowup=on_blowup,
-            cluster=spread_over,
+            cluster=workers_of,
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
@@ -184,7 +186,7 @@ def batch(
     if as_json:
         print(json.dumps(summary.as_json()))
     else:
-        _print_summary(summary, loaded.frames_per_second, spread=bool(spread_over))
+        _print_summary(summary, loaded.frames_per_second, spread=spread_over)
 
 
 @contextmanager

@@ -42,8 +42,8 @@ from balloon_warp.cli.options import (
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import first_line, note, opened_by, warn
 from balloon_warp.cli.words import counted, played
+from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def run(
     loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
-    quiet_warp()
+    begin_driver(device)
     from balloon_warp.job import animate  # loads Warp and USD: only once the scene is known to be good
 
     with frame_progress() as progress:

@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.device import pick_device
+from balloon_warp.driver import begin_driver
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.kernels.schedules.frame import place_balloons
@@ -50,6 +51,7 @@ def build_model(
         InputError: as `plan_model`.
     """
     device = pick_device(device)
+    begin_driver(str(device))
     begin_loading(place_balloons, device)
     return lay_out(plan_model(scene, world_count, vary, laws=laws), device)
 

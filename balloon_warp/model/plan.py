@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
@@ -97,6 +98,7 @@ class ModelPlan:
         return sum(shape.springs.count for shape in self.shapes)
 
 
+@without_collecting()
 def plan_model(
     scene: Scene,
     world_count: int = 1,
