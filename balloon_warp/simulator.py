@@ -87,8 +87,8 @@ class Simulator(Running):
         self._origins = Origins(Origin(model, kind.name))
         self._first = model, schedule
         self.model = model.with_own_parameters() if model.turns else model
+        self.schedule = kind(self.model)  # while a thread still compiles what places balloons
         self.state = initial_state(model)
-        self.schedule = kind(self.model)
         self._late_spheres = LateSpheres(model)
         self.frame_number = 0
         self._forget_records()
