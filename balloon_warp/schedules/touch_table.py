@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact_tables import TouchTable
 from balloon_warp.kernels.laws.law import FAR
+from balloon_warp.kernels.schedules.touch_lists import ROOM
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model
@@ -29,7 +30,7 @@ pushes as deep as an edge is long"""
 APART = 2.0
 """edges between parts of a balloon at the start that may touch: farther than neighbors, nearer than what a sharp fold
 brings together"""
-TRIANGLES = 8
+TRIANGLES = int(ROOM)
 """at most of a part that has no others in it"""
 
 
@@ -61,8 +62,8 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.part_particles = array(np.stack([places[:-1], places[1:]], axis=1), wp.vec2i)
     owners = np.repeat(np.arange(len(shapes)), np.diff(first_parts))
     table.parts = array(np.column_stack([np.concatenate(ends), np.concatenate(own_triangles), owners]), wp.vec4i)
-    levels = [np.flatnonzero(np.concatenate([surface.heights for surface in surfaces]) == n) for n in range(99)]
-    levels = [level for level in levels if len(level)]
+    heights = np.concatenate([surface.heights for surface in surfaces])
+    levels = [np.flatnonzero(heights == height) for height in range(int(heights.max()) + 1)]
     table.parts_by_level = array(np.concatenate(levels), wp.int32)
     table.levels = array(np.cumsum([0, *map(len, levels)]), wp.int32)
     table.balloon_parts = array(first_parts, wp.int32)

@@ -65,7 +65,7 @@ class TouchPieces:
         moving = world_state(state), points, velocities, working
         launch(looking_kernel(self._traits), inputs=[t, particles, *moving], **place)
         place["dim"] = m.world_count, self._list_threads
-        launch(find_kernel(self._traits), inputs=[t, self._list_threads, *moving], **place)
+        launch(find_kernel(self._traits, self._fast_math), inputs=[t, self._list_threads, *moving], **place)
         if self._traits.edges_meet:
             threads = self._edge_threads
             inputs = [t, threads, points, velocities, working]

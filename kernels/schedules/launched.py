@@ -85,7 +85,7 @@ class Working:
     candidate_counts: wp.array2d[wp.int32]
     """triangles that each particle may touch"""
     candidates: wp.array3d[wp.int32]
-    """those triangles, see `touch_lists.candidate_of`: shape (world_count, most, particle_count)"""
+    """those triangles, see `touch_triangles.candidate_of`: shape (world_count, most, particle_count)"""
     particle_lists: wp.array3d[wp.int32]
     """those that look around, and those that have found something, see `touch_search`"""
     list_lengths: wp.array2d[wp.int32]

@@ -24,14 +24,14 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, total_by_axes
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
-from balloon_warp.kernels.schedules.touch_lists import (
+from balloon_warp.kernels.schedules.touch_search import TOUCHING
+from balloon_warp.kernels.schedules.touch_triangles import (
     is_first_of_balloon,
     rows_at,
     side_of,
     triangle_beside,
     triangle_of,
 )
-from balloon_warp.kernels.schedules.touch_search import TOUCHING
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 

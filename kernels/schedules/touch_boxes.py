@@ -138,6 +138,34 @@ def pad_function(traits: Traits) -> Any:
     return pad_between
 
 
+@cache
+def nearing_function(traits: Traits) -> Any:
+    """The function that says whether a particle may meet a balloon until the next search."""
+    pad_between = pad_function(traits)
+
+    @wp.func
+    def is_nearing(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        own: wp.int32,
+        other: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+    ):
+        """By the box around what the balloon sweeps."""
+        end = point + t.touch.seconds * velocity
+        return boxes_meet(
+            wp.min(point, end),
+            wp.max(point, end),
+            working.balloon_boxes[world, other, LOWER],
+            working.balloon_boxes[world, other, UPPER],
+            pad_between(t, world, own, other),
+        )
+
+    return is_nearing
+
+
 @wp.func
 def has_strayed(working: Working, world: wp.int32, balloon: wp.int32):
     """Whether its particles may have come further than lists allow for."""

@@ -8,19 +8,25 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.meeting import Place, faced, is_nearer, place_beside, skin_functions
-from balloon_warp.kernels.memory import four_ints_at, int_at, triple_at, vector_at
+from balloon_warp.kernels.loops.meeting import Place, is_nearer, skin_functions
+from balloon_warp.kernels.memory import four_ints_at, int_at, vector_at
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
     LOWER,
     PACE,
     SPEED,
     UPPER,
-    boxes_meet,
     pad_function,
     squared_distance_to_box,
 )
 from balloon_warp.kernels.schedules.touch_parts import lower_of_part, upper_of_part
+from balloon_warp.kernels.schedules.touch_triangles import (
+    candidate_of,
+    faced_triangle,
+    relative_speed,
+    squared_distance_to_triangle,
+    triangle_beside,
+)
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -29,75 +35,9 @@ MOST_TRIANGLES = wp.constant(40)
 MOST_OF_BALLOON = wp.constant(24)
 """of them, of one balloon"""
 Distances = wp.types.vector(length=24, dtype=wp.float32)
-
-
-@wp.func
-def candidate_of(triangle: wp.int32, is_behind: bool, is_first: bool):
-    """What a list says of a triangle.
-
-    Args:
-        is_behind: whether the particle is.
-        is_first: whether it stands before all others of its balloon.
-    """
-    return 4 * triangle + wp.where(is_first, 2, 0) + wp.where(is_behind, 1, 0)
-
-
-@wp.func
-def triangle_of(candidate: wp.int32):
-    """Which it is."""
-    return candidate >> 2
-
-
-@wp.func
-def is_first_of_balloon(candidate: wp.int32):
-    """Whether another balloon's begin with it."""
-    return (candidate & 2) != 0
-
-
-@wp.func
-def side_of(candidate: wp.int32):
-    """1 where the particle is in front of it, -1 behind."""
-    return 1.0 - 2.0 * float(candidate & 1)
-
-
-@wp.func
-def rows_at(vectors: wp.array[wp.vec3], corners: wp.vec3i):
-    """Those of a triangle's corners, row by row."""
-    return wp.matrix_from_rows(
-        vector_at(vectors, corners[0]), vector_at(vectors, corners[1]), vector_at(vectors, corners[2])
-    )
-
-
-@wp.func
-def triangle_beside(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
-    """Where a particle stands beside it."""
-    corners = rows_at(points, triple_at(t.touch.triangles, triangle))
-    return place_beside(point, corners[0], corners[1], corners[2])
-
-
-@wp.func
-def faced_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, place: Place):
-    """The same with normal and gap."""
-    corners = rows_at(points, triple_at(t.touch.triangles, triangle))
-    return faced(place, corners[0], corners[1], corners[2])
-
-
-@wp.func
-def squared_distance_to_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
-    """No more than that to the triangle, and sooner found: to its box [m^2]."""
-    corners = triple_at(t.touch.triangles, triangle)
-    a = vector_at(points, corners[0])
-    b = vector_at(points, corners[1])
-    c = vector_at(points, corners[2])
-    return squared_distance_to_box(point, wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c))
-
-
-@wp.func
-def relative_speed(t: Tables, velocities: wp.array[wp.vec3], triangle: wp.int32, velocity: wp.vec3):
-    """Of a particle beside a triangle's center [m/s]."""
-    corners = rows_at(velocities, triple_at(t.touch.triangles, triangle))
-    mean = (corners[0] + corners[1] + corners[2]) / 3.0
-    return wp.length(velocity - mean)
+ROOM = wp.constant(8)
+"""for triangles that may be near, and as much for those of one more part, before they are looked at"""
+Queue = wp.types.vector(length=16, dtype=wp.int32)
 
 
 @wp.func
@@ -184,6 +124,9 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
     ):
         """Of another balloon, or of its own, within a distance [m].
 
+        In two steps, which the threads of a warp take together: the boxes of parts and of triangles say what is looked
+        at, and what has been found is looked at then.
+
         Args:
             behind: whether the particle is behind them, for the list.
             count: triangles that are in it already.
@@ -198,30 +141,40 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
         found.count = count
         part = int_at(t.touch.balloon_parts, other)
         last = int_at(t.touch.balloon_parts, other + 1)
+        queue = Queue()
         while part < last:
-            node = four_ints_at(t.touch.parts, part)
-            after = node[0]
-            if looks_into(t, working, world, particle, own, other, part, point, found.place.squared):
-                after = part + 1
-                if node[0] == after:
-                    for triangle in range(node[1], node[2]):
-                        squared = squared_distance_to_triangle(t, points, triangle, point)
-                        if squared <= found.place.squared and may_touch(t, particle, own, other, triangle):
-                            place = triangle_beside(t, points, triangle, point)
-                            if wp.static(lists):
-                                if place.squared <= found.place.squared:
-                                    slot = slot_for(working, world, kept, place.squared, found.count - first, most)
-                                    if slot >= 0:
-                                        kept[slot] = place.squared
-                                        working.candidates[world, first + slot, particle] = candidate_of(
-                                            triangle, behind, slot == 0
-                                        )
-                                        found.count = wp.max(found.count, first + slot + 1)
-                            else:
-                                if is_nearer(place, found.place):
-                                    found.place = place
-                                    found.nearest = triangle
-            part = after
+            waiting = wp.int32(0)
+            while part < last and waiting <= ROOM:
+                node = wp.vec4i()
+                while part < last and node[2] == 0:  # to the next part that has no others in it
+                    here = four_ints_at(t.touch.parts, part)
+                    after = here[0]
+                    if looks_into(t, working, world, particle, own, other, part, point, found.place.squared):
+                        after = part + 1
+                        if here[0] == after:
+                            node = here
+                    part = after
+                for triangle in range(node[1], node[2]):
+                    squared = squared_distance_to_triangle(t, points, triangle, point)
+                    if squared <= found.place.squared and may_touch(t, particle, own, other, triangle):
+                        queue[waiting] = triangle
+                        waiting += 1
+            for turn in range(waiting):
+                triangle = queue[turn]
+                place = triangle_beside(t, points, triangle, point)
+                if wp.static(lists):
+                    if place.squared <= found.place.squared:
+                        slot = slot_for(working, world, kept, place.squared, found.count - first, most)
+                        if slot >= 0:
+                            kept[slot] = place.squared
+                            working.candidates[world, first + slot, particle] = candidate_of(
+                                triangle, behind, slot == 0
+                            )
+                            found.count = wp.max(found.count, first + slot + 1)
+                else:
+                    if is_nearer(place, found.place):
+                        found.place = place
+                        found.nearest = triangle
         return found
 
     return nearby
@@ -255,39 +208,30 @@ def finding_functions(traits: Traits) -> Any:
             may_be_deep: whether the particle may be deep in the other balloon since the start.
         """
         hold = state.holds[world, particle][3]
-        point = points[particle]
-        velocity = velocities[particle]
+        velocity = vector_at(velocities, particle)
         pad = pad_between(t, world, own, other)
-        way = t.touch.seconds * velocity
-        if boxes_meet(
-            wp.min(point, point + way),
-            wp.max(point, point + way),
-            working.balloon_boxes[world, other, LOWER],
-            working.balloon_boxes[world, other, UPPER],
-            pad,
-        ):
-            one_sided = other != own and t.touch.closed[other] == 1
-            swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, PACE][SPEED])
-            within = pad + swept
-            found = nearest_of(t, working, world, particle, own, other, points, within, False, count)
-            is_deep = may_be_deep or wp.abs(hold) > t.touch.slack[own]
-            if found.nearest < 0 and one_sided and is_deep and t.touch.depth[other] > within:
-                deeper = nearest_of(t, working, world, particle, own, other, points, t.touch.depth[other], False, count)
-                found = deeper
-            if found.nearest >= 0:
-                place = faced_triangle(t, points, found.nearest, found.place)
-                side = float(1.0)
-                deepest = t.touch.depth[other]
-                if not one_sided:
-                    side = wp.where(hold < 0.0 or (hold == 0.0 and place.gap < 0.0), -1.0, 1.0)
-                    deepest = thickness_between(t, world, own, other)
-                comes = t.touch.seconds * relative_speed(t, velocities, found.nearest, velocity)
-                if one_sided and may_be_deep and place.gap < 0.0:
-                    state.deep[world, particle] = wp.int8(1)  # until it is out
-                if side * place.gap < pad + comes and side * place.gap > -deepest:
-                    beside = wp.sqrt(place.squared) + pad + 2.0 * comes
-                    listed = list_those(t, working, world, particle, own, other, points, beside, side < 0.0, count)
-                    count = listed.count
+        one_sided = other != own and t.touch.closed[other] == 1
+        swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, PACE][SPEED])
+        within = pad + swept
+        found = nearest_of(t, working, world, particle, own, other, points, within, False, count)
+        is_deep = may_be_deep or wp.abs(hold) > t.touch.slack[own]
+        if found.nearest < 0 and one_sided and is_deep and t.touch.depth[other] > within:
+            deeper = nearest_of(t, working, world, particle, own, other, points, t.touch.depth[other], False, count)
+            found = deeper
+        if found.nearest >= 0:
+            place = faced_triangle(t, points, found.nearest, found.place)
+            side = float(1.0)
+            deepest = t.touch.depth[other]
+            if not one_sided:
+                side = wp.where(hold < 0.0 or (hold == 0.0 and place.gap < 0.0), -1.0, 1.0)
+                deepest = thickness_between(t, world, own, other)
+            comes = t.touch.seconds * relative_speed(t, velocities, found.nearest, velocity)
+            if one_sided and may_be_deep and place.gap < 0.0:
+                state.deep[world, particle] = wp.int8(1)  # until it is out
+            if side * place.gap < pad + comes and side * place.gap > -deepest:
+                beside = wp.sqrt(place.squared) + pad + 2.0 * comes
+                listed = list_those(t, working, world, particle, own, other, points, beside, side < 0.0, count)
+                count = listed.count
         return count
 
     return find_of_balloon

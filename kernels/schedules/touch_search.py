@@ -6,18 +6,16 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
     ALONE,
     KNOWN,
     LOOKS,
-    LOWER,
-    UPPER,
-    boxes_meet,
     has_strayed,
     is_searched,
-    pad_function,
+    nearing_function,
 )
 from balloon_warp.kernels.schedules.touch_lists import finding_functions
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -37,7 +35,7 @@ def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp
 @cache
 def looking_function(traits: Traits) -> Any:
     """The function that puts a particle on the list of those that look around."""
-    pad_between = pad_function(traits)
+    is_nearing = nearing_function(traits)
 
     @wp.func
     def looks(
@@ -53,18 +51,11 @@ def looking_function(traits: Traits) -> Any:
         own = t.particles.balloon[particle]
         used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
         if used and working.near_balloons[world, own] != ALONE:
-            end = points[particle] + t.touch.seconds * velocities[particle]
-            lower = wp.min(points[particle], end)
-            upper = wp.max(points[particle], end)
+            point = vector_at(points, particle)
+            velocity = vector_at(velocities, particle)
             for place in range(working.neighbor_counts[world, own]):
                 other = working.neighbors[world, own, place]
-                if boxes_meet(
-                    lower,
-                    upper,
-                    working.balloon_boxes[world, other, LOWER],
-                    working.balloon_boxes[world, other, UPPER],
-                    pad_between(t, world, own, other),
-                ):
+                if is_nearing(t, working, world, own, other, point, velocity):
                     return True
         return state.holds[world, particle][3] != 0.0
 
@@ -93,7 +84,7 @@ def looking_function(traits: Traits) -> Any:
 @cache
 def listing_function(traits: Traits) -> Any:
     """The function that makes the list of triangles of a particle that looks around."""
-    find_of_balloon = finding_functions(traits)
+    find_of_balloon, is_nearing = finding_functions(traits), nearing_function(traits)
 
     @wp.func
     def list_triangles(
@@ -111,16 +102,25 @@ def listing_function(traits: Traits) -> Any:
         wherever it has come behind a surface, as in what crumples, which there is nothing to come out of.
         """
         own = t.particles.balloon[particle]
+        point = vector_at(points, particle)
+        velocity = vector_at(velocities, particle)
         count = working.candidate_counts[world, particle]
         if working.near_balloons[world, own] != KNOWN:
             may_be_deep = state.deep[world, particle] == wp.int8(1)
             state.deep[world, particle] = wp.int8(0)
             if working.near_balloons[world, own] == LOOKS:
-                for place in range(working.neighbor_counts[world, own]):
-                    other = working.neighbors[world, own, place]
-                    count = find_of_balloon(
-                        t, state, working, world, particle, own, other, points, velocities, may_be_deep, count
-                    )
+                place = wp.int32(0)
+                while place < working.neighbor_counts[world, own]:
+                    other = wp.int32(-1)
+                    while place < working.neighbor_counts[world, own] and other < 0:  # to the next that it may meet
+                        nearby = working.neighbors[world, own, place]
+                        if is_nearing(t, working, world, own, nearby, point, velocity):
+                            other = nearby
+                        place += 1
+                    if other >= 0:
+                        count = find_of_balloon(
+                            t, state, working, world, particle, own, other, points, velocities, may_be_deep, count
+                        )
         working.candidate_counts[world, particle] = count
         if count > 0 or state.holds[world, particle][3] != 0.0:
             put_on_list(working, world, TOUCHING, particle)
@@ -155,11 +155,11 @@ def looking_kernel(traits: Traits) -> Any:
 
 
 @cache
-def find_kernel(traits: Traits) -> Any:
+def find_kernel(traits: Traits, fast_math: bool = False) -> Any:
     """The kernel that finds the triangles that each of them may touch."""
     list_triangles = listing_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @wp.kernel(module="unique", enable_backward=False, module_options={**OPTIONS, "fast_math": fast_math})
     def find_near_triangles(
         # model
         t: Tables,
