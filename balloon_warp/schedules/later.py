@@ -12,6 +12,8 @@ MANY = 500_000
 """particles in all worlds, which take a GPU several times as long as one more launch"""
 ENOUGH_THREADS = 262_144
 """that keep a GPU busy"""
+FEW_THREADS = 64
+"""of a block, where each thread takes many registers"""
 
 
 def puts_off(model: Model, traits: Traits) -> bool:
@@ -27,10 +29,12 @@ def has_many(model: Model) -> bool:
 
 
 def threads_of_list(model: Model) -> int:
-    """Threads that go through a list of a world's particles: on a GPU one for each of a few lists, or one for each
-    particle where worlds are few."""
-    few = max(model.particle_count // 8, ENOUGH_THREADS // model.world_count, 1)
-    return min(few, model.particle_count) if model.device.is_cuda else 1
+    """Threads that go through a list of a world's particles: on a GPU whole blocks, for an eighth of all, or for all
+    where worlds are few."""
+    if not model.device.is_cuda:
+        return 1
+    wanted = max(model.particle_count // 8, min(ENOUGH_THREADS // model.world_count, model.particle_count))
+    return -(-wanted // FEW_THREADS) * FEW_THREADS
 
 
 def later_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:

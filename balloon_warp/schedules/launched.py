@@ -15,10 +15,9 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.later import puts_off, threads_of_list
+from balloon_warp.schedules.later import FEW_THREADS, puts_off, threads_of_list
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.touching import FEW_THREADS
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 Moving = tuple[wp.array, wp.array]

@@ -15,7 +15,7 @@ from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.model.sharp_edges import sharp_edges
-from balloon_warp.schedules.later import threads_of_list
+from balloon_warp.schedules.later import FEW_THREADS, threads_of_list
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
@@ -23,9 +23,6 @@ BOX_THREADS = 128
 """that go through the particles of a balloon on a GPU"""
 PART_THREADS = 512
 """that go through the parts of a world there"""
-
-FEW_THREADS = 64
-"""of a block, where each thread takes many registers"""
 
 
 class TouchPieces:
