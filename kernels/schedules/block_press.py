@@ -127,12 +127,11 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
         only_counts: bool,
     ):
         """Every particle touches what was found near it, or it is only counted what does."""
-        if is_near(memory, seat):
-            for place in range(seat.thread, memory.contacts.list_lengths[seat.world, TOUCHING], wp.block_dim()):
-                press_particle(
-                    t, state, memory.contacts, seat.world, memory.contacts.particle_lists[seat.world, TOUCHING, place],
-                    state.points[seat.world], velocities, only_counts,
-                )  # fmt: skip
+        for place in range(seat.thread, memory.contacts.list_lengths[seat.world, TOUCHING], wp.block_dim()):
+            press_particle(
+                t, state, memory.contacts, seat.world, memory.contacts.particle_lists[seat.world, TOUCHING, place],
+                state.points[seat.world], velocities, only_counts,
+            )  # fmt: skip
         block_barrier()
 
     @wp.func
@@ -140,16 +139,18 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
         between = wp.int32(t.touch.seconds / t.step_seconds + 0.5)
         if seat.substep % between == 0:
             search(t, state, memory, seat, velocities)
-            if seat.substep == 0:  # as in `TouchPieces.search`
+        if is_near(memory, seat):
+            first = wp.where(seat.substep == 0, 0, 1)
+            if first == 0:  # as in `TouchPieces.search`
                 for particle in range(seat.thread, seat.count, wp.block_dim()):
                     forget_count(memory.contacts, seat.world, particle)
                 block_barrier()
-                press_all(t, state, memory, seat, velocities, True)
-                for particle in range(seat.thread, seat.count, wp.block_dim()):
-                    take_count(memory.contacts, seat.world, particle)
-                block_barrier()
-        if is_near(memory, seat):
-            press_all(t, state, memory, seat, velocities, False)
+            for turn in range(first, 2):  # the first only counts; one loop, so that the code for it is there once
+                press_all(t, state, memory, seat, velocities, turn == 0)
+                if turn == 0:
+                    for particle in range(seat.thread, seat.count, wp.block_dim()):
+                        take_count(memory.contacts, seat.world, particle)
+                    block_barrier()
 
     @wp.func
     def take(memory: BlockMemory, seat: Seat, member: Any):

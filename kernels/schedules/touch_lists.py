@@ -213,11 +213,12 @@ def finding_functions(traits: Traits) -> Any:
         one_sided = other != own and t.touch.closed[other] == 1
         swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, PACE][SPEED])
         within = pad + swept
-        found = nearest_of(t, working, world, particle, own, other, points, within, False, count)
-        is_deep = may_be_deep or wp.abs(hold) > t.touch.slack[own]
-        if found.nearest < 0 and one_sided and is_deep and t.touch.depth[other] > within:
-            deeper = nearest_of(t, working, world, particle, own, other, points, t.touch.depth[other], False, count)
-            found = deeper
+        looks_deep = one_sided and (may_be_deep or wp.abs(hold) > t.touch.slack[own])
+        found = Nearby()
+        found.nearest = wp.int32(-1)
+        while found.nearest < 0 and within > 0.0:
+            found = nearest_of(t, working, world, particle, own, other, points, within, False, count)
+            within = wp.where(looks_deep and t.touch.depth[other] > within, t.touch.depth[other], 0.0)
         if found.nearest >= 0:
             place = faced_triangle(t, points, found.nearest, found.place)
             side = float(1.0)
