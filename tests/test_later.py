@@ -18,7 +18,7 @@ def after_frames(name: str, frames: int) -> tuple[np.ndarray, np.ndarray]:
     return state.points.numpy(), state.velocities.numpy()
 
 
-@pytest.mark.parametrize(("name", "frames"), [("table", 8), ("balloon_pit", 6)])
+@pytest.mark.parametrize(("name", "frames"), [("table", 8), ("press", 6)])
 def test_particles_that_are_put_off_do_the_same(name, frames, monkeypatch):
     at_once = after_frames(name, frames)
     monkeypatch.setattr(later, "has_many", lambda model: True)

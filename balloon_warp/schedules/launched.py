@@ -127,7 +127,13 @@ class ExplicitSchedule(LaunchedSchedule):
         pulls = free_velocities is None or new is None
         loops, until = self.loops() if pulls else None, "end" if new else "free velocities"
         self.pieces.over_particles(
-            advance_kernel(self.traits, loops, until, self.fast_math and pulls, puts_off(self.model, self.traits)),
+            advance_kernel(
+                self.traits,
+                loops,
+                until,
+                self.fast_math and pulls,
+                new is not None and puts_off(self.model, self.traits),
+            ),
             *(self.tables, time_in_frame, *old, world_state(state), self.pieces.working),
             *(free_velocities, *(new or (None, None))),
         )

@@ -25,7 +25,7 @@ from balloon_warp.kernels.traits import Traits
 MOST_REGISTERS = 128
 """of a thread, so that a multiprocessor has two blocks of 256 where particles meet obstacles, too"""
 FEW_REGISTERS = 64
-"""where these are put off: enough, and a multiprocessor has four"""
+"""where these are put off: enough for springs, and a multiprocessor has four"""
 
 
 @cache
@@ -78,7 +78,7 @@ def advance_kernel(
     @wp.kernel(
         module="unique",
         enable_backward=False,
-        cuda_max_registers=FEW_REGISTERS if puts_off else MOST_REGISTERS,
+        cuda_max_registers=FEW_REGISTERS if puts_off and not traits.membranes else MOST_REGISTERS,
         module_options={**OPTIONS, "fast_math": fast_math},
     )
     def advance_particles(
