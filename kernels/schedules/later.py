@@ -6,6 +6,7 @@ Two lists take turns, substep by substep: who reads one empties the other.
 
 import warp as wp
 
+from balloon_warp.kernels.schedules.warps import next_place
 from balloon_warp.kernels.tables import Tables
 
 
@@ -20,4 +21,4 @@ def put_off(
     lists: wp.array2d[wp.int32], counts: wp.array2d[wp.int32], world: wp.int32, particle: wp.int32, turn: wp.int32
 ):
     """By any thread in any order."""
-    lists[world, wp.atomic_add(counts, world, turn, 1)] = particle
+    lists[world, next_place(counts, world, turn)] = particle

@@ -18,6 +18,7 @@ from balloon_warp.kernels.schedules.touch_boxes import (
     nearing_function,
 )
 from balloon_warp.kernels.schedules.touch_lists import finding_functions
+from balloon_warp.kernels.schedules.warps import next_place
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -28,7 +29,7 @@ LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
 @wp.func
 def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp.int32):
     """By any thread in any order."""
-    place = wp.atomic_add(working.list_lengths, world, which, 1)
+    place = next_place(working.list_lengths, world, which)
     working.particle_lists[world, which, place] = particle
 
 

@@ -163,6 +163,28 @@ def of_thread(x: wp.int32, thread: wp.int32) -> wp.int32:
     ...
 
 
+@wp.func_native(
+    """
+    int* const count = counts.data + (unsigned int)(world * counts.shape[1] + which);
+#if defined(__CUDA_ARCH__)
+    const unsigned beside = __match_any_sync(__activemask(), (unsigned long long)count);
+    const int lane = threadIdx.x & 31, first = __ffs(beside) - 1;
+    int begin = 0;
+    if (lane == first) {
+        begin = atomicAdd(count, __popc(beside));
+    }
+    return __shfl_sync(beside, begin, first) + __popc(beside & ((1u << lane) - 1));
+#else
+    return (*count)++;
+#endif
+    """
+)
+def next_place(counts: wp.array2d[wp.int32], world: wp.int32, which: wp.int32) -> wp.int32:
+    """The next place in a list of a world, whose length stands in a contiguous array; in any order. The threads of a
+    warp that ask together count once: else all threads of a world would wait for each other at its count."""
+    ...
+
+
 @wp.func_native("return ((const float*)words)[index];")
 def word_at(words: wp.uint64, index: wp.int32) -> float:
     """A word of shared memory."""
