@@ -31,7 +31,7 @@ from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_solids import solids_of
-from balloon_warp.kernels.schedules.block_turns import touching_in_turns, turns_of
+from balloon_warp.kernels.schedules.block_turns import leaving_in_turns, touching_in_turns, turns_of
 from balloon_warp.kernels.schedules.block_wear import wear_in_block
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.substep import volume_origin
@@ -60,6 +60,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     wear = wear_in_block(traits) if traits.softens else None
     velocity_at, put_velocity = velocity_functions(layout)
     threads, capacity = layout.threads, layout.capacity
+    leave_all = leaving_in_turns(traits, turns, Member)
     touch_all = touching_in_turns(traits, pieces, board, turns, seat_member, layout)
     solids = solids_of(traits, board, gas)
 
@@ -167,24 +168,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         return fastest
 
     @wp.func
-    def leave_all(
-        t: Tables,
-        state: WorldState,
-        memory: BlockMemory,
-        seat: Seat,
-        first: Member,
-        rounds: wp.int32,
-        points: Any,
-        velocities: Any,
-    ):
-        """Particles out of obstacles, when all have moved."""
-        for turn in range(rounds):
-            member = turns.member(t, state, memory, seat, first, turn, points, velocities)
-            if wp.static(traits.keeps_inflations and traits.pressures):
-                member.push = memory.inflations[seat.world, member.own.number]
-            turns.put(seat, turns.leave(t, seat, member), points, velocities)
-
-    @wp.func
     def substep(
         t: Tables,
         state: WorldState,
@@ -198,8 +181,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """One substep, from one tile of points to the other; the highest speed of this thread's particles,
         squared [m^2/s^2]."""
-        if wp.static(traits.touches):
-            presses.press(t, state, memory, seat, velocities)
         if wp.static(wear is not None):
             wear.find(t, state, memory, seat, source)
         if wp.static(films is not None):
@@ -271,16 +252,32 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         first = seat_member(t, 0, state, seat, 0)
         block_barrier()
         fastest = float(0.0)
-        for pair in range(t.substeps // 2):
-            now = at_substep(t, seat, frame_begin, 2 * pair)
-            speed = substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
-            then = at_substep(t, seat, frame_begin, 2 * pair + 1)
-            next_speed = substep(t, state, memory, then, first, odd, even, other_velocities, velocities)
-            fastest = wp.max(fastest, wp.max(speed, next_speed))
-        if wp.static(layout.odd_substeps):
-            last = at_substep(t, seat, frame_begin, t.substeps - 1)
-            last_speed = substep(t, state, memory, last, first, even, odd, velocities, other_velocities)
-            fastest = wp.max(fastest, last_speed)
+        if wp.static(traits.touches):
+            for number in range(t.substeps):
+                now = at_substep(t, seat, frame_begin, number)
+                old_velocities = velocities
+                if wp.static(traits.keeps_velocities):
+                    if number % 2 == 1:
+                        old_velocities = other_velocities
+                # not in `substep`, which is there twice: the code would be longer than what a GPU keeps at hand
+                presses.press(t, state, memory, now, old_velocities)
+                speed = float(0.0)
+                if number % 2 == 0:
+                    speed = substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
+                else:
+                    speed = substep(t, state, memory, now, first, odd, even, other_velocities, velocities)
+                fastest = wp.max(fastest, speed)
+        else:
+            for pair in range(t.substeps // 2):
+                now = at_substep(t, seat, frame_begin, 2 * pair)
+                speed = substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
+                then = at_substep(t, seat, frame_begin, 2 * pair + 1)
+                next_speed = substep(t, state, memory, then, first, odd, even, other_velocities, velocities)
+                fastest = wp.max(fastest, wp.max(speed, next_speed))
+            if wp.static(layout.odd_substeps):
+                last = at_substep(t, seat, frame_begin, t.substeps - 1)
+                last_speed = substep(t, state, memory, last, first, even, odd, velocities, other_velocities)
+                fastest = wp.max(fastest, last_speed)
         if ends_well(t, memory, world, thread, fastest):
             if wp.static(layout.odd_substeps):
                 turns.end(t, state, memory, seat, odd, other_velocities)

@@ -130,3 +130,29 @@ def touching_in_turns(
             touch(t, seat, near, state, points, velocities)
 
     return touch_all
+
+
+@cache
+def leaving_in_turns(traits: Traits, turns: Turns, member_type: Any) -> Any:
+    """The function by which particles leave obstacles when all have moved, where a thread has many."""
+    Member = member_type  # noqa: N806 - a type
+
+    @wp.func
+    def leave_all(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        first: Member,
+        rounds: wp.int32,
+        points: Any,
+        velocities: Any,
+    ):
+        """Particles out of obstacles, when all have moved."""
+        for turn in range(rounds):
+            member = turns.member(t, state, memory, seat, first, turn, points, velocities)
+            if wp.static(traits.keeps_inflations and traits.pressures):
+                member.push = memory.inflations[seat.world, member.own.number]
+            turns.put(seat, turns.leave(t, seat, member), points, velocities)
+
+    return leave_all
