@@ -68,7 +68,8 @@ class TouchPieces:
             inputs = [t, threads, points, velocities, working]
             launch(find_edges_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
         if substep == 0:  # what came before is not known where a run begins with a saved state
-            for counted in (working.contact_quanta, working.contacts, working.touched):
+            wp.copy(working.contacts_taken, working.contact_quanta)
+            for counted in (working.contacts, working.touched):
                 counted.zero_()
             self._press(state, points, velocities, only_counts=True)
             launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
@@ -113,6 +114,8 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
         "list_lengths": room.array((worlds, 3 if traits.touches else 0), wp.int32),
         "touch_quanta": room.array((worlds, 3, particles), wp.int64),
+        "touch_taken": room.array((worlds, 3, particles), wp.int64),
+        "contacts_taken": room.array((worlds, particles), wp.int64),
         "contact_quanta": room.array((worlds, particles), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
         "touched": room.array((worlds, particles), wp.int8),

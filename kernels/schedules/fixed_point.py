@@ -35,9 +35,26 @@ def total_newtons(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32)
 
 
 @wp.func
-def total_by_axes(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
-    """The same where they stand at `totals[world, axis, item]`."""
-    return wp.vec3(newtons(totals[world, 0, item]), newtons(totals[world, 1, item]), newtons(totals[world, 2, item]))
+def growth(totals: wp.array2d[wp.int64], taken: wp.array2d[wp.int64], world: wp.int32, item: wp.int32):
+    """What has been added since the last time, in newtons or whatever a whole number stands for.
+
+    Sums that grow for ever need no zeros: on a GPU a plain store to where atomic adds have just been makes every load
+    around it wait. Beyond the range they begin anew, and their differences stay as they are.
+    """
+    total = totals[world, item]
+    since = newtons(total - taken[world, item])
+    taken[world, item] = total
+    return since
+
+
+@wp.func
+def growth_by_axes(totals: wp.array3d[wp.int64], taken: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
+    """The same of forces, which stand at `totals[world, axis, item]` [N]."""
+    return wp.vec3(
+        growth(totals[world], taken[world], 0, item),
+        growth(totals[world], taken[world], 1, item),
+        growth(totals[world], taken[world], 2, item),
+    )
 
 
 @wp.func

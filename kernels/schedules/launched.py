@@ -91,9 +91,14 @@ class Working:
     list_lengths: wp.array2d[wp.int32]
     """of both, and of all edges that may meet"""
     touch_quanta: wp.array3d[wp.int64]
-    """forces of contacts on particles in this substep, see `fixed_point`: shape (world_count, 3, particle_count)"""
+    """forces of contacts on particles, which add up for ever, see `fixed_point.growth`: shape (world_count, 3,
+    particle_count)"""
+    touch_taken: wp.array3d[wp.int64]
+    """how much of that particles have had"""
     contact_quanta: wp.array2d[wp.int64]
-    """how many contacts particles have in this substep, in parts as forces are"""
+    """how many contacts particles have, in parts and for ever as forces do"""
+    contacts_taken: wp.array2d[wp.int64]
+    """how many of these have been counted"""
     contacts: wp.array2d[float]
     """how many they had in the substep before"""
     touched: wp.array2d[wp.int8]

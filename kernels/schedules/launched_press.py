@@ -21,7 +21,7 @@ from balloon_warp.kernels.loops.meeting import (
 )
 from balloon_warp.kernels.memory import byte_in, float_at, float_in, four_in, int_at, int_on_page, triple_at, vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.fixed_point import newtons, quanta, total_by_axes
+from balloon_warp.kernels.schedules.fixed_point import growth, growth_by_axes, quanta
 from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import APART
 from balloon_warp.kernels.schedules.touch_search import TOUCHING
@@ -80,8 +80,7 @@ def take_count(working: Working, world: wp.int32, particle: wp.int32):
     """How many contacts a particle had, and from now on none are counted."""
     mark = working.touched[world, particle]
     if mark == TOUCHED:
-        working.contacts[world, particle] = newtons(working.contact_quanta[world, particle])
-        working.contact_quanta[world, particle] = wp.int64(0)
+        working.contacts[world, particle] = growth(working.contact_quanta, working.contacts_taken, world, particle)
         working.touched[world, particle] = COUNTED
     elif mark == COUNTED:
         working.contacts[world, particle] = 0.0
@@ -91,7 +90,7 @@ def take_count(working: Working, world: wp.int32, particle: wp.int32):
 @wp.func
 def forget_count(working: Working, world: wp.int32, particle: wp.int32):
     """As if it had no contacts until now."""
-    working.contact_quanta[world, particle] = wp.int64(0)
+    working.contacts_taken[world, particle] = working.contact_quanta[world, particle]
     working.contacts[world, particle] = 0.0
     working.touched[world, particle] = UNTOUCHED
 
@@ -116,9 +115,7 @@ def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
     mark = byte_in(working.touched, world, particle)
     if mark != UNTOUCHED:
         if mark == TOUCHED:
-            force = total_by_axes(working.touch_quanta, world, particle)
-            for axis in range(3):
-                working.touch_quanta[world, axis, particle] = wp.int64(0)
+            force = growth_by_axes(working.touch_quanta, working.touch_taken, world, particle)
         take_count(working, world, particle)
     return force
 
