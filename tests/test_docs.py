@@ -95,6 +95,8 @@ def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(package, "render_stage", partial(render_stage, size=(32, 18), samples=1))
     write_obj(Path("MESH.obj"), quad_sphere(4))
+    (scene,) = code(ROOT / "docs" / "START.md", "toml")
+    Path("first.toml").write_text(scene, encoding="utf-8")
     blocks = [block for page in PAGES if page.name in TRIED for block in code(page, "sh")]
     lines = [shlex.split(line, comments=True) for block in blocks for line in block.splitlines()]
     done: list[list[str]] = []
