@@ -57,8 +57,8 @@ Aperture = Annotated[
     float,
     typer.Option(
         metavar="WIDTH",
-        help="How wide the lens is, in the stage's unit. The wider, the more is blurred what is nearer "
-        "or farther than --focus.",
+        help="How wide the lens is, in the stage's unit. A wider lens blurs more of what is nearer or "
+        "farther than --focus.",
         rich_help_panel=CAMERA,
     ),
 ]
@@ -72,7 +72,7 @@ Shutter = Annotated[
     float,
     typer.Option(
         metavar="FRAMES",
-        help="How long the shutter is open, 0 to 1 frame. The longer, the more is blurred what moves.",
+        help="How long the shutter is open, 0 to 1 frame. A longer time blurs more of what moves.",
         rich_help_panel=CAMERA,
     ),
 ]

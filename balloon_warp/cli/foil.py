@@ -34,8 +34,8 @@ def foil(
 ) -> None:
     """Make a foil balloon of letters or a drawing: two flat sheets of even quads, sewn at the rim.
 
-    Try `balloon-warp foil HEY --apart -o hey.obj`; how such letters are inflated shows `balloon-warp scenes
-    foil_letters -o mine.toml`. This needs the extra `foil`.
+    Try `balloon-warp foil HEY --apart -o hey.obj`. `balloon-warp run foil_letters` shows how such letters fill. This
+    needs the extra `foil`.
     """
     check_writable(output, tuple(LOADERS))
     if apart:

@@ -48,7 +48,9 @@ def view(
     host: Annotated[
         str,
         typer.Option(
-            metavar="ADDRESS", help="The address to listen on. With this one only this machine can open the page."
+            metavar="ADDRESS",
+            help="The address to listen on. With 127.0.0.1 only this machine can open the page, with 0.0.0.0 "
+            "everybody in your network can.",
         ),
     ] = "127.0.0.1",
 ) -> None:
@@ -82,7 +84,7 @@ def view(
 
 
 def _say_where(address: str, name: str) -> None:
-    Console(highlight=False, soft_wrap=True).print(f"{escape(name)} is at {address} (Ctrl+C ends it)")
+    Console(highlight=False, soft_wrap=True).print(f"{escape(name)} is at {address} (Ctrl-C ends it)")
 
 
 def _say_who_may_come(port: int, folder: Path) -> None:
