@@ -232,6 +232,7 @@ def _write(
     said = {**provenance, **without_folders(job)}
     writer = StageWriter(wanted.stage, simulator.model, said, lights=wanted.lights, ground=wanted.ground)
     with writer as stage, Interrupts() as interrupts:
+        wanted.check_names(stage.stage)
         checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds, wanted.output)
         begin = _begin(checkpoints, resume, on_note)
         on_frame(begin)

@@ -44,6 +44,7 @@ def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
         ("run ball.obj --zoom 2", "--zoom: is of the picture; expected --picture, too"),
         ("run ball.obj --picture --shutter 2", "shutter: 2; expected 0 to 1 of a frame"),
         ("run ball.obj --picture --look-at 1,2", "--look-at 1,2: expected X,Y,Z"),
+        ("run ball.obj --picture --look-at Ball", "look-at: 'Ball' is nothing to be seen in ball.usdc; did you mean"),
         ("run ball.obj --pictur", "--pictur: unknown option of run; did you mean --picture?"),
         ("run ball.obj -frames 3", "-frames: unknown option of run; did you mean --frames?"),
         ("run ball.obj balloon.mass=3", "run: did not expect balloon.mass=3; --set goes before PATH=VALUE; balloon-"),

@@ -120,7 +120,8 @@ def test_a_lens_is_focused_on_what_is_named(stage: RenderStage):
     [
         ({"zoom": 0.0}, "zoom: 0; expected 0.01 to 100"),
         ({"zoom": float("nan")}, "zoom: nan; expected"),
-        ({"look_at": "nobody"}, "look-at: 'nobody' is nothing to be seen in .*; expected a prim's name"),
+        ({"look_at": "nobody"}, "look-at: 'nobody' is nothing to be seen in .*; there are .*ball"),
+        ({"look_at": "bal"}, r"look-at: 'bal' is nothing to be seen in .*; did you mean ball\?"),
         ({"look_at": (1.0, 2.0, 3.0), "follow": True}, "follow: a point does not move"),
         ({"aperture": -1.0}, "aperture: -1; expected the lens's diameter, 0 or more"),
         ({"focus": "ball"}, "focus: everything is sharp; expected aperture, too"),

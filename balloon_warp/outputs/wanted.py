@@ -7,6 +7,8 @@ from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, Self
 
+from pxr import Usd
+
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage
@@ -85,6 +87,15 @@ class Wanted:
             if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == self.output.resolve():
                 raise InputError(f"{self.output}: is the mesh of the scene; expected another name, with -o")
         return self
+
+    def check_names(self, stage: Usd.Stage) -> None:
+        """Raises:
+        InputError: the picture is to show what the stage, whose frames are not there yet, does not have.
+        """
+        if self.picture:
+            from balloon_warp.outputs.render.view import check_view
+
+            check_view(self.picture, **self.view).check_names(stage, self.output)
 
     def __enter__(self) -> Self:
         if not self.is_stage:

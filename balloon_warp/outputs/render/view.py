@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
+from balloon_warp.meant import did_you_mean
 from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, Camera, CameraFit
 from balloon_warp.outputs.render.framing import Framing, frame_action
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
@@ -22,6 +23,8 @@ CLEAR = (".png", ".webp")
 """what can be transparent"""
 ZOOM = (0.01, 100.0)
 """least and most"""
+MOST_NAMES = 8
+"""that a sentence lists"""
 
 
 @dataclass(frozen=True)
@@ -142,9 +145,30 @@ class View:
         boxes = [bounds.ComputeWorldBound(prim).ComputeAlignedRange() for prim in prims]
         boxes = [box for box in boxes if not box.IsEmpty()]
         if not boxes:
-            place = "look-at" if named == self.look_at else "focus"
-            raise InputError(f"{place}: {named!r} is nothing to be seen in {stage.path}; expected a prim's name")
+            raise self._unknown(named, stage.stage, stage.path)
         return np.array([boxes[0].GetCorner(corner) for corner in range(8)]) @ turn
+
+    def check_names(self, stage: Usd.Stage, path: Path) -> None:
+        """Before anything is simulated.
+
+        Args:
+            stage: with its prims, and perhaps without frames.
+            path: of it.
+
+        Raises:
+            InputError: it has nothing of a name.
+        """
+        names = {prim.GetName() for prim in stage.Traverse()}
+        for named in (self.look_at, self.focus):
+            if isinstance(named, str) and named not in names:
+                raise self._unknown(named, stage, path)
+
+    def _unknown(self, named: str, stage: Usd.Stage, path: Path) -> InputError:
+        """What is said of a name of nothing that can be seen."""
+        place = "look-at" if named == self.look_at else "focus"
+        seen = [prim.GetName() for prim in stage.Traverse() if UsdGeom.Boundable(prim)]
+        known = did_you_mean(named, seen) or f"; there are {', '.join(seen[:MOST_NAMES])}"
+        return InputError(f"{place}: {named!r} is nothing to be seen in {path}{known}")
 
 
 def check_view(output: Path, shutter: float = 0.0, transparent: bool = False, **asked: Any) -> View:
