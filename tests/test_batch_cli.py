@@ -47,6 +47,8 @@ def test_a_batch_in_which_nothing_varies_says_so(
 ):
     assert batch(monkeypatch, "--worlds", "2") == 0
     assert capsys.readouterr().err.startswith("note: all worlds are alike; --vary PATH=LOW:HIGH")
+    assert batch(monkeypatch, "--worlds", "2", "--vary", "sphere.0.mass=10,10") == 0
+    assert capsys.readouterr().err.startswith("note: all worlds are alike")
     assert batch(monkeypatch, "--worlds", "1") == 0
     assert capsys.readouterr().err == ""
 

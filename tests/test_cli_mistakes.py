@@ -58,6 +58,7 @@ def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
         ("run ball.obj --set sphere.2.mass=1", "--set sphere.2.mass: cannot be set, the scene has no sphere"),
         ("inspect ball.obj --set baloon.mass=1", "--set baloon.mass: baloon: unknown table; did you mean balloon?"),
         ("batch ball.obj --set gravity=low", "--set gravity: must be a valid number (got 'low')"),
+        ("compare ball.obj", "--vary: is missing; expected what differs, as in --vary normals="),
         ("compare ball.obj --vary gravity=1:3", "--vary gravity=1:3: takes values, as in --vary gravity=1,3; a range "),
         ("bench --json x.json", "bench: did not expect x.json; balloon-warp bench --help explains"),
         ("bench -o x.txt", "x.txt: cannot write .txt; expected .json"),

@@ -181,7 +181,7 @@ def batch(
             on_note=on_note,
             on_warning=on_warning,
         )
-    if not choices and worlds > 1:
+    if worlds > 1 and all(isinstance(values, list) and len(set(values)) == 1 for values in choices.values()):
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")
     if as_json:
         print(json.dumps(summary.as_json()))

@@ -89,6 +89,8 @@ def compare(
     Try `balloon-warp compare squirrel_inflate --vary balloon.mass=1,2,4`.
     """
     loaded = Changes(overrides, fps=fps, frames=frames, seconds=seconds).load(scene)
+    if not vary:
+        raise InputError("--vary: is missing; expected what differs, as in --vary normals=cached,fresh")
     quiet_warp()
     from balloon_warp.comparison.compare import compare as run_all  # loads Warp and USD: only for a good scene
 
