@@ -101,4 +101,5 @@ if __name__ == "__main__":
     bead = Path(__file__).parent / "bead.obj"
     if not (asked.path.parent / bead.name).exists():
         shutil.copy(bead, asked.path.parent)
-    print(f"{asked.path}: {asked.columns**2 * asked.layers} balloons")
+        print(f"wrote {asked.path.parent / bead.name}")
+    print(f"wrote {asked.path}: {asked.columns**2 * asked.layers} balloons")
