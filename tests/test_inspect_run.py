@@ -23,6 +23,10 @@ def test_what_is_simulated_is_reported_and_what_is_otherwise_in_the_file(tmp_pat
     assert report["in_file"] == {**in_file, "volume": pytest.approx(-2.0)}
     rows = [line.split() for line in command(tmp_path / "twice.obj").stdout.splitlines()]
     assert ["volume", "1", "cubic", "units;", "in", "the", "file:", "-2", "cubic", "units"] in rows
+    rows = [line.split() for line in command(tmp_path / "twice.obj", "--unit", "cm").stdout.splitlines()]
+    assert ["area", "6", "cm²;", "in", "the", "file:", "12", "cm²"] in rows
+    (tmp_path / "twice.toml").write_text("[[balloon]]\nmesh = 'twice.obj'\nunit = 'm'\n")
+    assert "12 m²" in command(tmp_path / "twice.toml").stdout
 
 
 def test_a_report_has_the_seams_holes_and_parts_of_the_scene(tmp_path: Path) -> None:

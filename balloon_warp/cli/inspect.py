@@ -41,8 +41,9 @@ def inspect(
 
 
 def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
-    meshes = [(balloon.mesh, balloon.treatment) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
-    reports = {mesh: inspect_mesh(load_mesh(mesh[0]), *mesh) for mesh in dict.fromkeys(meshes)}
+    paths = [(balloon.mesh, balloon) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
+    meshes = [(path, balloon.treatment, balloon.unit) for path, balloon in paths]
+    reports = {mesh: inspect_mesh(load_mesh(mesh[0]), *mesh[:2]) for mesh in dict.fromkeys(meshes)}
     from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
 
     step = asdict(advise_step(scene))
@@ -60,15 +61,16 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     counts = [counted(len(many), name) for name, many in things.items() if many]
     console = _console()
     console.print(_table(source, {"shows": scene.description, "holds": ", ".join(counts), **_step_rows(step)}))
-    for (mesh, _), report in reports.items():
+    for (mesh, _, unit), report in reports.items():
         console.print()
-        _print_mesh(console, mesh.name, report, {})
+        _print_mesh(console, mesh.name, report, unit, {})
 
 
 def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     """The step is that of the scene that a mesh by itself gets. A mesh of which that makes no balloon is reported on
     first, and then refused."""
-    report = inspect_mesh(load_mesh(mesh), mesh, changes.balloon_of(mesh).treatment)
+    balloon = changes.balloon_of(mesh)
+    report = inspect_mesh(load_mesh(mesh), mesh, balloon.treatment)
     from balloon_warp.advice import advise_step
 
     step, alone, refusal = None, {}, None
@@ -81,7 +83,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     if as_json:
         print(json.dumps({**asdict(report), "step": step}))
     else:
-        _print_mesh(_console(), mesh.name, report, {**alone, **(_step_rows(step) if step else {})})
+        _print_mesh(_console(), mesh.name, report, balloon.unit, {**alone, **(_step_rows(step) if step else {})})
     if refusal:
         raise refusal
 
@@ -90,13 +92,19 @@ def _console() -> Console:
     return Console(highlight=False, soft_wrap=True)
 
 
-def _print_mesh(console: Console, name: str, report: MeshReport, more: dict[str, str]) -> None:
+def _print_mesh(console: Console, name: str, report: MeshReport, unit: str | None, more: dict[str, str]) -> None:
+    """A table of it.
+
+    Args:
+        unit: of the mesh's numbers, if that is known.
+        more: rows that follow.
+    """
     springs = report.springs
     of_kinds = f"{springs.structural:,} structural, {springs.shear:,} shear, {springs.flexion:,} flexion"
     holding = f"; {springs.holding:,} hold parts together" if springs.holding else ""
     total = springs.structural + springs.shear + springs.flexion
     figures = {field.name: getattr(report, field.name) for field in fields(Figures)}
-    rows, in_file = _mesh_rows(Figures(**figures)), _mesh_rows(Figures(**{**figures, **report.in_file}))
+    rows, in_file = (_mesh_rows(Figures(**each), unit) for each in (figures, {**figures, **report.in_file}))
     said = {
         label: row if row == in_file[label] else f"{row}; in the file: {in_file[label]}" for label, row in rows.items()
     }
@@ -105,7 +113,8 @@ def _print_mesh(console: Console, name: str, report: MeshReport, more: dict[str,
         console.print(f"[yellow]warning:[/] {escape(warning)}")
 
 
-def _mesh_rows(mesh: Figures) -> dict[str, str]:
+def _mesh_rows(mesh: Figures, unit: str | None) -> dict[str, str]:
+    square, cubic = (f"{unit}²", f"{unit}³") if unit else ("square units", "cubic units")
     of_sizes = f"{mesh.triangles:,} triangles, {mesh.quads:,} quads, {mesh.ngons:,} n-gons"
     return {
         "vertices": f"{mesh.vertices:,}" + (f", {mesh.unused_vertices:,} unused" if mesh.unused_vertices else ""),
@@ -114,8 +123,8 @@ def _mesh_rows(mesh: Figures) -> dict[str, str]:
         "manifold": "yes" if mesh.manifold else "no",
         "components": f"{mesh.components:,}",
         "genus": "-" if mesh.genus is None else f"{mesh.genus:,}",
-        "volume": "-" if mesh.volume is None else f"{mesh.volume:,.6g} cubic units",
-        "area": f"{mesh.area:,.6g} square units",
+        "volume": "-" if mesh.volume is None else f"{mesh.volume:,.6g} {cubic}",
+        "area": f"{mesh.area:,.6g} {square}",
     }
 
 
