@@ -262,7 +262,7 @@ def test_the_command_spreads_over_a_scheduler(
     assert [line.partition(";")[0] for line in captured.err.splitlines()] == 2 * [
         "note: ball.obj inflates above a floor"
     ]
-    assert " on 1 x cpu (" in captured.out.splitlines()[5]
+    assert " on 1 x cpu, schedule " in captured.out.splitlines()[5]
     assert_same_files(tmp_path / "both", tmp_path / "alone")
 
 

@@ -212,7 +212,7 @@ def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
     console.print(
         f"{summary.scene}: {counted(summary.worlds, 'world')}, {counted(summary.particles, 'particle')}, "
         f"{counted(summary.frames, 'frame')} of {counted(summary.substeps, 'substep')} in "
-        f"{summary.wall_seconds:.1f} s on {device} ({summary.schedule})",
+        f"{summary.wall_seconds:.1f} s on {device}, schedule {summary.schedule}",
         markup=False,
     )
     for sentence in summary.blow_ups:

@@ -207,7 +207,7 @@ def _print_summary(summary: "Summary", rate: float) -> None:
     """
     console = Console(highlight=False, soft_wrap=True)
     resumed = f", the last {summary.frames - summary.begin}" if summary.begin else ""
-    where = f"on {summary.device} ({summary.schedule})"
+    where = f"on {summary.device}, schedule {summary.schedule}"
     console.print(
         f"{summary.scene}: {counted(summary.particles, 'particle')}, {counted(summary.springs, 'spring')}, "
         f"{counted(summary.frames, 'frame')} of {counted(summary.substeps, 'substep')}{resumed} in "

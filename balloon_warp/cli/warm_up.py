@@ -31,4 +31,7 @@ def warm_up(
     console = Console(highlight=False, soft_wrap=True)
     for source, scene in loaded.items():
         done = warming.warm_up(scene, device, worlds, schedule)
-        console.print(f"{scene_name(source)}: {done.seconds:.1f} s on {done.device} ({done.schedule})", markup=False)
+        console.print(
+            f"{scene_name(source)}: ready in {done.seconds:.1f} s on {done.device}, schedule {done.schedule}",
+            markup=False,
+        )
