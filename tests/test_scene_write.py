@@ -11,7 +11,7 @@ from meshes import quad_sphere
 from balloon_warp import InputError, Scene, bundled_scenes, load_scene
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Sphere
-from balloon_warp.scene.reference import as_markdown
+from balloon_warp.scene.reference import as_markdown, first_line, tables
 from balloon_warp.scene.schema import MESHED
 from balloon_warp.scene.write import scene_toml, write_scene
 
@@ -99,6 +99,11 @@ def test_every_field_of_a_scene_says_what_it_is():
     rows = [line.strip("| ").split(" | ") for line in as_markdown().splitlines() if line.startswith("| `")]
     assert len(rows) > 150
     assert [row[0] for row in rows if len(row) < 4 or not row[3].strip()] == []
+
+
+def test_what_a_table_is_fits_into_its_first_line():
+    """Which is all that a row of SCENE.md and a scene file have room for."""
+    assert [heading for heading, table in tables() if table.__doc__ and not first_line(table).endswith(".")] == []
 
 
 def test_every_default_of_a_scene_stands_in_them():

@@ -9,8 +9,9 @@ from balloon_warp.scene.schema.solid import Solid
 
 
 class Body(Solid):
-    """A free rigid body, with mass and inertia: balloons press on it and carry it, and it falls, turns and meets
-    spheres, obstacles, the ground and other bodies."""
+    """A free rigid body, with mass and inertia: balloons press on it and carry it.
+
+    It falls, turns and meets spheres, obstacles, the ground and other bodies."""
 
     shape: Literal["box", "capsule", "mesh"] = "box"  # pyright: ignore[reportIncompatibleVariableOverride]
     """when left out, the one that has the fields that are given. A "capsule" stands along the up axis; a "mesh" that is
