@@ -100,9 +100,9 @@ class Balloon(Table):
     inflation: Inflation = Inflation()
     neck: Neck | None = None
     fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []
-    """particles that do not move: by the order of the file's vertices, or all of a group of the mesh, by its name (`g`
-    and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the mesh's own points,
-    shape (n, 3), and says yes or no of each, shape (n,)"""
+    """particles that do not move: by the order of the file's vertices, counted from 0, or all of a group of the mesh,
+    by its name (`g` and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the
+    mesh's own points, shape (n, 3), and says yes or no of each, shape (n,)"""
     color: Color | None = None
     """linear RGB; one of the palette when missing"""
     look: Literal["latex", "foil"] | None = None

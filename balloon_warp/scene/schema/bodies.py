@@ -53,7 +53,7 @@ class String(Table):
     balloon: Index = 0
     """the balloon it holds, by its place in the scene"""
     particle: Index | Literal["highest", "lowest"] = "lowest"
-    """the particle it holds, by the order of the file's vertices, or along the up axis at the start"""
+    """the particle it holds, by the order of the file's vertices, counted from 0, or along the up axis at the start"""
     length: Positive | None = None
     """[m]; the distance from anchor to particle at the start when missing"""
     stiffness: Positive = 20.0
