@@ -127,7 +127,7 @@ def test_commands_warn_on_standard_error(
         main()
     assert not ending.value.code
     lines = capsys.readouterr().err.splitlines()
-    warnings = [line for line in lines if not line.startswith("note: mesh.obj inflates above a floor; its unit is not")]
+    warnings = [line for line in lines if not line.startswith("note: mesh.obj inflates above a floor. Its unit is not")]
     assert len(warnings) == len(said)
     for warning, beginning in zip(warnings, said, strict=True):
         assert warning.startswith(f"warning: mesh: {beginning}")

@@ -59,7 +59,7 @@ def balloon_warp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[s
     )
 
 
-FIRST_LINE = "note: ball.obj inflates above a floor; its unit is not known"
+FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
 
 
 @pytest.fixture
@@ -191,7 +191,7 @@ def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
     assert "\nerror: the simulation blew up in frame 1, world 0, substep 1 of " in done.stderr
     assert "inflation pushed it with 1.5e+13 N" in done.stderr
     assert len(done.stderr.splitlines()) == 2
-    assert done.stderr.startswith("note: box.obj inflates above a floor; ")
+    assert done.stderr.startswith("note: box.obj inflates above a floor. ")
     assert [path.name for path in tmp_path.iterdir()] == ["box.obj"]
 
 

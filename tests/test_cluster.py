@@ -259,7 +259,7 @@ def test_the_command_spreads_over_a_scheduler(
     assert batch(monkeypatch, *arguments, "-o", "alone") == 0
     assert batch(monkeypatch, *arguments, "-o", "both", "--cluster", address) == 0
     captured = capfd.readouterr()
-    assert [line.partition(";")[0] for line in captured.err.splitlines()] == 2 * [
+    assert [line.partition(". ")[0] for line in captured.err.splitlines()] == 2 * [
         "note: ball.obj inflates above a floor"
     ]
     assert " on 1 x cpu, schedule " in captured.out.splitlines()[5]

@@ -163,7 +163,7 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
         process.send_signal(signal.SIGINT)
         rest, complaints = process.communicate(timeout=300)
     assert process.returncode == 0
-    assert complaints.startswith("note: ball.obj inflates above a floor; ")
+    assert complaints.startswith("note: ball.obj inflates above a floor. ")
     assert len(complaints.splitlines()) == 1
     warning = (
         f"warning: whoever reaches port {port} of this machine can see it, play with it and save recordings into "

@@ -81,7 +81,7 @@ def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
     finally:
         process.kill()
     first, _, rest = said.partition("\n")
-    assert first.startswith("note: ball.obj inflates above a floor; ")
+    assert first.startswith("note: ball.obj inflates above a floor. ")
     return process.returncode, rest
 
 

@@ -122,8 +122,8 @@ def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path
     said = load_scene(tmp_path / "cow.obj")
     assert said.gravity == 1685.36
     assert said.description == (
-        "cow.obj inflates above a floor; its unit is not known, so gravity suits its size of 171.8: 1685.4 m/s2; "
-        "for true size and gravity, give --unit m, cm, mm, km, in, ft"
+        "cow.obj inflates above a floor. Its unit is not known, so gravity is 1685.4 m/s2, which suits its size of "
+        "171.8. --unit m, cm, mm, km, in or ft gives it true size and gravity"
     )
     assert load_with(tmp_path / "cow.obj", "gravity=0").description == "cow.obj inflates above a floor"
 
@@ -151,7 +151,7 @@ def test_the_command_says_it_first_and_takes_a_unit(
     for more, first in (
         (
             [],
-            "note: box.obj inflates above a floor; its unit is not known, so gravity suits its size of 1: 9.81",
+            "note: box.obj inflates above a floor. Its unit is not known, so gravity is 9.81 m/s2, which suits its ",
         ),
         (["--unit", "ft"], "note: box.obj, 0.305 m large, inflates above a floor"),
         (["--unit", "furlong"], "error: --unit furlong: expected m, cm, mm, km, in, ft"),

@@ -91,9 +91,10 @@ def _description(name: str, unit_known: bool, size: float, gravity: float | None
         return f"{name}, {size:.3g} m large, inflates above a floor"
     if gravity is None:
         return f"{name} inflates above a floor"
+    *units, last = METERS
     return (
-        f"{name} inflates above a floor; its unit is not known, so gravity suits its size of {size:.5g}: "
-        f"{gravity:.5g} m/s2; for true size and gravity, give --unit {', '.join(METERS)}"
+        f"{name} inflates above a floor. Its unit is not known, so gravity is {gravity:.5g} m/s2, which suits its size "
+        f"of {size:.5g}. --unit {', '.join(units)} or {last} gives it true size and gravity"
     )
 
 
