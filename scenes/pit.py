@@ -3,10 +3,13 @@ say, and the file to write."""
 
 import argparse
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from balloon_warp.errors import InputError
+from balloon_warp.files import check_writable
 from balloon_warp.scenes.model_bead import RADIUS
 
 COLUMNS, LAYERS = 5, 4
@@ -91,15 +94,30 @@ def scene(columns: int = COLUMNS, layers: int = LAYERS) -> str:
     return text + REST.format(round(0.26 - half, 2), -half, -half, half, half)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+def main(words: Sequence[str] | None = None) -> None:
+    """Write what a command line asks for.
+
+    Args:
+        words: of it; if missing, those that Python was started with.
+    """
+    parser = argparse.ArgumentParser(prog="python -m balloon_warp.scenes.pit", description=__doc__)
     parser.add_argument("path", type=Path, nargs="?", default=Path(__file__).parent / "balloon_pit.toml")
     parser.add_argument("--columns", type=int, default=COLUMNS, help="balloons along each side of the box")
-    parser.add_argument("--layers", type=int, default=LAYERS)
-    asked = parser.parse_args()
+    parser.add_argument("--layers", type=int, default=LAYERS, help="how many lie one over the other")
+    asked = parser.parse_args(words)
+    if min(asked.columns, asked.layers) < 1:
+        parser.error("--columns, --layers: expected at least 1")
+    try:
+        check_writable(asked.path, (".toml",))
+    except InputError as mistake:
+        parser.error(str(mistake))
     asked.path.write_text(scene(asked.columns, asked.layers), encoding="utf-8")
     bead = Path(__file__).parent / "bead.obj"
     if not (asked.path.parent / bead.name).exists():
         shutil.copy(bead, asked.path.parent)
         print(f"wrote {asked.path.parent / bead.name}")
     print(f"wrote {asked.path}: {asked.columns**2 * asked.layers} balloons")
+
+
+if __name__ == "__main__":
+    main()

@@ -15,7 +15,7 @@ from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.scenes.model_bead import RADIUS
 from balloon_warp.scenes.model_knot import CELL
 from balloon_warp.scenes.model_knot import RADIUS as TUBE
-from balloon_warp.scenes.pit import HALF, scene
+from balloon_warp.scenes.pit import HALF, main, scene
 from balloon_warp.schedules.touch_table import APART
 
 ROUNDING = 2e-5
@@ -25,6 +25,26 @@ ROUNDING = 2e-5
 def test_the_pit_is_what_the_script_makes():
     file = Path(balloon_warp.scenes.__path__[0]) / "balloon_pit.toml"
     assert file.read_text(encoding="utf-8") == scene()
+
+
+def test_the_script_writes_smaller_ones_with_their_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    main([str(tmp_path / "pit.toml"), "--columns", "2", "--layers", "3"])
+    assert len(load_scene(tmp_path / "pit.toml").balloon) == 12
+    said = capsys.readouterr().out.splitlines()
+    assert said == [f"wrote {tmp_path / 'bead.obj'}", f"wrote {tmp_path / 'pit.toml'}: 12 balloons"]
+
+
+@pytest.mark.parametrize("words", ["mesh.obj", "nowhere/pit.toml", "pit.toml --columns 0"])
+def test_the_script_refuses_what_makes_no_pit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str
+):
+    monkeypatch.chdir(tmp_path)
+    Path("mesh.obj").write_text("mine")
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    assert ended.value.code == 2
+    assert "error: " in capsys.readouterr().err
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
