@@ -158,7 +158,7 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["run", "ball.obj", "-o", "out.png"], "out.png: cannot write .png; expected .usdc, .usda, .usd"),
         (["inspect", "missing.obj"], "missing.obj: "),
         (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
-        (["foil", "L", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
+        (["foil", "L", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj, .toml"),
         (["foil", " ", "-o", "out.obj"], "text: has nothing to be seen (got ' '); expected letters, or an .svg file"),
         (["foil", "missing.svg", "-o", "out.obj"], "missing.svg: cannot be read: No such file or directory"),
         (["render", "missing.usdc"], "missing.usdc: "),

@@ -167,6 +167,23 @@ def test_what_is_too_narrow_names_an_edge_that_is_not():
     assert is_closed_surface(foil_mesh("E", edge=fits))
 
 
+def test_a_scene_of_foil_fills_alike_at_any_height(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Pressure and stretch are the same. So the shape is, to a twentieth: it still swings after four seconds."""
+    monkeypatch.chdir(tmp_path)
+    volumes = []
+    for height in (0.05, 2.0):
+        made = CliRunner().invoke(
+            app, ["foil", "LI", "-o", "big.toml", "--height", str(height), "--edge", str(height / 12)]
+        )
+        assert made.exit_code == 0, made.output
+        scene = bw.load_scene("big.toml", {"frames": 240})
+        assert [Path(balloon.mesh).name for balloon in scene.balloon] == ["big_1.obj", "big_2.obj"]
+        volumes.append(np.stack([frame.volumes for frame in bw.Simulator(scene).run()]) / height**3)
+    small, large = volumes
+    assert (small[-1] > 5.0 * small[0]).all()
+    np.testing.assert_allclose(small[-1], large[-1], rtol=0.05)
+
+
 def test_the_command_writes_all_or_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, ["foil", "Hi", "-o", "hi.obj", "--height", "0.2"])
@@ -178,4 +195,4 @@ def test_the_command_writes_all_or_each(tmp_path: Path, monkeypatch: pytest.Monk
     assert [line.split(":")[0] for line in done.output.splitlines()] == [f"wrote hi_{part}.obj" for part in (1, 2, 3)]
     assert is_closed_surface(read_obj("hi_2.obj"))
     done = CliRunner().invoke(app, ["foil", "Hi", "-o", "hi.stl"])
-    assert (done.exit_code, str(done.exception)) == (1, "hi.stl: cannot write .stl; expected .obj")
+    assert (done.exit_code, str(done.exception)) == (1, "hi.stl: cannot write .stl; expected .obj, .toml")

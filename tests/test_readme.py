@@ -48,11 +48,10 @@ def test_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert names["pinned"].fixed
 
 
-@pytest.mark.parametrize(("page", "counts"), [("START.md", (1, 1, 1)), ("ANIMATORS.md", (1, 0, 0))])
-def test_scene_example_is_valid(page: str, counts: tuple[int, ...]):
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    scene = Scene.model_validate(tomllib.loads(block("toml", text)))
-    assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == counts
+def test_scene_example_is_valid():
+    start = (ROOT / "docs" / "START.md").read_text(encoding="utf-8")
+    scene = Scene.model_validate(tomllib.loads(block("toml", start)))
+    assert (len(scene.balloon), len(scene.sphere), len(scene.string)) == (1, 1, 1)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,10 @@ import typer
 from balloon_warp.files import check_writable
 from balloon_warp.foil.make import HEIGHT, foil_mesh, foil_parts
 from balloon_warp.mesh.obj import LOADERS, write_obj
+from balloon_warp.scene.of_foil import scene_of_foil
+from balloon_warp.scene.write import write_scene
+
+SCENE = ".toml"
 
 Edge = Annotated[
     float | None,
@@ -23,7 +27,16 @@ Font = Annotated[
 
 def foil(
     source: Annotated[str, typer.Argument(metavar="TEXT|DRAWING", help="Letters, or an .svg file.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The mesh to write, an .obj file.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="The mesh to write, .obj; or a scene, .toml, in which each letter or part is a balloon that fills, "
+            "with their meshes beside it.",
+        ),
+    ],
     height: Annotated[float, typer.Option(metavar="METERS", help="How high all of it is.")] = HEIGHT,
     edge: Edge = None,
     font: Font = None,
@@ -34,15 +47,18 @@ def foil(
 ) -> None:
     """Make a foil balloon of letters or a drawing: two flat sheets of even quads, sewn at the rim.
 
-    Try `balloon-warp foil HEY --apart -o hey.obj`. `balloon-warp run foil_letters` shows how such letters fill. This
-    needs the extra `foil`.
+    Try `balloon-warp foil HEY -o hey.toml`, then `balloon-warp run hey.toml --picture`. This needs the extra `foil`.
     """
-    check_writable(output, tuple(LOADERS))
-    if apart:
-        meshes = foil_parts(source, height, edge, font)
-        paths = [output.with_stem(f"{output.stem}_{number}") for number in range(1, len(meshes) + 1)]
+    check_writable(output, (*LOADERS, SCENE))
+    is_scene = output.suffix.lower() == SCENE
+    if apart or is_scene:
+        parts = enumerate(foil_parts(source, height, edge, font), start=1)
+        meshes = {output.with_name(f"{output.stem}_{number}.obj"): mesh for number, mesh in parts}
     else:
-        meshes, paths = [foil_mesh(source, height, edge, font)], [output]
-    for path, mesh in zip(paths, meshes, strict=True):
+        meshes = {output: foil_mesh(source, height, edge, font)}
+    for path, mesh in meshes.items():
         write_obj(path, mesh)
         print(f"wrote {path}: {mesh.vertex_count:,} vertices, {mesh.face_count:,} quads")
+    if is_scene:
+        write_scene(scene_of_foil(meshes, height), output)
+        print(f"wrote {output}: balloon-warp run {output} fills them")
