@@ -77,7 +77,9 @@ def assert_close(
         assert (apart > tolerance).sum() <= outliers * apart.size, (name, apart.max())
         assert apart.max(initial=0.0) <= 10 * tolerance, (name, apart.max())
     np.testing.assert_allclose(found["gas_amounts"], expected["gas_amounts"], rtol=1e-7)
-    # a float32 volume is rounded by up to 1e-7 of itself, and so the pressure by that of the air's, over some frames,
-    # in which forward Euler does not damp it
-    np.testing.assert_allclose(found["pressures"], expected["pressures"], rtol=0, atol=0.5)
+    # A float32 volume is rounded by up to 1e-7 of itself, and so the pressure by that of the air's, over some frames,
+    # in which forward Euler does not damp it. Where a point may be off by 1e-4 m, it alone changes the volume of a
+    # balloon of 100 particles by 1e-5 of itself: by 1 Pa more.
+    of_points = 1e4 * (tolerance - ROUNDING)
+    np.testing.assert_allclose(found["pressures"], expected["pressures"], rtol=0, atol=0.5 + of_points)
     np.testing.assert_array_equal(found["frame"], expected["frame"])
