@@ -14,7 +14,7 @@ FILL_SECONDS = 1.0
 STIFFNESS_OVER_HEIGHT = 300.0
 """of structural springs [N/m^2]: so much for each meter of height, as what pulls on them grows with it"""
 AREAL_DENSITY = 1.0
-"""[kg/m^2], of both sheets: more than foil has, so that steps are long"""
+"""of a sheet [kg/m^2]: more than foil has, so that steps are long"""
 DAMPING_RATE = 1.0
 """[1/s]"""
 COLORS = ((0.75, 0.1, 0.2), (0.9, 0.55, 0.05), (0.1, 0.45, 0.2), (0.1, 0.3, 0.7), (0.45, 0.15, 0.55), (0.85, 0.3, 0.5))

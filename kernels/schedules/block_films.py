@@ -16,11 +16,7 @@ from balloon_warp.kernels.loops.membranes import (
     tension_function,
     wear_reader,
 )
-from balloon_warp.kernels.memory import (
-    four_floats_at,
-    four_ints_at,
-    vector_at,
-)
+from balloon_warp.kernels.memory import four_floats_at, four_ints_at, vector_at
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.film_places import film_places

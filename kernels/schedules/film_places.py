@@ -62,20 +62,20 @@ def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
         areas: whether area vectors wait, too.
     """
     Points = wp.tile(dtype=wp.vec3, shape=(capacity,), storage="shared")  # noqa: N806 - types
-    Pulls = wp.tile(dtype=wp.vec4, shape=(places,), storage="shared")  # noqa: N806
-    Rests = wp.tile(dtype=wp.vec2, shape=(places if areas else 1,), storage="shared")  # noqa: N806
+    Fours = wp.tile(dtype=wp.vec4, shape=(places,), storage="shared")  # noqa: N806
+    Twos = wp.tile(dtype=wp.vec2, shape=(places if areas else 1,), storage="shared")  # noqa: N806
 
     @wp.func_native(put_words(4))
-    def put_four(tile: Pulls, index: wp.int32, v: wp.vec4): ...
+    def put_four(tile: Fours, index: wp.int32, v: wp.vec4): ...
 
     @wp.func_native(put_words(2))
-    def put_two(tile: Rests, index: wp.int32, v: wp.vec2): ...
+    def put_two(tile: Twos, index: wp.int32, v: wp.vec2): ...
 
     @wp.func_native(get_words(4))
-    def four_at(tile: Pulls, index: wp.int32) -> wp.vec4: ...
+    def four_at(tile: Fours, index: wp.int32) -> wp.vec4: ...
 
     @wp.func_native(get_words(2))
-    def two_at(tile: Rests, index: wp.int32) -> wp.vec2: ...
+    def two_at(tile: Twos, index: wp.int32) -> wp.vec2: ...
 
     @wp.func_native("return *(const wp::vec3*)((const char*)tile.data.ptr + (unsigned int)byte);")
     def point_at(tile: Points, byte: wp.int32) -> wp.vec3:
