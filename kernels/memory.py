@@ -132,13 +132,31 @@ def float_in(array: wp.array2d[float], row: wp.int32, column: wp.int32) -> float
     ...
 
 
-@wp.func_native(
-    "return array.data[((size_t)(unsigned int)page * (unsigned int)array.shape[1] + (unsigned int)row)"
-    " * (unsigned int)array.shape[2] + (unsigned int)column];"
+ON_PAGE = (
+    "array.data + ((size_t)(unsigned int)page * (unsigned int)array.shape[1] + (unsigned int)row)"
+    " * (unsigned int)array.shape[2] + (unsigned int)column"
 )
-def int_on_page(array: wp.array3d[wp.int32], page: wp.int32, row: wp.int32, column: wp.int32) -> wp.int32:
-    """`array[page, row, column]` of a contiguous array."""
+
+
+@wp.func_native(f"""
+    const int* const first = {ON_PAGE};
+#if defined(__CUDA_ARCH__)
+    const int4 four = *reinterpret_cast<const int4*>(first);
+    return wp::vec_t<4, wp::int32>(four.x, four.y, four.z, four.w);
+#else
+    return wp::vec_t<4, wp::int32>(first[0], first[1], first[2], first[3]);
+#endif
+""")
+def four_on_page(array: wp.array3d[wp.int32], page: wp.int32, row: wp.int32, column: wp.int32) -> wp.vec4i:
+    """`array[page, row, column]` of a contiguous array and the three after it, in one load: rows and columns are whole
+    fours."""
     ...
+
+
+@wp.func
+def one_of_four(four: wp.vec4i, number: wp.int32):
+    """`four[number]`, without the memory that an index needs."""
+    return wp.where(number < 2, wp.where(number == 0, four[0], four[1]), wp.where(number == 2, four[2], four[3]))
 
 
 @wp.func_native(f"{IN_ROW} = value;")
@@ -194,6 +212,30 @@ def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
 def in_tile(tile: Any, index: wp.int32):
     """`tile[index]`, which has fewer entries than this; so the compiler knows that the index is not negative."""
     return tile[index & 0xFFFF]
+
+
+@wp.func_native("((wp::uint64*)words)[index] = (wp::uint64)tile.data.ptr;")
+def put_address(words: wp.uint64, index: wp.int32, tile: Any):
+    """Of a shared tile, into two words of shared memory: so one piece of code serves several tiles."""
+    ...
+
+
+@wp.func_native("return ((const wp::uint64*)words)[index];")
+def address_at(words: wp.uint64, index: wp.int32) -> wp.uint64:
+    """An address in two words of shared memory."""
+    ...
+
+
+@wp.func_native("""
+    const float* const vector = (const float*)address + 3 * index;
+#if defined(__CUDA_ARCH__)
+    __builtin_assume(__isShared(vector));
+#endif
+    return wp::vec3(vector[0], vector[1], vector[2]);
+""")
+def vector_at_address(address: wp.uint64, index: wp.int32) -> wp.vec3:
+    """A vector of a shared tile at an address."""
+    ...
 
 
 @wp.func_native("tile.data.ptr[index] = value;")

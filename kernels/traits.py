@@ -206,6 +206,19 @@ class Traits(NamedTuple):
         return self.bodies > 0 or self.small_spheres or self.edges_meet
 
     @property
+    def pushes_come_last(self) -> bool:
+        """Whether contacts push a particle once everything else has moved it. With gas they come first: a balloon
+        swells by all forces."""
+        return self.touches and not self.gas
+
+    @property
+    def may_put_off(self) -> bool:
+        """Whether particles may end a substep by themselves when all have moved, see `schedules.later`: not where
+        spheres come first, nor where all wait for each other anyway."""
+        waits = self.corrected or self.impulses or self.penalties
+        return (self.stands_on_fixtures or self.pushes_come_last) and not waits
+
+    @property
     def in_blocks(self) -> bool:
         """Whether there is what `lanes` and `octets` leave to the kernels of `block`."""
         return self.touches or self.meets_solids

@@ -18,6 +18,7 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.films import film_entries, film_layout, film_table
 from balloon_warp.schedules.fixtures import forget_looks, look_arrays
+from balloon_warp.schedules.later import later_array
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
 from balloon_warp.schedules.slots import kind_slots, slot_table
@@ -51,13 +52,16 @@ class BlockLaunch:
         for arrays in (touch_arrays, solid_arrays):
             for name, array in arrays(model, traits, Allocating(model.device)).items():
                 setattr(self.memory.contacts, name, array)
+        self.memory.contacts.later = _later(model, traits, self._recipe.layout, Allocating(model.device))
         self.memory.contacts.near_balloons.fill_(int(ARE_NEAR))  # they may have been, in another schedule
         self.memory.numbers = wp.array(self._recipe.numbers, dtype=wp.int32, device=model.device)
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> None:
         """Ask for all memory that it keeps."""
-        _working_arrays(model, traits, _layout(model, traits, spring_ends(model))[0], room)
+        layout, _ = _layout(model, traits, spring_ends(model))
+        _working_arrays(model, traits, layout, room)
+        _later(model, traits, layout, room)
         touch_arrays(model, traits, room)
         solid_arrays(model, traits, room)
         look_arrays(model, room)
@@ -195,6 +199,10 @@ def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) ->
         "film_pulls": vectors(streaming and film is not None, entries),
         "frame": room.array((1,), wp.int32),
     }
+
+
+def _later(model: Model, traits: Traits, layout: Layout, room: Room) -> Any:
+    return later_array(model, traits.may_put_off and not layout.resident, room)
 
 
 def _round_up(count: int, step: int) -> int:

@@ -1,4 +1,5 @@
-"""Whether particles near obstacles leave these in a launch of their own, and the memory that this takes."""
+"""Whether particles that touch, or are near obstacles, end a substep in a launch of their own, and the memory that this
+takes."""
 
 from typing import Any
 
@@ -17,10 +18,9 @@ FEW_THREADS = 64
 
 
 def puts_off(model: Model, traits: Traits) -> bool:
-    """Whether particles that may meet what goes where it is told are put off, see `kernels.schedules.later`. Not where
-    spheres come first, nor where all wait for each other anyway."""
-    waits = traits.leaves_at_once and not traits.penalties
-    return traits.stands_on_fixtures and waits and has_many(model)
+    """Whether particles are put off that contacts push, or that may meet what goes where it is told, see
+    `kernels.schedules.later`."""
+    return traits.may_put_off and has_many(model)
 
 
 def has_many(model: Model) -> bool:
@@ -38,9 +38,12 @@ def threads_of_list(model: Model) -> int:
 
 
 def later_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
-    """What of `Working` is for them."""
-    worlds, particles, turns = (model.world_count, model.particle_count, 2) if puts_off(model, traits) else (0, 0, 0)
-    return {
-        "later": room.array((worlds, particles), wp.int32),
-        "later_counts": room.array((worlds, turns), wp.int32),
-    }
+    """What of `Working` is for them, where each piece of a substep is a launch."""
+    turns = 2 if puts_off(model, traits) else 0
+    counts = room.array((model.world_count if turns else 0, turns), wp.int32)
+    return {"later": later_array(model, turns > 0, room), "later_counts": counts}
+
+
+def later_array(model: Model, needed: bool, room: Room) -> Any:
+    """The list itself."""
+    return room.array((model.world_count, model.particle_count) if needed else (0, 0), wp.int32)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import warp as wp
 
 from balloon_warp.kernels.schedules.advance import advance_kernel
-from balloon_warp.kernels.schedules.launched_leave import leave_later_kernel
+from balloon_warp.kernels.schedules.launched_later import end_later_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
@@ -117,7 +117,7 @@ class ExplicitSchedule(LaunchedSchedule):
             self._launch(state, time_in_frame, old, free_velocities, None)
             self.pieces.swell(state, time_in_frame, old, free_velocities)
             self._launch(state, time_in_frame, old, free_velocities, new)
-        self._leave(state, time_in_frame, *new)
+        self._end_later(state, time_in_frame, *new)
         self.pieces.correct(state, time_in_frame, *new)
 
     def _launch(
@@ -126,22 +126,17 @@ class ExplicitSchedule(LaunchedSchedule):
         """A thread a particle: a whole substep, or as far as its free velocity, or, with both, from there on."""
         pulls = free_velocities is None or new is None
         loops, until = self.loops() if pulls else None, "end" if new else "free velocities"
+        later = new is not None and puts_off(self.model, self.traits)
         self.pieces.over_particles(
-            advance_kernel(
-                self.traits,
-                loops,
-                until,
-                self.fast_math and pulls,
-                new is not None and puts_off(self.model, self.traits),
-            ),
+            advance_kernel(self.traits, loops, until, self.fast_math and pulls, later),
             *(self.tables, time_in_frame, *old, world_state(state), self.pieces.working),
             *(free_velocities, *(new or (None, None))),
         )
 
-    def _leave(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
-        """Particles that were put off leave obstacles."""
+    def _end_later(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
+        """Particles that were put off end the substep."""
         if puts_off(self.model, self.traits):
             m, threads = self.model, threads_of_list(self.model)
             inputs = [self.tables, threads, time_in_frame, world_state(state), self.pieces.working, points, velocities]
-            kernel, shape = leave_later_kernel(self.traits, self.fast_math), (m.world_count, threads)
+            kernel, shape = end_later_kernel(self.traits, self.fast_math), (m.world_count, threads)
             launch(kernel, shape, inputs, block_dim=FEW_THREADS, device=m.device)

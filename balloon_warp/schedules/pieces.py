@@ -11,7 +11,7 @@ from balloon_warp.kernels.schedules.between import (
     read_sphere_forces,
     write_sphere_forces,
 )
-from balloon_warp.kernels.schedules.launched import Working, kernel_of_worlds, leave_kernel
+from balloon_warp.kernels.schedules.launched import kernel_of_worlds, leave_kernel
 from balloon_warp.kernels.schedules.launched_bodies import bodies_function, tumble_kernel
 from balloon_warp.kernels.schedules.launched_edges import edges_function
 from balloon_warp.kernels.schedules.launched_faces import faces_function
@@ -27,6 +27,7 @@ from balloon_warp.kernels.schedules.launched_roll import collide_kernel, roll_ke
 from balloon_warp.kernels.schedules.launched_touch import touch_kernel
 from balloon_warp.kernels.schedules.launched_wear import wear_kernel
 from balloon_warp.kernels.schedules.near import mark_count
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State

@@ -8,8 +8,8 @@ import warp as wp
 
 from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_measure, string_measure
 from balloon_warp.kernels.schedules.aims import add_inflation_forces
-from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.launched_wear import wear_kernel
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating

@@ -5,7 +5,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.schedules.launched_edges import MOST_EDGES, find_edges_kernel
-from balloon_warp.kernels.schedules.launched_press import press_kernel, take_counts
+from balloon_warp.kernels.schedules.launched_press import press_kernel
+from balloon_warp.kernels.schedules.pushes import take_counts
 from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, meet_kernel
 from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES
 from balloon_warp.kernels.schedules.touch_parts import box_parts_of_worlds
@@ -21,6 +22,8 @@ from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
 BOX_THREADS = 128
 """that go through the particles of a balloon on a GPU"""
+MEET_THREADS = 32
+"""that go through the balloons of a world there"""
 PART_THREADS = 512
 """that go through the parts of a world there"""
 
@@ -49,7 +52,13 @@ class TouchPieces:
             block_dim=BOX_THREADS if m.device.is_cuda else 1,
             device=m.device,
         )
-        launch(meet_kernel(self._traits), m.world_count, [t, working], device=m.device)
+        launch_tiled(
+            meet_kernel(self._traits),
+            dim=[m.world_count],
+            inputs=[t, working],
+            block_dim=MEET_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )
         particles = self._particle_threads
         launch_tiled(
             box_parts_of_worlds,
@@ -68,7 +77,7 @@ class TouchPieces:
             inputs = [t, threads, points, velocities, working]
             launch(find_edges_kernel(self._traits), (m.world_count, threads), inputs, device=m.device)
         if substep == 0:  # what came before is not known where a run begins with a saved state
-            wp.copy(working.contacts_taken, working.contact_quanta)
+            wp.copy(working.pushes_taken, working.push_quanta)
             for counted in (working.contacts, working.touched):
                 counted.zero_()
             self._press(state, points, velocities, only_counts=True)
@@ -110,13 +119,11 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "neighbor_counts": room.array((worlds, balloons), wp.int32),
         "near_balloons": room.array((worlds, balloons + 1 if traits.touches else 0), wp.int32),
         "candidate_counts": room.array((worlds, particles), wp.int32),
-        "candidates": room.array((worlds, int(MOST_TRIANGLES), particles), wp.int32),
+        "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
         "list_lengths": room.array((worlds, 3 if traits.touches else 0), wp.int32),
-        "touch_quanta": room.array((worlds, 3, particles), wp.int64),
-        "touch_taken": room.array((worlds, 3, particles), wp.int64),
-        "contacts_taken": room.array((worlds, particles), wp.int64),
-        "contact_quanta": room.array((worlds, particles), wp.int64),
+        "push_quanta": room.array((worlds, particles, 4), wp.int64),
+        "pushes_taken": room.array((worlds, particles, 4), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
         "touched": room.array((worlds, particles), wp.int8),
         "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),

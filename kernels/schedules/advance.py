@@ -16,8 +16,9 @@ from balloon_warp.kernels.loops.net_force import Loops, net_force_function, scal
 from balloon_warp.kernels.memory import put_vector_in, vector_at, vector_in
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import Working, inertia_function, pushing_function
-from balloon_warp.kernels.schedules.launched_press import take_pushes
+from balloon_warp.kernels.schedules.launched import inertia_function, pushing_function
+from balloon_warp.kernels.schedules.pushes import take_pushes
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.substep import kick, response, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -67,7 +68,7 @@ def advance_kernel(
     Args:
         loops: over what acts on a particle; None where free velocities already have all of it but the inflation.
         until: how far. Forces are all but the inflation's; free velocities are those that they give.
-        puts_off: whether those are put off that may meet an obstacle, see `later`.
+        puts_off: whether those are put off that contacts push or that may meet an obstacle, see `later`.
     """
     _, read_own = own_functions(traits.columns, traits.balloons)
     net_force = net_force_function(traits, loops) if loops else None
@@ -110,7 +111,7 @@ def advance_kernel(
             pull, area, _facing = net_force(t, points[world], velocities[world], own, working, point, velocity, time)
             force = pull
             area_vector = area
-            if wp.static(traits.touches and until != "forces"):
+            if wp.static(traits.touches and not traits.pushes_come_last and until != "forces"):
                 force += take_pushes(working, world, particle)
             if wp.static(jet is not None):
                 force += jet(

@@ -1,34 +1,26 @@
-"""Balloons that touch push each other off, by the threads of a block: each has its own particles.
-
-They find each other's points and velocities in the state, where a substep leaves them."""
+"""Balloons that touch push each other off, by the threads of a block: each has its own particles."""
 
 from functools import cache
 from typing import Any, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.memory import address_at, put_address, vector_at_address
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat
 from balloon_warp.kernels.schedules.launched_edges import finding_edges_function
-from balloon_warp.kernels.schedules.launched_press import (
-    forget_count,
-    pressing_function,
-    take_count,
-    take_pushes,
-)
+from balloon_warp.kernels.schedules.launched_press import pressing_function
+from balloon_warp.kernels.schedules.pushes import forget_pushes, pushed, take_pushes
 from balloon_warp.kernels.schedules.touch_boxes import (
-    ALONE,
     APART,
     Sweep,
-    decide,
-    has_strayed,
     is_searched,
-    meet_function,
+    meeting_function,
     put_sweep,
     sweep_of,
 )
 from balloon_warp.kernels.schedules.touch_parts import box_parts
 from balloon_warp.kernels.schedules.touch_search import LOOKING, TOUCHING, listing_function, looking_function
-from balloon_warp.kernels.schedules.warps import WARP_THREADS, any_in_block, block_barrier, warp_max
+from balloon_warp.kernels.schedules.warps import WARP_THREADS, block_barrier, shared_words, warp_max
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -36,11 +28,15 @@ from balloon_warp.kernels.traits import Traits
 class Presses(NamedTuple):
     """What a block does where balloons touch."""
 
+    begin: Any
+    """(even, odd): tiles in which substeps of even and of odd numbers find points; a barrier must follow"""
     press: Any
     """(t, state, memory, seat, velocities): as a substep begins; now and then it is found who may touch whom. A
     barrier follows"""
     take: Any
     """(memory, seat, member): what contacts do to a particle then [N]"""
+    push: Any
+    """(t, memory, seat, member, velocity): the velocity that they give it"""
 
 
 @wp.func
@@ -53,10 +49,11 @@ def warp_max_of_vectors(v: wp.vec3):
 def presses_of(traits: Traits, layout: Layout) -> Presses:
     """For the warps of a block."""
     note_looking, list_triangles = looking_function(traits), listing_function(traits)
-    press_particle = pressing_function(traits)
-    meet = meet_function(traits)
+    press_particle = pressing_function(traits, vector_at_address)
+    meet_all = meeting_function(traits)
     find_edges = finding_edges_function(traits) if traits.edges_meet else None
     warps = layout.warps
+    tiles = shared_words("tiles", 4)
 
     @wp.func
     def box_balloons(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
@@ -75,23 +72,17 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
                 put_sweep(t, memory.contacts, seat.world, balloon, sweep, seat.substep == 0)
 
     @wp.func
-    def search(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
-        """Who may touch whom until the next search, if what the last one found does not do."""
-        near_balloons = memory.contacts.near_balloons[seat.world]
-        balloons = near_balloons.shape[0] - 1
+    def search(
+        t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, points: wp.uint64, velocities: wp.array[wp.vec3]
+    ):
+        """Who may touch whom until the next search, if what the last one found does not do. Threads find each other's
+        points in the state."""
+        for particle in range(seat.thread, seat.count, wp.block_dim()):
+            state.points[seat.world, particle] = vector_at_address(points, particle)
+        block_barrier()
         box_balloons(t, state, memory, seat, velocities)
         block_barrier()
-        near = bool(False)
-        strayed = bool(False)
-        for balloon in range(seat.thread, balloons, wp.block_dim()):
-            does = meet(t, memory.contacts, seat.world, balloon)
-            near_balloons[balloon] = does
-            near = near or does != ALONE
-            strayed = strayed or has_strayed(memory.contacts, seat.world, balloon)
-        any_near = any_in_block(near)
-        any_strayed = any_in_block(strayed)
-        if seat.thread == 0:
-            decide(memory.contacts, seat.world, any_near, any_strayed)
+        any_near = meet_all(t, memory.contacts, seat.world, seat.thread)
         block_barrier()
         if is_searched(memory.contacts, seat.world):
             if any_near:
@@ -123,6 +114,7 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
         state: WorldState,
         memory: BlockMemory,
         seat: Seat,
+        points: wp.uint64,
         velocities: wp.array[wp.vec3],
         only_counts: bool,
     ):
@@ -130,26 +122,32 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
         for place in range(seat.thread, memory.contacts.list_lengths[seat.world, TOUCHING], wp.block_dim()):
             press_particle(
                 t, state, memory.contacts, seat.world, memory.contacts.particle_lists[seat.world, TOUCHING, place],
-                state.points[seat.world], velocities, only_counts,
+                points, velocities, only_counts,
             )  # fmt: skip
         block_barrier()
 
     @wp.func
+    def begin(even: Any, odd: Any):
+        put_address(tiles(), 0, even)
+        put_address(tiles(), 1, odd)
+
+    @wp.func
     def press(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
+        points = address_at(tiles(), seat.substep % 2)
         between = wp.int32(t.touch.seconds / t.step_seconds + 0.5)
         if seat.substep % between == 0:
-            search(t, state, memory, seat, velocities)
+            search(t, state, memory, seat, points, velocities)
         if is_near(memory, seat):
             first = wp.where(seat.substep == 0, 0, 1)
             if first == 0:  # as in `TouchPieces.search`
                 for particle in range(seat.thread, seat.count, wp.block_dim()):
-                    forget_count(memory.contacts, seat.world, particle)
+                    forget_pushes(memory.contacts, seat.world, particle)
                 block_barrier()
             for turn in range(first, 2):  # the first only counts; one loop, so that the code for it is there once
-                press_all(t, state, memory, seat, velocities, turn == 0)
+                press_all(t, state, memory, seat, points, velocities, turn == 0)
                 if turn == 0:
                     for particle in range(seat.thread, seat.count, wp.block_dim()):
-                        take_count(memory.contacts, seat.world, particle)
+                        take_pushes(memory.contacts, seat.world, particle)
                     block_barrier()
 
     @wp.func
@@ -159,4 +157,10 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
             force = take_pushes(memory.contacts, seat.world, member.own.number)
         return force
 
-    return Presses(press, take)
+    @wp.func
+    def push(t: Tables, memory: BlockMemory, seat: Seat, member: Any, velocity: wp.vec3):
+        if member.active:
+            velocity = pushed(memory.contacts, member.own, member.gain, velocity)
+        return velocity
+
+    return Presses(begin, press, take, push)

@@ -15,6 +15,7 @@ from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_films import films_of
 from balloon_warp.kernels.schedules.block_gas import gas_sums
+from balloon_warp.kernels.schedules.block_later import later_of
 from balloon_warp.kernels.schedules.block_memory import (
     BlockMemory,
     Layout,
@@ -63,6 +64,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     leave_all = leaving_in_turns(traits, turns, Member)
     touch_all = touching_in_turns(traits, pieces, board, turns, seat_member, layout)
     solids = solids_of(traits, board, gas)
+    later = later_of(traits, seat_member, layout) if traits.may_put_off else None
 
     @wp.func
     def refresh_aims(t: Tables, memory: BlockMemory, seat: Seat, points: Any):
@@ -87,10 +89,10 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
     def pull(t: Tables, memory: BlockMemory, seat: Seat, source: Any, velocities: Any, member: Member, area: float):
         """All forces on a particle but the inflation, and the particle with what came on the way."""
         if wp.static(films is not None):
-            film_pulls = memory.film_pulls[seat.world]
-            member.springs = films.take(t, seat, member.own.number, member.springs, film_pulls, film_pulls)
+            pulls = memory.film_pulls[seat.world]
+            member.springs = films.take(t, seat, member.own.number, member.springs, pulls, pulls)
         force, pulled = pieces.pull(t, seat, source, velocities, member, area)
-        if wp.static(traits.touches):
+        if wp.static(traits.touches and not traits.pushes_come_last):
             force += presses.take(memory, seat, pulled)
         turns.keep_aim(memory, seat, pulled)
         return force, pulled
@@ -155,11 +157,16 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                 member = pieces.push(t, seat, member, free, wp.vec3())
             else:
                 force, pulled = pull(t, memory, seat, source, velocities, member, area)
-                member = pieces.push(t, seat, pulled, member.velocity, force)
+                velocity = member.velocity
+                if wp.static(traits.pushes_come_last and later is None):
+                    velocity = presses.push(t, memory, seat, member, velocity)
+                member = pieces.push(t, seat, pulled, velocity, force)
             if wp.static(traits.keeps_inflations and traits.pressures):
                 if member.active:
                     memory.inflations[seat.world, member.own.number] = member.push
-            if wp.static(traits.leaves_at_once):
+            if wp.static(later is not None):
+                member = later.note(t, memory, seat, member, in_tile(source, member.own.number))
+            elif wp.static(traits.leaves_at_once):
                 member = turns.leave(t, seat, member)
             if wp.static(traits.frames == "free"):
                 before = in_tile(source, member.own.number)
@@ -179,13 +186,12 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         velocities: Any,
         new_velocities: Any,
     ):
-        """One substep, from one tile of points to the other; the highest speed of this thread's particles,
-        squared [m^2/s^2]."""
+        """From one tile of points to the other; the highest speed of this thread's, squared [m^2/s^2]."""
         if wp.static(wear is not None):
             wear.find(t, state, memory, seat, source)
         if wp.static(films is not None):
-            film_pulls = memory.film_pulls[seat.world]
-            films.stretch(t, seat, first.own.n, source, velocities, film_pulls, film_pulls)
+            pulls = memory.film_pulls[seat.world]
+            films.stretch(t, seat, first.own.n, source, velocities, pulls, pulls)
         rounds = (seat.count + threads - 1) // threads
         area = float(0.0)
         if wp.static(traits.aims):
@@ -199,6 +205,8 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.gas):
             pull_and_swell(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
         fastest = push_and_move(t, state, memory, seat, first, area, rounds, source, target, velocities, new_velocities)
+        if wp.static(later is not None):
+            later.end(t, state, memory, seat, target, new_velocities)
         if wp.static(traits.corrected):
             block_barrier()
             correct(t, seat, target, new_velocities)
@@ -208,9 +216,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             leave_all(t, state, memory, seat, first, rounds, target, new_velocities)
         if wp.static(traits.meets_solids):
             solids.meet(t, state, memory, seat, source, target, new_velocities)
-        if wp.static(traits.touches):
-            for particle in range(seat.thread, seat.count, wp.block_dim()):
-                state.points[seat.world, particle] = in_tile(target, particle)
         block_barrier()
         return fastest
 
@@ -241,6 +246,10 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             other_velocities = memory.velocities[world]
             if wp.static(traits.keeps_velocities):
                 other_velocities = memory.other_velocities[world]
+        if wp.static(traits.touches):
+            presses.begin(even, odd)
+        if wp.static(later is not None):
+            later.begin(seat)
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):

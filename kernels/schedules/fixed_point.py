@@ -34,27 +34,41 @@ def total_newtons(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32)
     return wp.vec3(newtons(totals[world, item, 0]), newtons(totals[world, item, 1]), newtons(totals[world, item, 2]))
 
 
-@wp.func
-def growth(totals: wp.array2d[wp.int64], taken: wp.array2d[wp.int64], world: wp.int32, item: wp.int32):
-    """What has been added since the last time, in newtons or whatever a whole number stands for.
+IN_ROW_OF_FOURS = "4 * ((size_t)(unsigned int)world * (unsigned int)totals.shape[1] + (unsigned int)item)"
+
+
+@wp.func_native(
+    f"""
+    const size_t first = {IN_ROW_OF_FOURS};
+    wp::vec_t<4, wp::float32> since;
+#if defined(__CUDA_ARCH__)
+    const ulonglong2* now = reinterpret_cast<const ulonglong2*>(totals.data + first);
+    ulonglong2* before = reinterpret_cast<ulonglong2*>(taken.data + first);
+    const ulonglong2 now_of[2] = {{now[0], now[1]}}, before_of[2] = {{before[0], before[1]}};
+    for (int pair = 0; pair < 2; ++pair) {{
+        since[2 * pair] = (float)(long long)(now_of[pair].x - before_of[pair].x) * 0x1p-32f;
+        since[2 * pair + 1] = (float)(long long)(now_of[pair].y - before_of[pair].y) * 0x1p-32f;
+        before[pair] = now_of[pair];
+    }}
+#else
+    for (int entry = 0; entry < 4; ++entry) {{
+        const wp::uint64 now = totals.data[first + entry], before = taken.data[first + entry];
+        since[entry] = (float)(wp::int64)(now - before) * 0x1p-32f;
+        taken.data[first + entry] = now;
+    }}
+#endif
+    return since;
+    """
+)
+def growth(totals: wp.array3d[wp.int64], taken: wp.array3d[wp.int64], world: wp.int32, item: wp.int32) -> wp.vec4:
+    """What has been added to the four sums `totals[world, item]` since the last time, in newtons or whatever a whole
+    number stands for; both arrays are contiguous.
 
     Sums that grow for ever need no zeros: on a GPU a plain store to where atomic adds have just been makes every load
-    around it wait. Beyond the range they begin anew, and their differences stay as they are.
+    around it wait. Beyond the range they begin anew, and their differences stay as they are. Four are as long as what
+    a GPU fetches at a time.
     """
-    total = totals[world, item]
-    since = newtons(total - taken[world, item])
-    taken[world, item] = total
-    return since
-
-
-@wp.func
-def growth_by_axes(totals: wp.array3d[wp.int64], taken: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
-    """The same of forces, which stand at `totals[world, axis, item]` [N]."""
-    return wp.vec3(
-        growth(totals[world], taken[world], 0, item),
-        growth(totals[world], taken[world], 1, item),
-        growth(totals[world], taken[world], 2, item),
-    )
+    ...
 
 
 @wp.func

@@ -25,8 +25,9 @@ from balloon_warp.kernels.loops.bodies import Rigid, body_at, pushed_on, put_bod
 from balloon_warp.kernels.loops.tumbling import tumbling_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import Working, inertia_function
+from balloon_warp.kernels.schedules.launched import inertia_function
 from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.substep import end_of_step
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits

@@ -20,9 +20,10 @@ from balloon_warp.kernels.laws.edges import (
 )
 from balloon_warp.kernels.loops.meeting import pair_friction_function, skin_functions
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.launched import Working, ease_function
+from balloon_warp.kernels.schedules.launched import ease_function
 from balloon_warp.kernels.schedules.touch_boxes import ALONE, LOWER, UPPER, boxes_meet, is_searched, pad_function
 from balloon_warp.kernels.schedules.touch_lists import Distances, slot_for
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -95,7 +96,9 @@ def finding_edges_function(traits: Traits) -> Any:
                     if near:
                         ends = t.touch.edges[other]
                         gap = crossing_of(a, b, points[ends[0]], points[ends[1]]).gap
-                        slot = slot_for(working, world, kept, gap * gap, count, MOST_EDGES)
+                        slot = slot_for(kept, gap * gap, count, MOST_EDGES)
+                        if count >= MOST_EDGES:
+                            wp.atomic_add(working.crowded, world, 1)
                         if slot >= 0:
                             kept[slot] = gap * gap
                             working.edge_candidates[world, edge, slot] = other

@@ -11,7 +11,8 @@ from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pu
 from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader, own_functions
-from balloon_warp.kernels.schedules.launched import Working, inertia_function
+from balloon_warp.kernels.schedules.launched import inertia_function
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.substep import (
     end_of_step,
     load_function,

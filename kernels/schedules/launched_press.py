@@ -1,5 +1,4 @@
-"""Balloons that touch push each other off, where each piece of a substep is a launch: a particle after the other, with
-forces as whole numbers, which add up to the same in any order."""
+"""Balloons that touch push each other off, where each piece of a substep is a launch: a particle after the other."""
 
 from functools import cache
 from typing import Any
@@ -7,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.meeting import (
+    FARTHEST,
     SOON,
-    Place,
     Touching,
     comes_at,
     corner_counts,
@@ -16,113 +15,47 @@ from balloon_warp.kernels.loops.meeting import (
     is_clear,
     is_nearer,
     pair_friction_function,
+    place_beside,
     skin_functions,
+    steepness,
     touch,
 )
-from balloon_warp.kernels.memory import byte_in, float_at, float_in, four_in, int_at, int_on_page, triple_at, vector_at
+from balloon_warp.kernels.memory import (
+    float_at,
+    float_in,
+    four_in,
+    four_on_page,
+    int_at,
+    one_of_four,
+    triple_at,
+    vector_at,
+)
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.fixed_point import growth, growth_by_axes, quanta
-from balloon_warp.kernels.schedules.launched import Working
-from balloon_warp.kernels.schedules.touch_boxes import APART
+from balloon_warp.kernels.schedules.pushes import add_contact, add_pushes
 from balloon_warp.kernels.schedules.touch_search import TOUCHING
 from balloon_warp.kernels.schedules.touch_triangles import (
     is_first_of_balloon,
     rows_at,
+    rows_function,
     side_of,
-    triangle_beside,
     triangle_of,
 )
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
-wp.set_module_options(OPTIONS)
-
-UNTOUCHED, TOUCHED, COUNTED = wp.constant(wp.int8(0)), wp.constant(wp.int8(1)), wp.constant(wp.int8(2))
-"""what contacts have to do with a particle: nothing; they push or soon will, or it is a corner of what they do to; or
-did so in the substep before, of which their number is left"""
 PRESS_REGISTERS = 96
 """of a thread: a multiprocessor has 20 warps then, which wait for memory in turns, and 12 without a limit"""
 
 
-@wp.func
-def add_pushes(
-    totals: wp.array3d[wp.int64],
-    world: wp.int32,
-    particle: wp.int32,
-    corners: wp.vec3i,
-    a: wp.vec3,
-    b: wp.vec3,
-    c: wp.vec3,
-):
-    """Forces [N] on a triangle's corners, and on a particle what makes their sum nothing, to the last bit."""
-    for axis in range(3):
-        first = quanta(a[axis])
-        second = quanta(b[axis])
-        third = quanta(c[axis])
-        wp.atomic_add(totals, world, axis, corners[0], first)
-        wp.atomic_add(totals, world, axis, corners[1], second)
-        wp.atomic_add(totals, world, axis, corners[2], third)
-        wp.atomic_add(totals, world, axis, particle, -(first + second + third))
-
-
-@wp.func
-def add_contact(working: Working, world: wp.int32, particle: wp.int32, corners: wp.vec3i, counts: wp.vec3):
-    """To how many contacts each has: one to the particle, and to a triangle's corners their counts."""
-    wp.atomic_add(working.contact_quanta, world, particle, quanta(1.0))
-    working.touched[world, particle] = TOUCHED
-    for corner in range(3):
-        wp.atomic_add(working.contact_quanta, world, corners[corner], quanta(counts[corner]))
-        working.touched[world, corners[corner]] = TOUCHED
-
-
-@wp.func
-def take_count(working: Working, world: wp.int32, particle: wp.int32):
-    """How many contacts a particle had, and from now on none are counted."""
-    mark = working.touched[world, particle]
-    if mark == TOUCHED:
-        working.contacts[world, particle] = growth(working.contact_quanta, working.contacts_taken, world, particle)
-        working.touched[world, particle] = COUNTED
-    elif mark == COUNTED:
-        working.contacts[world, particle] = 0.0
-        working.touched[world, particle] = UNTOUCHED
-
-
-@wp.func
-def forget_count(working: Working, world: wp.int32, particle: wp.int32):
-    """As if it had no contacts until now."""
-    working.contacts_taken[world, particle] = working.contact_quanta[world, particle]
-    working.contacts[world, particle] = 0.0
-    working.touched[world, particle] = UNTOUCHED
-
-
-@wp.kernel(enable_backward=False)
-def take_counts(
-    threads: wp.int32,
-    # in and out
-    working: Working,
-):
-    """Some threads a world."""
-    world, thread = wp.tid()
-    for particle in range(thread, working.contacts.shape[1], threads):
-        take_count(working, world, particle)
-
-
-@wp.func
-def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
-    """What contacts do to a particle [N], and nothing is left of it; and how many they are, for the next substep. Most
-    are touched by nothing, and cost a GPU the byte that says so."""
-    force = wp.vec3()
-    mark = byte_in(working.touched, world, particle)
-    if mark != UNTOUCHED:
-        if mark == TOUCHED:
-            force = growth_by_axes(working.touch_quanta, working.touch_taken, world, particle)
-        take_count(working, world, particle)
-    return force
-
-
 @cache
-def press_function(traits: Traits) -> Any:
-    """The function by which a particle touches one triangle."""
+def press_function(traits: Traits, point_at: Any) -> Any:
+    """The function by which a particle touches one triangle.
+
+    Args:
+        point_at: the function that reads a particle's point.
+    """
+    rows = rows_function(point_at)
     thickness_between, stiffness_between = skin_functions(traits)
     mass_column = traits.columns.places["mass"]
     pair_friction = pair_friction_function(traits)
@@ -150,8 +83,8 @@ def press_function(traits: Traits) -> Any:
         world: wp.int32,
         particle: wp.int32,
         candidate: wp.int32,
-        place: Place,
-        points: wp.array[wp.vec3],
+        point: wp.vec3,
+        points: Any,
         velocities: wp.array[wp.vec3],
         only_counts: bool,
         first: bool,
@@ -168,9 +101,10 @@ def press_function(traits: Traits) -> Any:
         told.thickness = thickness_between(t, world, own, other)
         told.step_seconds = t.step_seconds
         moving = rows_at(velocities, corners)
+        places = rows(points, corners)
+        place = place_beside(point, places[0], places[1], places[2])
         if is_clear(told.side, place, told.thickness, SOON * t.step_seconds, velocity, moving):
             return kept
-        places = rows_at(points, corners)
         place = faced(place, places[0], places[1], places[2])
         told.overlap = told.thickness - told.side * place.gap
         its_mass = mass_of(t, world, other)
@@ -198,7 +132,7 @@ def press_function(traits: Traits) -> Any:
                 its_contacts / float_at(t.touch.crowd, other),
             )
             pushes = touch(told, place, hold, velocity, places, moving)
-            add_pushes(working.touch_quanta, world, particle, corners, pushes.a, pushes.b, pushes.c)
+            add_pushes(working.push_quanta, world, particle, corners, pushes.a, pushes.b, pushes.c)
             kept = pushes.hold
         return kept
 
@@ -206,9 +140,18 @@ def press_function(traits: Traits) -> Any:
 
 
 @cache
-def pressing_function(traits: Traits) -> Any:
-    """The function by which a particle touches the triangles that were found near it."""
-    press = press_function(traits)
+def pressing_function(traits: Traits, point_at: Any) -> Any:
+    """The function by which a particle touches the triangles that were found near it.
+
+    Args:
+        point_at: as in `press_function`.
+    """
+    press, rows = press_function(traits, point_at), rows_function(point_at)
+
+    @wp.func
+    def corners_of(t: Tables, points: Any, candidate: wp.int32):
+        """Of the triangle, row by row."""
+        return rows(points, triple_at(t.touch.triangles, triangle_of(candidate)))
 
     @wp.func
     def press_particle(
@@ -217,7 +160,7 @@ def pressing_function(traits: Traits) -> Any:
         working: Working,
         world: wp.int32,
         particle: wp.int32,
-        points: wp.array[wp.vec3],
+        points: Any,
         velocities: wp.array[wp.vec3],
         only_counts: bool,
     ):
@@ -227,26 +170,38 @@ def pressing_function(traits: Traits) -> Any:
             only_counts: whether nothing is pushed, but only counted what touches.
         """
         count = working.candidate_counts[world, particle]
-        point = vector_at(points, particle)
+        point = point_at(points, particle)
         hold = four_in(state.holds, world, particle)
         after = wp.vec4()
         at = wp.int32(0)
+        four = four_on_page(working.candidates, world, particle, 0)
+        candidate = four[0]
+        corners = wp.mat33()
+        if count > 0:
+            corners = corners_of(t, points, candidate)
         while at < count:
-            nearest = int_on_page(working.candidates, world, at, particle)
-            place = triangle_beside(t, points, triangle_of(nearest), point)
-            at += 1
-            beside = bool(True)
-            while at < count and beside:
-                candidate = int_on_page(working.candidates, world, at, particle)
-                beside = not is_first_of_balloon(candidate)
-                if beside:
-                    other = triangle_beside(t, points, triangle_of(candidate), point)
-                    if is_nearer(other, place):
-                        place = other
-                        nearest = candidate
-                    at += 1
+            nearest = wp.int32(-1)
+            squared = float(FARTHEST)
+            steep = float(0.0)
+            while at < count and (nearest < 0 or not is_first_of_balloon(candidate)):
+                # the next is read while this one is looked at
+                at += 1
+                following = candidate
+                if at < count:
+                    if at % 4 == 0:
+                        four = four_on_page(working.candidates, world, particle, at)
+                    following = one_of_four(four, at % 4)
+                its_corners = corners_of(t, points, following)
+                place = place_beside(point, corners[0], corners[1], corners[2])
+                its_steep = steepness(place)
+                if is_nearer(place.squared, its_steep, squared, steep):
+                    nearest = candidate
+                    squared = place.squared
+                    steep = its_steep
+                candidate = following
+                corners = its_corners
             first = after[3] == 0.0
-            kept = press(t, working, world, particle, nearest, place, points, velocities, only_counts, first, hold)
+            kept = press(t, working, world, particle, nearest, point, points, velocities, only_counts, first, hold)
             if first:
                 after = kept
         if not only_counts and (count > 0 or hold[3] != 0.0):
@@ -258,7 +213,7 @@ def pressing_function(traits: Traits) -> Any:
 @cache
 def press_kernel(traits: Traits, fast_math: bool = False) -> Any:
     """The kernel by which particles touch the triangles that were found near them."""
-    press_particle = pressing_function(traits)
+    press_particle = pressing_function(traits, vector_at)
 
     @wp.kernel(
         module="unique",
@@ -285,9 +240,8 @@ def press_kernel(traits: Traits, fast_math: bool = False) -> Any:
             only_counts: whether nothing is pushed, but only counted what touches.
         """
         world, thread = wp.tid()
-        if working.near_balloons[world, working.near_balloons.shape[1] - 1] != APART:
-            for place in range(thread, working.list_lengths[world, TOUCHING], threads):
-                particle = working.particle_lists[world, TOUCHING, place]
-                press_particle(t, state, working, world, particle, points[world], velocities[world], only_counts == 1)
+        for place in range(thread, working.list_lengths[world, TOUCHING], threads):
+            particle = working.particle_lists[world, TOUCHING, place]
+            press_particle(t, state, working, world, particle, points[world], velocities[world], only_counts == 1)
 
     return press_particles

@@ -21,8 +21,9 @@ from balloon_warp.kernels.loops.touching import (
 )
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import Working, inertia_function
+from balloon_warp.kernels.schedules.launched import inertia_function
 from balloon_warp.kernels.schedules.near import PARTICLES_A_MARK
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.substep import end_of_step
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits

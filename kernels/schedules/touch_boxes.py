@@ -7,7 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.launched import Working
+from balloon_warp.kernels.schedules.warps import any_in_block
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -219,9 +220,33 @@ def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
 
 
 @cache
+def meeting_function(traits: Traits) -> Any:
+    """The function by which the threads of a block note which balloons of a world may meet, and what there is to do."""
+    meet = meet_function(traits)
+
+    @wp.func
+    def meet_all(t: Tables, working: Working, world: wp.int32, thread: wp.int32):
+        """Whether any may meet."""
+        near = bool(False)
+        strayed = bool(False)
+        for balloon in range(thread, working.balloon_boxes.shape[1], wp.block_dim()):
+            does = meet(t, working, world, balloon)
+            working.near_balloons[world, balloon] = does
+            near = near or does != ALONE
+            strayed = strayed or has_strayed(working, world, balloon)
+        any_near = any_in_block(near)
+        any_strayed = any_in_block(strayed)
+        if thread == 0:
+            decide(working, world, any_near, any_strayed)
+        return any_near
+
+    return meet_all
+
+
+@cache
 def meet_kernel(traits: Traits) -> Any:
     """The kernel that says which balloons may meet."""
-    meet = meet_function(traits)
+    meet_all = meeting_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def meet_balloons(
@@ -230,16 +255,9 @@ def meet_kernel(traits: Traits) -> Any:
         # in and out
         working: Working,
     ):
-        """A thread a world."""
-        world = wp.tid()
-        near = bool(False)
-        strayed = bool(False)
-        for balloon in range(working.balloon_boxes.shape[1]):
-            does = meet(t, working, world, balloon)
-            working.near_balloons[world, balloon] = does
-            near = near or does != ALONE
-            strayed = strayed or has_strayed(working, world, balloon)
-        decide(working, world, near, strayed)
+        """A block a world."""
+        world, thread = wp.tid()
+        meet_all(t, working, world, thread)
 
     return meet_balloons
 

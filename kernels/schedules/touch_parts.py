@@ -4,9 +4,9 @@ import warp as wp
 
 from balloon_warp.kernels.memory import four_in, four_ints_at, int_at, int_pair_at, put_four_in, vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import ALONE, ARE_NEAR
 from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables
 
 wp.set_module_options(OPTIONS)

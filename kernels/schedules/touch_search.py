@@ -8,7 +8,6 @@ import warp as wp
 
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.launched import Working
 from balloon_warp.kernels.schedules.touch_boxes import (
     ALONE,
     KNOWN,
@@ -19,11 +18,14 @@ from balloon_warp.kernels.schedules.touch_boxes import (
 )
 from balloon_warp.kernels.schedules.touch_lists import finding_functions
 from balloon_warp.kernels.schedules.warps import next_place
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
 """the two lists"""
+FIND_REGISTERS = 80
+"""of a thread that looks, so that more threads wait for memory in turns"""
 
 
 @wp.func
@@ -160,7 +162,12 @@ def find_kernel(traits: Traits, fast_math: bool = False) -> Any:
     """The kernel that finds the triangles that each of them may touch."""
     list_triangles = listing_function(traits)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={**OPTIONS, "fast_math": fast_math})
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=FIND_REGISTERS,
+        module_options={**OPTIONS, "fast_math": fast_math},
+    )
     def find_near_triangles(
         # model
         t: Tables,

@@ -1,5 +1,8 @@
 """Triangles beside a particle, and what a list says of them."""
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.loops.meeting import Place, faced, place_beside
@@ -37,12 +40,22 @@ def side_of(candidate: wp.int32):
     return 1.0 - 2.0 * float(candidate & 1)
 
 
-@wp.func
-def rows_at(vectors: wp.array[wp.vec3], corners: wp.vec3i):
-    """Those of a triangle's corners, row by row."""
-    return wp.matrix_from_rows(
-        vector_at(vectors, corners[0]), vector_at(vectors, corners[1]), vector_at(vectors, corners[2])
-    )
+@cache
+def rows_function(at: Any) -> Any:
+    """The function that gives the vectors of a triangle's corners, row by row.
+
+    Args:
+        at: the function that reads one.
+    """
+
+    @wp.func
+    def rows(vectors: Any, corners: wp.vec3i):
+        return wp.matrix_from_rows(at(vectors, corners[0]), at(vectors, corners[1]), at(vectors, corners[2]))
+
+    return rows
+
+
+rows_at = rows_function(vector_at)
 
 
 @wp.func

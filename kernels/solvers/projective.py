@@ -28,7 +28,8 @@ from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import Working, leaving_function
+from balloon_warp.kernels.schedules.launched import leaving_function
+from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.substep import inflation_of, ramp_at, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits

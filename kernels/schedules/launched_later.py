@@ -1,29 +1,29 @@
-"""Those particles leave obstacles that were put off when all moved, see `later`."""
+"""Those particles end their substep that were put off when all moved, see `later`."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.obstacles import around_function, standing_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.later import turn_of
-from balloon_warp.kernels.schedules.launched import Working
-from balloon_warp.kernels.substep import end_of_step
+from balloon_warp.kernels.schedules.later import later_functions, turn_of
+from balloon_warp.kernels.schedules.launched import inertia_function
+from balloon_warp.kernels.schedules.working import Working
+from balloon_warp.kernels.substep import end_of_step, response
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def leave_later_kernel(traits: Traits, fast_math: bool = False) -> Any:
+def end_later_kernel(traits: Traits, fast_math: bool = False) -> Any:
     """The kernel by which they do."""
     _, read_own = own_functions(traits.columns, traits.balloons)
-    around_own = around_function(traits)
-    stand = standing_function(traits)
+    inertia = inertia_function(traits)
+    _, _, end_later = later_functions(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={**OPTIONS, "fast_math": fast_math})
-    def leave_later(
+    def end_those_put_off(
         # model
         t: Tables,
         threads: wp.int32,
@@ -42,9 +42,12 @@ def leave_later_kernel(traits: Traits, fast_math: bool = False) -> Any:
         for place in range(thread, working.later_counts[world, turn], threads):
             particle = working.later[world, place]
             own = read_own(t, world, particle)
-            around = around_own(own, end_of_step(t, state.frame, time_in_frame))
-            point, velocity = stand(t, around, points[world, particle], velocities[world, particle])
+            gain = response(inertia(working, own), t.step_seconds)
+            point, velocity = end_later(
+                t, working, own, gain, end_of_step(t, state.frame, time_in_frame), points[world, particle],
+                velocities[world, particle],
+            )  # fmt: skip
             points[world, particle] = point
             velocities[world, particle] = velocity
 
-    return leave_later
+    return end_those_put_off

@@ -1,0 +1,82 @@
+"""What the pieces of a substep tell each other, where each is a launch; a block has some of it, too."""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.gas import Swelling
+from balloon_warp.kernels.laws.grip import Grip
+
+
+@wp.struct
+class Working:
+    """What a schedule keeps beside the state; arrays that a scene does not need are empty."""
+
+    aims: wp.array2d[wp.vec3]
+    """(A_p / A_total) n of each particle"""
+    forces: wp.array2d[wp.vec3]
+    """on each particle, where they are added up or shown [N]"""
+    area_vectors: wp.array2d[wp.vec3]
+    """of each particle [m^2]"""
+    inflations: wp.array2d[wp.vec3]
+    """on each particle, where corrections come between it and spheres [N]"""
+    gas_masses: wp.array2d[float]
+    """in each balloon [kg]"""
+    swellings: wp.array3d[Swelling]
+    """of each balloon in parts, where one has several"""
+    sphere_quanta: wp.array3d[wp.int64]
+    """forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
+    sphere_starts: wp.array2d[wp.vec3]
+    """where spheres were before this substep [m]; empty unless they may meet each other, or faces"""
+    point_starts: wp.array2d[wp.vec3]
+    """where particles were; empty unless spheres meet faces, as is the next"""
+    lumps: wp.array2d[wp.int32]
+    """particles of each world that go on together with a sphere, see `launched_faces`"""
+    body_starts: wp.array2d[wp.vec3]
+    """where free bodies were before this substep [m]; empty where there are none, as are the next three"""
+    body_start_turns: wp.array2d[wp.quat]
+    body_pushes: wp.array2d[wp.vec3]
+    """what a body has pressed each particle with [N s]"""
+    grips: wp.array2d[Grip]
+    """what points of bodies meet in this substep"""
+    near: wp.array2d[wp.int32]
+    """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
+    later: wp.array2d[wp.int32]
+    """particles of each world that are put off, see `later`; empty where none are, as is the next"""
+    later_counts: wp.array2d[wp.int32]
+    """how many they are, in substeps of even and of odd numbers"""
+    balloon_boxes: wp.array3d[wp.vec3]
+    """around each balloon until the next search: lower and upper corner [m], and `PACE`; this and what follows is empty
+    unless balloons touch, see `touch_boxes`"""
+    sought: wp.array2d[wp.vec3]
+    """where each particle was at the last search [m]"""
+    part_boxes: wp.array2d[wp.vec4]
+    """the same around each part of their surfaces, without `PACE`: shape (world_count, 2 part_count)"""
+    neighbors: wp.array3d[wp.int32]
+    """which each balloon may meet, perhaps itself: shape (world_count, balloon_count, balloon_count)"""
+    neighbor_counts: wp.array2d[wp.int32]
+    """how many they are"""
+    near_balloons: wp.array2d[wp.int32]
+    """what each balloon's particles do, and last what there is to do in the world"""
+    candidate_counts: wp.array2d[wp.int32]
+    """triangles that each particle may touch"""
+    candidates: wp.array3d[wp.int32]
+    """those triangles, see `touch_triangles.candidate_of`: shape (world_count, particle_count, most)"""
+    particle_lists: wp.array3d[wp.int32]
+    """those that look around, and those that have found something, see `touch_search`"""
+    list_lengths: wp.array2d[wp.int32]
+    """of both, and of all edges that may meet"""
+    push_quanta: wp.array3d[wp.int64]
+    """forces of contacts on particles, and how many they are, in parts; they add up for ever, see `fixed_point.growth`:
+    shape (world_count, particle_count, 4)"""
+    pushes_taken: wp.array3d[wp.int64]
+    """how much of that particles have had"""
+    contacts: wp.array2d[float]
+    """how many they had in the substep before"""
+    touched: wp.array2d[wp.int8]
+    """what contacts have to do with each particle, see `launched_press`"""
+    crowded: wp.array[wp.int32]
+    """how often a triangle, or an edge, had no place in a list"""
+    edge_candidates: wp.array3d[wp.int32]
+    """edges that each may meet: shape (world_count, edges, most); empty unless sharp edges meet, see `launched_edges`,
+    as is the next"""
+    edge_counts: wp.array2d[wp.int32]
+    """how many they are"""
