@@ -27,7 +27,14 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes, reach_along, scaled, times
 from balloon_warp.kernels.compose import call_of, function_from
-from balloon_warp.kernels.laws.gas import Swelling, free_along, gas_load, memory_of_rate, swelling_of_particle
+from balloon_warp.kernels.laws.gas import (
+    Swelling,
+    free_along,
+    gas_load,
+    memory_of_rate,
+    rate_beside_obstacles,
+    swelling_of_particle,
+)
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, normal_push
 from balloon_warp.kernels.loops.obstacles import Around, course_function
 from balloon_warp.kernels.memory import fixed_int_at, two_in
@@ -138,7 +145,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
         remembered: wp.vec3,
         area_vector: wp.vec3,
     ):
-        """Under the old load; the velocity is that without inflation.
+        """Beside obstacles under the old load; the velocity is that without inflation.
 
         Args:
             gain: see `response`.
@@ -146,15 +153,19 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
             remembered: what of the velocity before the step counts, see `memory_function`.
         """
         height = wp.dot(point, t.up)
-        push = load[0] + load[1] * height
-        course = velocity + (gain * push) * area_vector
         free = area_vector
+        rate = float(0.0)
         if wp.static(traits.obstacles):
+            push = load[0] + load[1] * height
+            course = velocity + (gain * push) * area_vector
             if gain > 0.0:
                 let, normal = course_beside_obstacles(t, spheres, around, point, course)
                 course = let
                 free = free_along(area_vector, normal)
-        return swelling_of_particle(arm, area_vector, free, course - remembered, gain, share, height, push)
+            rate = rate_beside_obstacles(area_vector, free, course - remembered, gain, push)
+        else:
+            rate = wp.dot(area_vector, velocity - remembered)
+        return swelling_of_particle(arm, area_vector, free, rate, gain, share, height)
 
     return swell
 

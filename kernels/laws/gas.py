@@ -65,30 +65,34 @@ def free_along(area_vector: wp.vec3, normal: wp.vec3):
 
 
 @wp.func
+def rate_beside_obstacles(area_vector: wp.vec3, free: wp.vec3, velocity: wp.vec3, gain: float, push: float):
+    """A particle's part of the rate of swelling without pressure [m^3/s], where obstacles let it move at a velocity
+    that the old pressure has a part in.
+
+    Args:
+        free: what of the area vector it can follow, see `free_along`.
+        velocity: under the old pressure [m/s].
+        push: the old pressure [Pa], whose part in the velocity does not count.
+    """
+    return wp.dot(area_vector, velocity) - push * (gain * wp.length_sq(free))
+
+
+@wp.func
 def swelling_of_particle(
-    arm: wp.vec3,
-    area_vector: wp.vec3,
-    free: wp.vec3,
-    velocity: wp.vec3,
-    gain: float,
-    share: float,
-    height: float,
-    push: float,
+    arm: wp.vec3, area_vector: wp.vec3, free: wp.vec3, rate: float, gain: float, share: float, height: float
 ):
     """A particle's part.
 
     Args:
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
-        velocity: at which it will move in this step under the old pressure, beside obstacles, less `memory_of_rate` of
-            that before the step [m/s].
         free: what of the area vector it can follow, see `free_along`.
+        rate: the area vector times the velocity at which it will move in this step without pressure, less
+            `memory_of_rate` of that before the step [m^3/s].
         gain: h / m, the velocity that a force gives in a step [m/s/N]; 0 if it is fixed.
         share: of the balloon's mass.
-        push: the old pressure [Pa], whose part in the velocity does not count.
     """
     volume = wp.dot(arm, area_vector) / 3.0
     response = gain * wp.length_sq(free)
-    rate = wp.dot(area_vector, velocity) - push * response
     return Swelling(volume, response, rate, share * height, response * height)
 
 

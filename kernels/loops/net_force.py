@@ -26,8 +26,8 @@ class Loops(NamedTuple):
     """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
     needed and found on the way, to its area vector and A_p n, see `laws.inflation`"""
     others: Any
-    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges, faces and membranes; None if the
-    springs' has it already"""
+    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges, faces and membranes; None if
+    there are none, or the springs' has it already"""
     water_load: Any
     """(t, points, own)"""
     particle_laws: Any
@@ -37,8 +37,7 @@ class Loops(NamedTuple):
 @cache
 def net_force_function(traits: Traits, loops: Loops) -> Any:
     """The function that sums the forces on a particle."""
-    kinds = traits.has("string") or traits.has("hinge") or traits.has("face") or len(traits.membranes) > 0
-    others = loops.others is not None and kinds
+    others = loops.others is not None
 
     @wp.func
     def net_force(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
@@ -107,6 +106,7 @@ def scalar_loops(
     area_vector_of_particle = area_loop(traits.quads, at)
     load_of_particle = ring_wetness_loop(at) if traits.rings else wetness_loop(at)
     level_column = traits.columns.places.get("water_level", 0)
+    others = any(traits.has(kind) for kind in ("string", "hinge", "face")) or sum_membrane is not None
 
     @wp.func
     def other_pulls(t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float):
@@ -144,7 +144,7 @@ def scalar_loops(
         around = one_after_the_other(traits, pull_of_springs, area_vector or area_vector_of_own, facing)
     return Loops(
         around,
-        other_pulls,
+        other_pulls if others else None,
         water_load_of_own,
         traits.laws_on("particle"),
     )

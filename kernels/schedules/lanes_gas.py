@@ -6,7 +6,13 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, reach_along, scaled, set_lane, times
-from balloon_warp.kernels.laws.gas import Swelling, free_along, memory_of_rate, swelling_of_particle
+from balloon_warp.kernels.laws.gas import (
+    Swelling,
+    free_along,
+    memory_of_rate,
+    rate_beside_obstacles,
+    swelling_of_particle,
+)
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.obstacles import course_function, sphere_in_state
@@ -106,10 +112,10 @@ def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
             free = along
             if wp.static(traits.obstacles):
                 free = free_along(along, of_lane(normals, lane))
+            rate = rate_beside_obstacles(along, free, of_lane(course, lane), gains[lane], pushes[lane])
             part = swelling_of_particle(
-                of_lane(arm, lane), along, free, of_lane(course, lane),
-                gains[lane], of_lane(own.share, lane), heights[lane], pushes[lane],
-            )  # fmt: skip
+                of_lane(arm, lane), along, free, rate, gains[lane], of_lane(own.share, lane), heights[lane]
+            )
             for number in range(5):
                 parts[number, lane] = part[number]
         return parts
