@@ -21,7 +21,7 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 NUMBERS_OF_WARP = 8
-"""words that a warp has for a balloon: five sums, and three that are 0"""
+"""words that a warp has for a balloon, see `put_warp_sums`"""
 WORDS_OF_BALLOON = 7
 """its load, how that rises, of its gas in even and in odd substeps amount and free volume, and air that moves along.
 Gas changes while threads still read it, so that a substep reads one row, and a thread fills the other for the next."""

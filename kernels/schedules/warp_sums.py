@@ -11,20 +11,15 @@ Five = wp.types.vector(length=5, dtype=wp.float32)
 @wp.func_native(
     """
 #if defined(__CUDA_ARCH__)
-    // As for vectors: threads share the numbers out among them, then each adds up one.
+    // As for vectors: threads share the numbers out among them, two by two, then each adds up one.
     const unsigned all = 0xffffffffu;
     const bool upper_half = threadIdx.x & 16, upper_quarter = threadIdx.x & 8, upper_eighth = threadIdx.x & 4;
-    float halves[4], quarters[2];
-    for (int n = 0; n < 4; ++n) {
-        const float low = v[n], high = n == 0 ? v[4] : 0.0f;
-        halves[n] = (upper_half ? high : low) + __shfl_xor_sync(all, upper_half ? low : high, 16);
-    }
-    for (int n = 0; n < 2; ++n) {
-        const float low = halves[n], high = halves[n + 2];
-        quarters[n] = (upper_quarter ? high : low) + __shfl_xor_sync(all, upper_quarter ? low : high, 8);
-    }
-    float one = (upper_eighth ? quarters[1] : quarters[0])
-        + __shfl_xor_sync(all, upper_eighth ? quarters[0] : quarters[1], 4);
+    const float a = (upper_half ? v[1] : v[0]) + __shfl_xor_sync(all, upper_half ? v[0] : v[1], 16);
+    const float b = (upper_half ? v[3] : v[2]) + __shfl_xor_sync(all, upper_half ? v[2] : v[3], 16);
+    float last = v[4] + __shfl_xor_sync(all, v[4], 16);
+    const float four = (upper_quarter ? b : a) + __shfl_xor_sync(all, upper_quarter ? a : b, 8);
+    last += __shfl_xor_sync(all, last, 8);
+    float one = (upper_eighth ? last : four) + __shfl_xor_sync(all, upper_eighth ? four : last, 4);
     one += __shfl_xor_sync(all, one, 2);
     one += __shfl_xor_sync(all, one, 1);
     if ((threadIdx.x & 3) == 0) {
@@ -40,8 +35,8 @@ Five = wp.types.vector(length=5, dtype=wp.float32)
     """
 )
 def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
-    """The sums over the threads of the warp into shared words, from `first` on, or added to what stands there: eight
-    numbers of which the last three are 0; by all threads of the warp."""
+    """The sums over the threads of the warp into eight shared words, from `first` on, or added to what stands there, as
+    `sum_of_warp_sums` finds them; by all threads of the warp."""
     ...
 
 
@@ -57,9 +52,10 @@ def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
     total += __shfl_xor_sync(all, total, 16);
     total += __shfl_xor_sync(all, total, 8);
     wp::vec_t<5, float> sums;
-    for (int n = 0; n < 5; ++n) {
-        sums[n] = __shfl_sync(all, total, n);
+    for (int n = 0; n < 4; ++n) {
+        sums[n] = __shfl_sync(all, total, 4 * (n & 1) + (n & 2));
     }
+    sums[4] = __shfl_sync(all, total, 1);
     return sums;
 #else
     wp::vec_t<5, float> sums;
