@@ -26,12 +26,28 @@ def cross_at_quad_corner(before: Any, opposite: Any, after: Any):
 
 
 @wp.func
-def crosses_at_quad_corners(ab: wp.vec3, bc: wp.vec3, cd: wp.vec3, da: wp.vec3):
-    """The same for all four corners, from the edges in order [m]: sooner, since the crosses of opposite corners' edges
+def plus_cross(v: wp.vec3, a: wp.vec3, b: wp.vec3):
+    """v + a x b, in two instructions a component: each adds a product."""
+    return wp.vec3(
+        v[0] + a[1] * b[2] - a[2] * b[1],
+        v[1] + a[2] * b[0] - a[0] * b[2],
+        v[2] + a[0] * b[1] - a[1] * b[0],
+    )
+
+
+@wp.func
+def plus_cross_at_quad_corner(crosses: wp.vec3, before: wp.vec3, opposite: wp.vec3, after: wp.vec3):
+    """The crosses of quads so far and that of one more, see `cross_at_quad_corner`."""
+    return plus_cross(crosses, after - before, before + opposite)
+
+
+@wp.func
+def crosses_at_quad_corners(ab: wp.vec3, bc: wp.vec3, da: wp.vec3, ac: wp.vec3, bd: wp.vec3):
+    """The same for all four corners, from edges and diagonals [m]: sooner, since the crosses of opposite corners' edges
     add up to that of the diagonals."""
-    both = wp.cross(ab + bc, bc + cd)
-    at_a = both - wp.cross(ab, da)
-    at_b = both - wp.cross(bc, ab)
+    both = wp.cross(ac, bd)
+    at_a = plus_cross(both, da, ab)
+    at_b = plus_cross(both, ab, bc)
     return at_a, at_b, 3.0 * both - at_a, 3.0 * both - at_b
 
 

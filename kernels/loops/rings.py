@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.inflation import FAR
 from balloon_warp.kernels.loops.aims import facing_of_quads, see_quad
-from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
+from balloon_warp.kernels.loops.areas import CROSSES, plus_cross_at_quad_corner
 from balloon_warp.kernels.loops.ring_ends import ring_ends
 from balloon_warp.kernels.loops.springs import spring_pull
 from balloon_warp.kernels.memory import four_ints_at, pair_at
@@ -69,7 +69,7 @@ def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
                 t, velocities, own, ends[1], along, own.n[0] * scales[1], lengths[1], velocity, time
             )
             if wp.static(traits.measures_areas):
-                crosses += cross_at_quad_corner(before, across, along)
+                crosses = plus_cross_at_quad_corner(crosses, before, across, along)
             if wp.static(aims):
                 turned, nearer = see_quad(normal, nearest, before, across, along)
                 normal = turned

@@ -190,7 +190,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         cd = d - c
         da = a - d
         d11 = wp.vec4(wp.dot(ab, ab), wp.dot(bc, bc), wp.dot(cd, cd), wp.dot(da, da))
-        d12 = wp.vec4(-wp.dot(ab, da), -wp.dot(bc, ab), -wp.dot(cd, bc), -wp.dot(da, cd))
+        d12 = -1.0 * wp.vec4(wp.dot(ab, da), wp.dot(bc, ab), wp.dot(cd, bc), wp.dot(da, cd))
         r11 = wp.vec4()
         r12 = wp.vec4()
         if wp.static(viscous):
@@ -216,7 +216,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         at_c = wp.vec3()
         at_d = wp.vec3()
         if wp.static(areas and triangles == 4):
-            at_a, at_b, at_c, at_d = crosses_at_quad_corners(ab, bc, cd, da)
+            at_a, at_b, at_c, at_d = crosses_at_quad_corners(ab, bc, da, ab + bc, bc + cd)
         elif wp.static(areas):
             at_a = wp.cross(da, ab)
             at_b = at_a

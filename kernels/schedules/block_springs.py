@@ -12,7 +12,7 @@ import warp as wp
 from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.laws.inflation import FAR
 from balloon_warp.kernels.loops.aims import facing_of_quads, see_quad
-from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
+from balloon_warp.kernels.loops.areas import CROSSES, plus_cross_at_quad_corner
 from balloon_warp.kernels.memory import in_tile, vector_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -126,16 +126,17 @@ def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[An
     @wp.func
     def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Springs, point: wp.vec3):
         """Area vector of a particle, by the quads around it [m^2]. Slots past its valence hold the particle itself."""
-        area_vector = wp.vec3()
+        crosses = wp.vec3()
         first = in_tile(points, springs.neighbors[0]) - point
         before = first
         for slot in range(1, shear_begin):
             opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
             after = in_tile(points, springs.neighbors[slot]) - point
-            area_vector += cross_at_quad_corner(before, opposite, wp.where(slot == springs.valence, first, after))
+            end = wp.where(slot == springs.valence, first, after)
+            crosses = plus_cross_at_quad_corner(crosses, before, opposite, end)
             before = after
         opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
-        return CROSSES * (area_vector + cross_at_quad_corner(before, opposite, first))
+        return CROSSES * plus_cross_at_quad_corner(crosses, before, opposite, first)
 
     @wp.func
     def facing_in_ring(t: Tables, points: Any, own: Any, springs: Springs, point: wp.vec3):
