@@ -21,6 +21,7 @@ from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.later import later_array
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.residence import Residence, residence
+from balloon_warp.schedules.rings import least_valence
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
@@ -139,7 +140,7 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
             if traits.aims and not traits.aims_on_the_way
             else 1,
             kind_slots=kind_slots(ends),
-            rings=residing.rings is not None,
+            rings=least_valence(residing.rings) if residing.rings else 0,
             odd_substeps=odd,
             registers=residing.registers,
             film=film,

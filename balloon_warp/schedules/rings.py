@@ -28,6 +28,11 @@ def quad_rings(model: Model) -> Ring | None:
     return _FOUND[model]
 
 
+def least_valence(ring: Ring) -> int:
+    """How many quads are around each particle at least."""
+    return int((ring[STRUCTURAL] >= 0).sum(axis=0).min())
+
+
 def _rings_of(model: Model) -> Ring | None:
     if (np.diff(model.face_offsets.numpy()) != 4).any():
         return None

@@ -42,8 +42,8 @@ class Layout(NamedTuple):
     """that a tile holds, where particles are resident"""
     kind_slots: tuple[int, int, int] = (0, 0, 0)
     """the most springs of each kind at a particle, where they are resident"""
-    rings: bool = False
-    """area vectors come of the ring of springs around each particle"""
+    rings: int = 0
+    """area vectors come of the ring of springs around each particle, and there are at least so many quads in it"""
     odd_substeps: bool = False
     fast_velocities: bool = False
     """they stand in a tile, too, where particles are not resident"""

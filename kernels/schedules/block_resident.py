@@ -47,7 +47,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     Center, Area = (wp.vec4, wp.vec2) if layout.film else (wp.vec3, wp.vec3)  # noqa: N806 - or what `film_places` says
     capacity = threads * (2 if two else 1)
     Springs, read_springs, pull_of_springs, area_in_ring, facing_in_ring = slot_functions(  # noqa: N806 - a type
-        traits, layout.kind_slots
+        traits, layout.kind_slots, layout.rings
     )
     films = films_of(traits, layout, Springs, read_springs, pull_of_springs) if layout.film else None
     area_vector, facing = area_in_ring if layout.rings else None, facing_in_ring if traits.aims_on_the_way else None

@@ -33,9 +33,15 @@ class SlotTable:
 
 
 @cache
-def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[Any, Any, Any, Any, Any]:
+def slot_functions(
+    traits: Traits, kind_slots: tuple[int, int, int], least_valence: int = 1
+) -> tuple[Any, Any, Any, Any, Any]:
     """For so many slots of each kind: the type of what is kept in registers, the function that reads it, and the loops
-    over all springs, and over the quads between them for the area vector, and for A_p n."""
+    over all springs, and over the quads between them for the area vector, and for A_p n.
+
+    Args:
+        least_valence: quads around each particle that there are at least.
+    """
     shear_begin = kind_slots[0]
     flexion_begin = shear_begin + kind_slots[1]
     slots = flexion_begin + kind_slots[2]
@@ -132,7 +138,9 @@ def slot_functions(traits: Traits, kind_slots: tuple[int, int, int]) -> tuple[An
         for slot in range(1, shear_begin):
             opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
             after = in_tile(points, springs.neighbors[slot]) - point
-            end = wp.where(slot == springs.valence, first, after)
+            end = after
+            if slot >= least_valence:
+                end = wp.where(slot == springs.valence, first, after)
             crosses = plus_cross_at_quad_corner(crosses, before, opposite, end)
             before = after
         opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
