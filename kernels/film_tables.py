@@ -12,11 +12,13 @@ class FilmTable:
     """the particles at each face's corners; where particles are resident, where their points begin in a tile, in
     bytes"""
     rests: wp.array[wp.vec4]
-    """of the triangle at each corner, all of the first corners first; without area where there is none"""
+    """of the triangle at each corner, all of the first corners first; without area where there is none; where threads
+    keep them, its shape at rest, see `rest_of_shape`"""
     balloons: wp.array[wp.int32]
     """of each face"""
     numbers: wp.array[wp.vec4i]
     """of the triangles, where they wear"""
     places: wp.array[wp.vec4i]
     """where what each face does to a particle stands, corner times the number of faces plus the face, in fours: of all
-    particles the first four, then the next; and four times that number, where there is nothing, as what fills up"""
+    particles the first four, then the next; and four times that number, where there is nothing, as what fills up; where
+    particles are resident, each times `PLACE_BYTES`"""

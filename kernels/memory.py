@@ -117,6 +117,35 @@ def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    float same;
+    asm volatile("mov.f32 %0, %1;" : "=f"(same) : "f"(number));
+    return same;
+#else
+    return number;
+#endif
+""")
+def found_anew(number: float) -> float:
+    """A number of which a GPU's compiler does not know that it stays the same in a loop, so that what follows from it
+    is found where it is needed, and takes no registers until then."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    int same;
+    asm volatile("mov.b32 %0, %1;" : "=r"(same) : "r"(number));
+    return same;
+#else
+    return number;
+#endif
+""")
+def found_anew(number: wp.int32) -> wp.int32:  # noqa: F811 - an overload
+    """The same of a whole number."""
+    ...
+
+
 IN_ROW = "array.data[(size_t)(unsigned int)row * (unsigned int)array.shape[1] + (unsigned int)column]"
 
 

@@ -10,7 +10,7 @@ from meshes import mesh_of, quad_sphere
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.schedules.block_films import films_of
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat, no_springs
 from balloon_warp.kernels.tables import Tables
@@ -27,26 +27,33 @@ TRIANGLES = mesh_of(QUADS.points.tolist(), [c for a, b, d, e in QUADS.face_verte
                                             for c in ([a, b, d], [a, d, e])])  # fmt: skip
 
 
-@pytest.mark.parametrize("mesh", [QUADS, TRIANGLES], ids=["quads", "triangles"])
-def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh) -> None:
-    """Of a volume that is cubic in each place, central differences are exact but for rounding, 1e-10 over 1e-4."""
+def measured(mesh: PolygonMesh, points: np.ndarray, held: bool) -> tuple[np.ndarray, np.ndarray]:
+    """What faces pull particles with [N], and their area vectors [m^2].
+
+    Args:
+        held: whether threads keep what they know of quads, one each.
+    """
     gas = Inflation(kind="gas", start_pressure=0.0)
     model = build_model(Scene(balloon=[Balloon(mesh=mesh, material=Material(preset="latex"), inflation=gas)]), "cpu")
     traits = model_traits(model)
     film = film_layout(model, traits)
     assert film is not None
     assert film.areas
+    count, threads = model.particle_count, model.face_count if held else 1
+    film = film._replace(held=threads if held else 0)
+    places = film_entries(model, film.held)
     tables = make_tables(model, traits, in_block=True)
     tables.membranes.films = film_table(model, film, resident=True)
-    count, places = model.particle_count, film_entries(model)
-    layout = Layout(1, count, resident=True, faces=places, film=film)
+    layout = Layout(threads, count, resident=True, faces=places, film=film)
     films = films_of(traits, layout, wp.int32, no_springs, spring_loop(traits, in_tile))
     read_numbers = numbers_reader(traits.columns)
+    _, read_own = own_functions(traits.columns, traits.balloons)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def measure(
         t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
         points: wp.array[wp.vec3],
+        pulled: wp.array[wp.vec3],
         found: wp.array[wp.vec3],
     ):
         tile = wp.tile_empty(shape=count, dtype=wp.vec3, storage="shared")
@@ -57,17 +64,45 @@ def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh) -> None:
         seat = Seat()
         seat.count = count
         films.begin(t, seat, pulls, areas)
-        films.stretch(t, seat, read_numbers(t, 0, 0), tile, points, pulls, areas)
+        for thread in range(threads):
+            seat.thread = thread
+            first = films.read(t, 0, read_own(t, 0, 0), thread, True)
+            films.stretch(t, seat, read_numbers(t, 0, 0), first, tile, points, pulls, areas)
         for particle in range(count):
-            held = films.take(t, seat, particle, films.held(), pulls, areas)
-            found[particle] = held.area_vector
+            mine = films.read(t, 0, read_own(t, 0, particle), particle, True)
+            taken = films.take(t, seat, particle, mine, pulls, areas)
+            pulled[particle] = taken.pull
+            found[particle] = taken.area_vector
 
-    rng = np.random.default_rng(0)
-    points = (np.asarray(mesh.points) * rng.uniform(0.9, 1.1, (len(mesh.points), 1))).astype(np.float32)
-    found = wp.zeros(count, dtype=wp.vec3, device="cpu")
-    given = [tables, wp.array(points, dtype=wp.vec3, device="cpu"), found]
+    pulled, found = (wp.zeros(count, dtype=wp.vec3, device="cpu") for _ in range(2))
+    given = [tables, wp.array(points, dtype=wp.vec3, device="cpu"), pulled, found]
     wp.launch_tiled(measure, dim=[1], inputs=given, block_dim=1, device="cpu")
-    np.testing.assert_allclose(found.numpy(), gradient(mesh, points.astype(np.float64)), atol=1e-7)
+    return pulled.numpy(), found.numpy()
+
+
+def moved(mesh: PolygonMesh, stretch: float) -> np.ndarray:
+    """Its points, stretched, and each a little in or out."""
+    rng = np.random.default_rng(0)
+    return (stretch * np.asarray(mesh.points) * rng.uniform(0.9, 1.1, (len(mesh.points), 1))).astype(np.float32)
+
+
+@pytest.mark.parametrize(("mesh", "held"), [(QUADS, False), (QUADS, True), (TRIANGLES, False)])
+def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: bool) -> None:
+    """Of a volume that is cubic in each place, central differences are exact but for rounding, 1e-10 over 1e-4."""
+    points = moved(mesh, 1.0)
+    _, found = measured(mesh, points, held)
+    np.testing.assert_allclose(found, gradient(mesh, points.astype(np.float64)), atol=1e-7)
+
+
+@pytest.mark.parametrize("stretch", [0.9, 1.1, 1.6], ids=["slack", "wrinkled here and there", "taut"])
+def test_quads_pull_alike_whether_threads_keep_them(stretch: float) -> None:
+    """Up to float32's rounding; and all pulls add up to nothing."""
+    points = moved(QUADS, stretch)
+    kept, read = (measured(QUADS, points, held)[0] for held in (True, False))
+    largest = np.abs(read).max()
+    assert largest > 0.0
+    np.testing.assert_allclose(kept, read, atol=2e-5 * largest)
+    np.testing.assert_allclose(kept.sum(axis=0), 0.0, atol=1e-5 * largest)
 
 
 def gradient(mesh: PolygonMesh, points: np.ndarray, step: float = 1e-4) -> np.ndarray:

@@ -134,16 +134,17 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
             capacity=residing.threads * residing.particles_a_thread,
             resident=True,
             two=residing.particles_a_thread == 2,
-            faces=film_entries(model)
+            faces=film_entries(model, residing.held)
             if film
             else model.face_count
             if traits.aims and not traits.aims_on_the_way
             else 1,
             kind_slots=kind_slots(ends),
             rings=least_valence(residing.rings) if residing.rings else 0,
-            odd_substeps=odd,
+            one_tile=residing.one_tile,
+            odd_substeps=odd and not residing.one_tile,
             registers=residing.registers,
-            film=film,
+            film=film._replace(held=residing.held) if film else None,
         )
         return layout, residing
     capacity = _round_up(model.particle_count, CAPACITY_STEP)

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.schedules.block_memory import FilmLayout
-from balloon_warp.kernels.schedules.film_places import VECTOR_BYTES
+from balloon_warp.kernels.schedules.film_places import PLACE_BYTES, VECTOR_BYTES
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
@@ -42,33 +42,45 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     if layout is None:
         return table
     quads = membrane_quads(model)
-    particles, places = _particles_and_places(quads)
+    particles, places = _particles_and_places(quads, layout.held)
     counts = np.bincount(particles, minlength=model.particle_count)
     slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
     fours = -(-layout.slots // 4)
-    of_slots = np.full((fours, model.particle_count, 4), 4 * len(quads.corners))
+    of_slots = np.full((fours, model.particle_count, 4), film_entries(model, layout.held) - 1)
     of_slots[slot // 4, particles, slot % 4] = places
-    rests = quads.rests.transpose(1, 0, 2).reshape(-1, 4)
+    rests = (shapes_of(quads) if layout.held else quads.rests).transpose(1, 0, 2).reshape(-1, 4)
     table.corners = wp.array((VECTOR_BYTES if resident else 1) * quads.corners, dtype=wp.vec4i, device=model.device)
     table.rests = wp.array(rests, dtype=wp.vec4, device=model.device)
     table.balloons = wp.array(quads.balloons, dtype=wp.int32, device=model.device)
     if model.softens:
         table.numbers = wp.array(np.maximum(quads.numbers, 0), dtype=wp.vec4i, device=model.device)
+    of_slots *= PLACE_BYTES if resident else 1
     table.places = wp.array(of_slots.reshape(-1, 4), dtype=wp.vec4i, device=model.device)
     return table
 
 
-def film_entries(model: Model) -> int:
-    """What faces write, with the zero that fills up."""
-    return 4 * len(membrane_quads(model).corners) + 1
+def film_entries(model: Model, held: int = 0) -> int:
+    """What faces write, with the zero that fills up.
+
+    Args:
+        held: faces that there is room for, if that is another number.
+    """
+    return 4 * (held or len(membrane_quads(model).corners)) + 1
 
 
-def _particles_and_places(quads: MembraneQuads) -> tuple[np.ndarray, np.ndarray]:
+def shapes_of(quads: MembraneQuads) -> np.ndarray:
+    """Of the triangles at rest, see `rest_of_shape`, of what is quads alone, shape (n, 4, 4)."""
+    g11, g12, g22, _ = np.moveaxis(quads.rests, -1, 0)
+    size = np.sqrt(g11 * g22 - g12 * g12)
+    return np.stack([(g11 + g12) / size, (g22 + g12) / size, -g12 / size, size], axis=-1)
+
+
+def _particles_and_places(quads: MembraneQuads, held: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Of each face at each particle, sorted by particle."""
     count = len(quads.corners)
     there = np.ones((4, count), dtype=bool)
     there[2] = quads.triangles == 4
-    places = np.flatnonzero(there.ravel())
-    particles = quads.corners.T.ravel()[places]
+    corner, face = np.nonzero(there)
+    particles = quads.corners[face, corner]
     order = np.argsort(particles, kind="stable")
-    return particles[order], places[order]
+    return particles[order], ((held or count) * corner + face)[order]

@@ -24,6 +24,10 @@ OWN_REGISTERS, GAS_REGISTERS = 12, 28
 FILM_REGISTERS = 4
 """more, to measure a face of a membrane. With 80 registers and three blocks a few wait in local memory: 3 to 5 % faster
 than two blocks of 96 or 128, and 23 % than one particle in 64."""
+QUAD_REGISTERS = 20
+"""for each quad of a membrane that a thread holds"""
+MOST_QUADS = 2
+"""that it does"""
 SUM_BYTES = 2048
 """of shared memory of a block, beside tiles"""
 CONTACT_REGISTERS = 28
@@ -42,6 +46,10 @@ class Residence:
     """that a multiprocessor runs at once"""
     rings: Ring | None
     """the quads around each particle, where area vectors come of them"""
+    one_tile: bool
+    """see `Layout`"""
+    held: int
+    """quads of membranes that threads have room for, see `FilmLayout`"""
 
 
 def residence(model: Model, traits: Traits, ends: SpringEnds, film: FilmLayout | None) -> Residence | None:
@@ -56,17 +64,34 @@ def residence(model: Model, traits: Traits, ends: SpringEnds, film: FilmLayout |
     if traits.membranes and (film is None or traits.wears or traits.aims):
         return None  # faces of membranes take the place in shared memory of what aims need
     rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
-    single, double = (_residence(model, traits, ends, rings, film, particles) for particles in (1, 2))
+    single, double = (_best_of(model, traits, ends, rings, film, particles) for particles in (1, 2))
     if single and double:
         return double if double.blocks >= max(single.blocks, 2) else single
     return single or double
 
 
-def _residence(
+def _best_of(
     model: Model, traits: Traits, ends: SpringEnds, rings: Ring | None, film: FilmLayout | None, particles_a_thread: int
+) -> Residence | None:
+    """Threads hold quads where that leaves a multiprocessor a second block, if it has one otherwise."""
+    reading, holding = (
+        _residence(model, traits, ends, rings, film, particles_a_thread, held) for held in (False, True)
+    )
+    return holding if holding and reading and holding.blocks >= min(reading.blocks, 2) else reading
+
+
+def _residence(
+    model: Model,
+    traits: Traits,
+    ends: SpringEnds,
+    rings: Ring | None,
+    film: FilmLayout | None,
+    particles_a_thread: int,
+    holds_quads: bool,
 ) -> Residence | None:
     """With as many blocks as leave registers for the springs, and for so many others of a thread."""
     threads = -(-model.particle_count // (WARP_THREADS * particles_a_thread)) * WARP_THREADS
+    quads = -(-model.face_count // threads) if holds_quads else 0
     slots = sum(kind_slots(ends)) * (3 if traits.springs_vary else 2)
     own = GAS_REGISTERS if traits.gas else OWN_REGISTERS
     if traits.membranes:
@@ -74,17 +99,32 @@ def _residence(
     if traits.stands_on_fixtures or traits.touches:
         own += CONTACT_REGISTERS
     needed = own + particles_a_thread * (24 + slots)
-    words = 2 * 3 * threads * particles_a_thread
+    one_tile = film is not None and not _looks_late(traits, slots)
+    words = (1 if one_tile else 2) * 3 * threads * particles_a_thread
     if film:
-        words += (6 if film.areas else 4) * film_entries(model)
+        words += (6 if film.areas else 4) * film_entries(model, quads * threads)
+    if holds_quads and not (film and film.areas and film.triangles == 4 and not traits.viscous and quads <= MOST_QUADS):
+        return None
+    needed += quads * QUAD_REGISTERS
     if threads > MOST_THREADS:
         return None
     for blocks in range(min(_useful_blocks(model, threads), _blocks_with(model, 4 * words)), 0, -1):
         warps_of_quarter = -(-blocks * threads // WARP_THREADS // QUARTERS)
         registers = min(REGISTERS // QUARTERS // WARP_THREADS // warps_of_quarter // 8 * 8, MOST_REGISTERS)
         if registers >= needed:
-            return Residence(particles_a_thread, threads, registers, blocks, rings)
+            return Residence(particles_a_thread, threads, registers, blocks, rings, one_tile, quads * threads)
     return None
+
+
+def _looks_late(traits: Traits, slots: int) -> bool:
+    """Whether points are looked at once some may have moved. Faces of membranes look sooner, before a barrier.
+
+    Args:
+        slots: of springs.
+    """
+    around = slots > 0 or traits.has("hinge") or traits.has("face") or traits.aims or traits.jets or traits.in_water
+    beside = traits.touches or traits.obstacles or traits.frames == "free"
+    return around or beside or traits.corrected or traits.looks_at_velocities
 
 
 def _useful_blocks(model: Model, threads: int) -> int:

@@ -14,15 +14,18 @@ from balloon_warp.kernels.compose import choice_of_laws
 from balloon_warp.kernels.laws.tension_field import (
     LEAST_DET,
     compliance_of,
+    elastic_stiffness,
     elastic_tension,
     invariants_of,
     is_taut,
     mixed_stretch,
     relaxed,
+    rest_of_shape,
     trace_and_det,
+    trace_and_det_of_shape,
     viscous_tension,
 )
-from balloon_warp.kernels.memory import four_floats_at, int_pair_at
+from balloon_warp.kernels.memory import found_anew, four_floats_at, int_pair_at
 from balloon_warp.kernels.tables import SLICE, MembraneTable, first_entry
 from balloon_warp.kernels.traits import Traits
 
@@ -41,6 +44,22 @@ def pulls_on_corners(ab: Any, bc: Any, cd: Any, da: Any, along: Any, mixed: Any,
     by_cd = scaled(cd, along[2] + back[2]) - scaled(bc, mixed[2]) - scaled(da, mixed[3])
     by_da = scaled(da, along[3] + back[3]) - scaled(cd, mixed[3]) - scaled(ab, mixed[0])
     return by_ab - by_da, by_bc - by_ab, by_cd - by_bc, by_da - by_cd
+
+
+@wp.func
+def pulls_between_corners(
+    ab: wp.vec3, bc: wp.vec3, cd: wp.vec3, da: wp.vec3, ac: wp.vec3, bd: wp.vec3, along: wp.vec4, across: wp.vec2
+):
+    """The forces on the corners of a quad [N], which add up to nothing.
+
+    Args:
+        along: what edges pull with, over their vectors [N/m].
+        across: what both diagonals do.
+    """
+    on_a = along[0] * ab - along[3] * da + across[0] * ac
+    on_b = along[1] * bc - along[0] * ab + across[1] * bd
+    on_c = along[2] * cd - along[1] * bc - across[0] * ac
+    return on_a, on_b, on_c, -1.0 * (on_a + on_b) - on_c
 
 
 @cache
@@ -105,6 +124,24 @@ def taut_tension_function(traits: Traits) -> Any:
         return elastic_tension(metric, rest, by_trace, by_det, double_volume)
 
     return taut_tension
+
+
+@cache
+def taut_stiffness_function(traits: Traits) -> Any:
+    """The function that gives what the edges pull with of a triangle that is surely taut, by its shape at rest."""
+    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
+    thickness = traits.columns.places["thickness"]
+
+    @wp.func
+    def taut_stiffness(metric: wp.vec3, products: wp.vec3, shape: wp.vec4, part: float, material: wp.int32, n: Any):
+        """See `elastic_stiffness`."""
+        trace, det = trace_and_det_of_shape(metric, products, shape)
+        rest = rest_of_shape(shape, part)  # left out where no law asks for the spread
+        _trace, _det, spread = invariants_of(mixed_stretch(metric, rest))
+        by_trace, by_det = slopes_of_law(trace, det, spread, material, n, 0)
+        return elastic_stiffness(shape, by_trace, by_det, part * found_anew(number_in(n, thickness, 0)))
+
+    return taut_stiffness
 
 
 @cache

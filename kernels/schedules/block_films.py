@@ -16,9 +16,10 @@ from balloon_warp.kernels.loops.membranes import (
     tension_function,
     wear_reader,
 )
-from balloon_warp.kernels.memory import four_floats_at, four_ints_at, vector_at
+from balloon_warp.kernels.memory import found_anew, four_floats_at, four_ints_at, vector_at
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
+from balloon_warp.kernels.schedules.block_quads import quads_of
 from balloon_warp.kernels.schedules.film_places import film_places
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables
@@ -36,12 +37,12 @@ class Films(NamedTuple):
     begin: Any
     """(t, seat, pulls, area_vectors): what a frame begins with; a barrier must follow"""
     stretch: Any
-    """(t, seat, n, points, velocities, pulls, area_vectors): all faces, and a barrier; with the numbers of a balloon,
-    if there is one alone"""
+    """(t, seat, n, held, points, velocities, pulls, area_vectors): all faces, and a barrier; with the numbers of a
+    balloon, if there is one alone, and what the thread's first particle holds"""
     take: Any
     """(t, seat, number, held, pulls, area_vectors): a particle's, once all faces are measured"""
     read: Any
-    """(t, slots, own): what it holds at the start of a frame"""
+    """(t, slots, own, place, active): what it holds at the start of a frame"""
     pull: Any
     """as of springs, with that of the faces"""
     area_vector: Any
@@ -53,12 +54,15 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     """For a layout that has films, beside the springs of particles."""
     film = layout.film
     assert film is not None
-    put, get, point_at = film_places(layout)
+    step, put, get, point_at = film_places(layout)
+    quads = quads_of(traits, layout) if film.held else None
+    quads_type = quads.held if quads else wp.int32
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of, left_of = material_reader(traits), wear_reader(traits)
     read_numbers = numbers_reader(traits.columns)
     triangles, mixed, slots, areas = film.triangles, film.mixed, film.slots, film.areas
     viscous, fours = traits.viscous, -(-slots // 4)
+    keeps_places = layout.resident and fours == 1
     has_springs = not layout.resident or sum(layout.kind_slots) > 0
 
     @wp.struct
@@ -66,13 +70,30 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         """What a particle holds."""
 
         springs: springs_type
+        quads: quads_type  # of a thread's first, where that keeps what it knows of some
+        places: wp.vec4i  # of what its faces do to it, where it keeps them
         pull: wp.vec3
         area_vector: wp.vec3
 
     @wp.func
-    def read(t: Tables, slot_table: Any, own: Any):
+    def count_of(films: FilmTable):
+        """Faces that there is room for; known ahead where kernels are made for so many."""
+        if wp.static(layout.resident):
+            return wp.static((layout.faces - 1) // 4)
+        else:
+            return films.corners.shape[0]
+
+    @wp.func
+    def read(t: Tables, slot_table: Any, own: Any, place: wp.int32, active: bool):
         held = Held()
-        held.springs = read_springs(t, slot_table, own)
+        held.springs = read_springs(t, slot_table, own, place, active)
+        if wp.static(quads is not None):
+            held.quads = quads.hold(t, place)
+        if wp.static(keeps_places):
+            held.places = four_ints_at(t.membranes.films.places, own.number)
+            if not active:
+                for slot in range(4):
+                    held.places[slot] = step * 4 * count_of(t.membranes.films)  # where there is nothing
         return held
 
     @wp.func
@@ -91,18 +112,10 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         return held.area_vector
 
     @wp.func
-    def count_of(films: FilmTable):
-        """Faces; known ahead where kernels are made for so many."""
-        if wp.static(layout.resident):
-            return wp.static((layout.faces - 1) // 4)
-        else:
-            return films.corners.shape[0]
-
-    @wp.func
     def begin(t: Tables, seat: Seat, pulls: Any, area_vectors: Any):
         """Where a particle has fewer faces than others, it reads what is always zero."""
         if seat.thread == 0:
-            put(pulls, area_vectors, 4 * count_of(t.membranes.films), wp.vec3(), wp.vec3())
+            put(pulls, area_vectors, step * 4 * count_of(t.membranes.films), wp.vec3(), wp.vec3())
 
     @wp.func
     def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
@@ -221,14 +234,14 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
             at_a = wp.cross(da, ab)
             at_b = at_a
             at_d = at_a
-        put(pulls, area_vectors, face, on_a, at_a)
-        put(pulls, area_vectors, count + face, on_b, at_b)
+        put(pulls, area_vectors, step * face, on_a, at_a)
+        put(pulls, area_vectors, step * (count + face), on_b, at_b)
         if wp.static(triangles == 4):
-            put(pulls, area_vectors, 2 * count + face, on_c, at_c)
-        put(pulls, area_vectors, 3 * count + face, on_d, at_d)
+            put(pulls, area_vectors, step * (2 * count + face), on_c, at_c)
+        put(pulls, area_vectors, step * (3 * count + face), on_d, at_d)
 
     @wp.func
-    def stretch(t: Tables, seat: Seat, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
+    def stretch_all(t: Tables, seat: Seat, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
         for face in range(seat.thread, count_of(t.membranes.films), wp.block_dim()):
             if wp.static(traits.balloons == 1):
                 measure_face(t, seat.world, face, n, points, velocities, pulls, area_vectors)
@@ -238,9 +251,21 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         block_barrier()
 
     @wp.func
+    def stretch(t: Tables, seat: Seat, n: Any, held: Held, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
+        if wp.static(quads is not None):
+            quads.stretch(t, seat, n, held.quads, points, pulls, area_vectors)
+        else:
+            stretch_all(t, seat, n, points, velocities, pulls, area_vectors)
+
+    @wp.func
     def take(t: Tables, seat: Seat, number: wp.int32, held: Held, pulls: Any, area_vectors: Any):
         """In the order of its faces."""
-        first = four_ints_at(t.membranes.films.places, number)
+        first = held.places
+        if wp.static(keeps_places):
+            for slot in range(4):
+                first[slot] = found_anew(held.places[slot])
+        else:
+            first = four_ints_at(t.membranes.films.places, number)
         pull, area_vector = get(pulls, area_vectors, first[0])
         for slot in range(1, wp.static(min(slots, 4))):
             more, further = get(pulls, area_vectors, first[slot])

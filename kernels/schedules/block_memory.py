@@ -26,6 +26,9 @@ class FilmLayout(NamedTuple):
     """some have fewer"""
     areas: bool
     """area vectors come of them, too: they are all the faces that there are"""
+    held: int = 0
+    """that threads have room for in their registers, which all are quads then: the most of a thread, times the threads;
+    0 where they are read in every substep"""
 
 
 class Layout(NamedTuple):
@@ -44,6 +47,8 @@ class Layout(NamedTuple):
     """the most springs of each kind at a particle, where they are resident"""
     rings: int = 0
     """area vectors come of the ring of springs around each particle, and there are at least so many quads in it"""
+    one_tile: bool = False
+    """resident particles need no second tile for their points in every other substep"""
     odd_substeps: bool = False
     fast_velocities: bool = False
     """they stand in a tile, too, where particles are not resident"""
@@ -215,7 +220,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
         if not member.active:
             member.own.share = 0.0
             member.own.mass = 0.0
-        member.springs = read_springs(t, slots, member.own)
+        member.springs = read_springs(t, slots, member.own, place, member.active)
         member.inertia = member.own.mass
         member.gain = response(member.inertia, t.step_seconds)
         return member
@@ -243,7 +248,7 @@ def member_functions(traits: Traits, springs_type: Any, read_springs: Any) -> tu
 
 
 @wp.func
-def no_springs(t: Tables, slots: wp.int32, own: Any):
+def no_springs(t: Tables, slots: wp.int32, own: Any, place: wp.int32, active: bool):
     """Of a particle whose springs are read every substep, nothing is kept of them."""
     return own.number
 

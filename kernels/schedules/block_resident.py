@@ -46,6 +46,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     area_capacity = 1 if layout.film and not layout.film.areas else face_capacity
     Center, Area = (wp.vec4, wp.vec2) if layout.film else (wp.vec3, wp.vec3)  # noqa: N806 - or what `film_places` says
     capacity = threads * (2 if two else 1)
+    odd_capacity = 1 if layout.one_tile else capacity
     Springs, read_springs, pull_of_springs, area_in_ring, facing_in_ring = slot_functions(  # noqa: N806 - a type
         traits, layout.kind_slots, layout.rings
     )
@@ -117,7 +118,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             mine = aimed
             also = other_aimed
         if wp.static(films is not None):
-            films.stretch(t, seat, mine.own.n, source, velocities, centers, areas)
+            films.stretch(t, seat, mine.own.n, mine.springs, source, velocities, centers, areas)
             mine.springs = films.take(t, seat, mine.own.number, mine.springs, centers, areas)
             if wp.static(two):
                 also.springs = films.take(t, seat, also.own.number, also.springs, centers, areas)
@@ -175,6 +176,44 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         return mine, also
 
     @wp.func
+    def go_through(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        mine: Member,
+        also: Member,
+        even: Any,
+        odd: Any,
+        seen: wp.array[wp.vec3],
+        shown: wp.array[wp.vec3],
+        centers: Any,
+        areas: Any,
+    ):
+        """All substeps of the frame that begins at the seat's time; velocities are seen in even ones and shown in
+        odd ones."""
+        if wp.static(layout.one_tile):
+            for number in range(t.substeps):
+                now = at_substep(t, seat, seat.time, number)
+                moved, beside = substep(t, state, memory, now, mine, also, even, even, seen, seen, centers, areas)
+                mine = moved
+                also = beside
+        else:
+            for pair in range(t.substeps // 2):
+                now = at_substep(t, seat, seat.time, 2 * pair)
+                first, second = substep(t, state, memory, now, mine, also, even, odd, seen, shown, centers, areas)
+                then = at_substep(t, seat, seat.time, 2 * pair + 1)
+                third, fourth = substep(t, state, memory, then, first, second, odd, even, shown, seen, centers, areas)
+                mine = third
+                also = fourth
+            if wp.static(layout.odd_substeps):
+                last = at_substep(t, seat, seat.time, t.substeps - 1)
+                fifth, sixth = substep(t, state, memory, last, mine, also, even, odd, seen, shown, centers, areas)
+                mine = fifth
+                also = sixth
+        return mine, also
+
+    @wp.func
     def end_member(t: Tables, state: WorldState, seat: Seat, place: wp.int32, member: Member, points: Any):
         """What a frame ends with; what the substeps do not need is read again, so that it takes no register."""
         if place < seat.count:
@@ -213,11 +252,11 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if not is_due(memory, world):
             return
         even = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
-        odd = wp.tile_empty(shape=capacity, dtype=wp.vec3, storage="shared")
+        odd = wp.tile_empty(shape=odd_capacity, dtype=wp.vec3, storage="shared")
         centers = wp.tile_empty(shape=face_capacity, dtype=Center, storage="shared")
         areas = wp.tile_empty(shape=area_capacity, dtype=Area, storage="shared")
         seat = take_seat(state, world, thread)
-        frame_begin = begins(t, memory)
+        seat.time = begins(t, memory)
         velocities = state.velocities[world]
         other_velocities = state.velocities[world]
         if wp.static(traits.looks_at_velocities):
@@ -227,7 +266,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
-            gas.begin(t, state, seat, frame_begin)
+            gas.begin(t, state, seat, seat.time)
         if wp.static(films is not None):
             films.begin(t, seat, centers, areas)
         mine = take_place(state, seat, seat_member(t, slots, state, seat, thread), thread, even, velocities)
@@ -244,24 +283,11 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             _area, aimed, other_aimed = together.aim(t, seat, mine, also, even, centers, areas)
             mine = aimed
             also = other_aimed
-        for pair in range(t.substeps // 2):
-            now = at_substep(t, seat, frame_begin, 2 * pair)
-            first, second = substep(
-                t, state, memory, now, mine, also, even, odd, velocities, other_velocities, centers, areas
-            )
-            then = at_substep(t, seat, frame_begin, 2 * pair + 1)
-            third, fourth = substep(
-                t, state, memory, then, first, second, odd, even, other_velocities, velocities, centers, areas
-            )
-            mine = third
-            also = fourth
-        if wp.static(layout.odd_substeps):
-            last = at_substep(t, seat, frame_begin, t.substeps - 1)
-            fifth, sixth = substep(
-                t, state, memory, last, mine, also, even, odd, velocities, other_velocities, centers, areas
-            )
-            mine = fifth
-            also = sixth
+        moved, beside_it = go_through(
+            t, state, memory, seat, mine, also, even, odd, velocities, other_velocities, centers, areas
+        )
+        mine = moved
+        also = beside_it
         if ends_well(t, memory, world, thread, wp.max(mine.fastest, also.fastest)):
             if wp.static(layout.odd_substeps):
                 end_pair(t, state, seat, mine, also, odd)

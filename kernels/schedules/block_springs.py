@@ -62,7 +62,7 @@ def slot_functions(
         lengths: Numbers  # where a law names them [m]
 
     @wp.func
-    def read_springs(t: Tables, slot_table: SlotTable, own: Any):
+    def read_springs(t: Tables, slot_table: SlotTable, own: Any, place: wp.int32, active: bool):
         """Into registers."""
         mine = Springs()
         mine.valence = slot_table.valences[own.number]

@@ -10,11 +10,14 @@ from balloon_warp.kernels.schedules.block_memory import Layout
 
 VECTOR_BYTES = 12
 """of a point"""
+PLACE_BYTES = 8
+"""of what waits in entries of two words; of those of four it is twice as much"""
 
 
 class FilmPlaces(NamedTuple):
-    """Functions that go by a place: a corner times the number of faces plus the face."""
+    """Functions that go by a place: `step` times a corner times the number of faces plus the face."""
 
+    step: int
     put: Any
     """(pulls, area_vectors, place, pull, area_vector)"""
     get: Any
@@ -29,21 +32,24 @@ def film_places(layout: Layout) -> FilmPlaces:
     return in_tiles(layout.faces, layout.capacity, layout.film.areas) if layout.resident else in_arrays()
 
 
-WORDS = "tile.data.ptr[(unsigned int)index]"
-"""an entry of a tile"""
-
-
 def put_words(count: int) -> str:
     """The code that writes an entry of 2 or 4 words: on a GPU by one instruction, which Warp's own would not be."""
     words = ", ".join(f"v[{n}]" for n in range(count))
-    return gpu_or_cpu(f"*(float{count}*)&{WORDS} = make_float{count}({words});", f"{WORDS} = v;")
+    entry = entry_of(count)
+    return gpu_or_cpu(f"*(float{count}*){entry} = make_float{count}({words});", f"*(wp::vec{count}*){entry} = v;")
 
 
 def get_words(count: int) -> str:
     """The code that reads it."""
     words = ", ".join(f"v.{axis}" for axis in "xyzw"[:count])
-    read = f"const float{count} v = *(const float{count}*)&{WORDS}; return wp::vec{count}({words});"
-    return gpu_or_cpu(read, f"return {WORDS};")
+    entry = entry_of(count)
+    read = f"const float{count} v = *(const float{count}*){entry}; return wp::vec{count}({words});"
+    return gpu_or_cpu(read, f"return *(const wp::vec{count}*){entry};")
+
+
+def entry_of(count: int) -> str:
+    """The address of an entry of so many words in a tile, at a place that counts two words."""
+    return f"((char*)tile.data.ptr + {count // 2}u * (unsigned int)place)"
 
 
 def gpu_or_cpu(gpu: str, cpu: str) -> str:
@@ -66,16 +72,16 @@ def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
     Twos = wp.tile(dtype=wp.vec2, shape=(places if areas else 1,), storage="shared")  # noqa: N806
 
     @wp.func_native(put_words(4))
-    def put_four(tile: Fours, index: wp.int32, v: wp.vec4): ...
+    def put_four(tile: Fours, place: wp.int32, v: wp.vec4): ...
 
     @wp.func_native(put_words(2))
-    def put_two(tile: Twos, index: wp.int32, v: wp.vec2): ...
+    def put_two(tile: Twos, place: wp.int32, v: wp.vec2): ...
 
     @wp.func_native(get_words(4))
-    def four_at(tile: Fours, index: wp.int32) -> wp.vec4: ...
+    def four_at(tile: Fours, place: wp.int32) -> wp.vec4: ...
 
     @wp.func_native(get_words(2))
-    def two_at(tile: Twos, index: wp.int32) -> wp.vec2: ...
+    def two_at(tile: Twos, place: wp.int32) -> wp.vec2: ...
 
     @wp.func_native("return *(const wp::vec3*)((const char*)tile.data.ptr + (unsigned int)byte);")
     def point_at(tile: Points, byte: wp.int32) -> wp.vec3:
@@ -96,7 +102,7 @@ def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
             two = two_at(area_vectors, place)
         return wp.vec3(four[0], four[1], four[2]), wp.vec3(four[3], two[0], two[1])
 
-    return FilmPlaces(put, get, point_at)
+    return FilmPlaces(PLACE_BYTES, put, get, point_at)
 
 
 @cache
@@ -111,4 +117,4 @@ def in_arrays() -> FilmPlaces:
     def get(pulls: Any, area_vectors: Any, place: wp.int32):
         return vector_at(pulls, place), wp.vec3()
 
-    return FilmPlaces(put, get, in_tile)
+    return FilmPlaces(1, put, get, in_tile)
