@@ -10,6 +10,7 @@ from balloon_warp.kernels.schedules.block_memory import FilmLayout
 from balloon_warp.kernels.schedules.film_places import PLACE_BYTES, VECTOR_BYTES
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
+from balloon_warp.schedules.film_banks import spread_places, turned_quads
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
 
 MOST_FACES = 12
@@ -42,20 +43,25 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     if layout is None:
         return table
     quads = membrane_quads(model)
+    if resident and layout.triangles == 4 and not layout.mixed:
+        quads = turned_quads(quads, model.particle_count)
     particles, places = _particles_and_places(quads, layout.held)
     counts = np.bincount(particles, minlength=model.particle_count)
     slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
-    fours = -(-layout.slots // 4)
-    of_slots = np.full((fours, model.particle_count, 4), film_entries(model, layout.held) - 1)
-    of_slots[slot // 4, particles, slot % 4] = places
+    fours, nothing = -(-layout.slots // 4), film_entries(model, layout.held) - 1
+    in_slots = np.full((4 * fours, model.particle_count), -1)
+    in_slots[slot, particles] = places
+    if resident:
+        in_slots[: layout.slots] = spread_places(in_slots[: layout.slots])
+    of_slots = np.where(in_slots < 0, nothing, in_slots).reshape(fours, 4, -1).swapaxes(1, 2)
     rests = (shapes_of(quads) if layout.held else quads.rests).transpose(1, 0, 2).reshape(-1, 4)
     table.corners = wp.array((VECTOR_BYTES if resident else 1) * quads.corners, dtype=wp.vec4i, device=model.device)
     table.rests = wp.array(rests, dtype=wp.vec4, device=model.device)
     table.balloons = wp.array(quads.balloons, dtype=wp.int32, device=model.device)
     if model.softens:
         table.numbers = wp.array(np.maximum(quads.numbers, 0), dtype=wp.vec4i, device=model.device)
-    of_slots *= PLACE_BYTES if resident else 1
-    table.places = wp.array(of_slots.reshape(-1, 4), dtype=wp.vec4i, device=model.device)
+    unit = PLACE_BYTES if resident else 1
+    table.places = wp.array(unit * of_slots.reshape(-1, 4), dtype=wp.vec4i, device=model.device)
     return table
 
 
