@@ -46,6 +46,15 @@ def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns
 
 
 @cache
+def laws_added(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
+    """The same function with the sum of what there is already as its first argument, to which each law is added in
+    turn: of a law that is a product, a product and a sum are one instruction."""
+    given = [each.name for each in GIVEN[kind]]
+    name = f"{kind}_laws_added"
+    return _summed(name, result, laws, columns, given, air, str, _number, "n: Any", "so_far")
+
+
+@cache
 def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
     """The same for one of eight lanes: what laws are told is of eight lanes, or alike in all; `n` is a row of lanes."""
     given = [each.name for each in GIVEN[kind]]
@@ -126,13 +135,15 @@ def _summed(
     told: Callable[[str], str],
     number: Callable[[int, int], str],
     row: str,
+    begin: str = "",
 ) -> Any:
     def told_or_found(each: str) -> str:
         return each if each == AIR else told(each)
 
     called = {f"law_{place}": law.force for place, law in enumerate(laws)}
     calls = [call_of(force, each, given, columns, told_or_found, number) for each, force in called.items()]
-    arguments = ", ".join([*(f"{each}: Any" for each in given if each != AIR), row])
+    begins = [begin] if begin else []
+    arguments = ", ".join([*(f"{each}: Any" for each in (*begins, *given) if each != AIR), row])
     lines = [f"def {name}({arguments}):"]
     if any_names(laws, AIR):
         at = {"place": told(next(each for each in PLACES if each in given)), "up": told("up"), "time": told("time")}
@@ -141,5 +152,5 @@ def _summed(
             lines.append(f"    {each}_ = {call_of(function, each, list(at), columns, at.__getitem__, number)}")
         parts = ", ".join(f"velocity_there_[{axis}]" for axis in range(3))
         lines.append(f"    {AIR} = wp.vec4({parts}, density_there_)")
-    source = "\n".join([*lines, f"    return {' + '.join(calls) or NOTHING[result]}\n"])
+    source = "\n".join([*lines, f"    return {' + '.join([*begins, *calls]) or NOTHING[result]}\n"])
     return function_from(name, source, {"of_lane": of_lane, **called})

@@ -84,6 +84,12 @@ def drift_of(traits: Traits) -> Any:
     return drift_forward if traits.forward_euler else drift_symplectic
 
 
+@wp.func
+def pressure_at(load: Any, rise: Any, point: Any, up: wp.vec3):
+    """At a place [Pa], see `inflation_of`."""
+    return load + times(rise, reach_along(point, up))
+
+
 @cache
 def inflation_of(traits: Traits) -> Any:
     """The function that gives the force of the inflation on a particle, or on eight of a balloon."""
@@ -99,9 +105,9 @@ def inflation_of(traits: Traits) -> Any:
         if wp.static(not traits.pressures):
             return scaled(aim, normal_push(k_normal))
         elif wp.static(not traits.aims):
-            return scaled(area, load + times(rise, reach_along(point, up)))
+            return scaled(area, pressure_at(load, rise, point, up))
         else:
-            push = load + times(rise, reach_along(point, up))
+            push = pressure_at(load, rise, point, up)
             along = area
             if kind == NORMAL_FORCE:
                 push = normal_push(k_normal)

@@ -2,7 +2,7 @@
 
 from typing import Any, Literal, NamedTuple
 
-from balloon_warp.kernels.compose import any_names, sum_of_laws, sum_of_laws_in_lane
+from balloon_warp.kernels.compose import any_names, laws_added, sum_of_laws, sum_of_laws_in_lane
 from balloon_warp.kernels.laws.air import AIR_ALIKE, AIR_THAT_VARIES
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
@@ -103,6 +103,10 @@ class Traits(NamedTuple):
     def laws_on(self, kind: Kind) -> Any:
         """The function that adds up the laws of a kind."""
         return sum_of_laws(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
+
+    def laws_added(self, kind: Kind) -> Any:
+        """The function that adds them to what there is already."""
+        return laws_added(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     def laws_in_lane_on(self, kind: Kind) -> Any:
         """The same for one of eight lanes."""

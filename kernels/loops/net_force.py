@@ -31,7 +31,7 @@ class Loops(NamedTuple):
     water_load: Any
     """(t, points, own)"""
     particle_laws: Any
-    """what laws on a particle are told, and the row of its numbers, to their net force"""
+    """the force so far, what laws on a particle are told, and the row of its numbers, to the force with theirs"""
 
 
 @cache
@@ -52,13 +52,13 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
             force += loops.others(t, points, velocities, own, point, velocity, time)
         water_load = wp.vec4()
         if wp.static(traits.in_water):
-            force += loops.particle_laws(
-                point, velocity, own.mass, own.share, area_vector, loops.water_load(t, points, own),
+            force = loops.particle_laws(
+                force, point, velocity, own.mass, own.share, area_vector, loops.water_load(t, points, own),
                 t.up, t.step_seconds, time, own.n,
             )  # fmt: skip
         else:
-            force += loops.particle_laws(
-                point, velocity, own.mass, own.share, area_vector, water_load, t.up, t.step_seconds, time, own.n
+            force = loops.particle_laws(
+                force, point, velocity, own.mass, own.share, area_vector, water_load, t.up, t.step_seconds, time, own.n
             )
         return force, area_vector, facing
 
@@ -146,5 +146,5 @@ def scalar_loops(
         around,
         other_pulls if others else None,
         water_load_of_own,
-        traits.laws_on("particle"),
+        traits.laws_added("particle"),
     )

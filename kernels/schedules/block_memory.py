@@ -96,6 +96,7 @@ class Seat:
     world: wp.int32
     thread: wp.int32
     count: wp.int32  # particles of the world
+    origin: wp.int32  # the one about which the volume of the first balloon is taken
     substep: wp.int32
     time_in_frame: float
     time: float
@@ -124,6 +125,7 @@ def at_substep(t: Tables, seat: Seat, frame_begin: float, substep: wp.int32):
     now.world = seat.world
     now.thread = seat.thread
     now.count = seat.count
+    now.origin = seat.origin
     now.spins = seat.spins
     now.substep = substep
     now.time_in_frame = float(substep) * t.step_seconds

@@ -16,7 +16,15 @@ from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.block_refresh import Refresh
 from balloon_warp.kernels.schedules.warps import any_in_warp
-from balloon_warp.kernels.substep import drift_of, inflation_of, kick, memory_function, response, swell_function
+from balloon_warp.kernels.substep import (
+    drift_of,
+    inflation_of,
+    kick,
+    memory_function,
+    pressure_at,
+    response,
+    swell_function,
+)
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -134,7 +142,11 @@ def pieces_of(
         if wp.static(traits.pressures):
             member.push = pushed
         old_velocity = member.velocity
-        member.velocity = kick(velocity, force + pushed, member.gain)
+        if wp.static(traits.gas and not traits.aims):  # no other force is left, and the pressure takes few products
+            pressure = pressure_at(member.load[0], member.load[1], member.point, t.up)
+            member.velocity = kick(velocity, member.area_vector, member.gain * pressure)
+        else:
+            member.velocity = kick(velocity, force + pushed, member.gain)
         member.point = drift(member.point, old_velocity, member.velocity, t.step_seconds)
         return member
 

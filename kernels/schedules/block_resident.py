@@ -35,6 +35,7 @@ from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_springs import SlotTable, slot_functions
 from balloon_warp.kernels.schedules.block_together import together_of
 from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -190,8 +191,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         centers: Any,
         areas: Any,
     ):
-        """All substeps of the frame that begins at the seat's time; velocities are seen in even ones and shown in
-        odd ones."""
+        """All substeps of the frame that begins at the seat's time."""
         if wp.static(layout.one_tile):
             for number in range(t.substeps):
                 now = at_substep(t, seat, seat.time, number)
@@ -266,6 +266,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.spheres > 0):
             board.begin(t, state, world, thread)
         if wp.static(traits.gas):
+            seat.origin = volume_origin(t, 0)
             gas.begin(t, state, seat, seat.time)
         if wp.static(films is not None):
             films.begin(t, seat, centers, areas)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.memory import put_in_tile
+from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_gas import GasSums
@@ -62,7 +62,9 @@ def together_of(
     def swell(t: Tables, state: WorldState, seat: Seat, mine: Member, also: Member, points: Any):
         """The pressures, once all particles have their free velocities."""
         gas.clear(seat)
-        origin = points[volume_origin(t, mine.own.balloon)]
+        origin = in_tile(points, seat.origin)
+        if wp.static(traits.balloons > 1):
+            origin = points[volume_origin(t, mine.own.balloon)]
         part = pieces.swell(t, seat, mine, origin)
         if wp.static(two and traits.balloons == 1):
             part += pieces.swell(t, seat, also, origin)

@@ -204,6 +204,7 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
 
     @wp.func
     def particle_laws(
+        so_far: Lanes3,
         position: Lanes3,
         velocity: Lanes3,
         mass: Lanes,
@@ -215,7 +216,7 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
         time: float,
         n: wp.array[Lanes],
     ):
-        """Net force of the laws on particles [N]."""
+        """The force with that of the laws on particles [N]."""
         force = Lanes3()
         for lane in range(LANE_COUNT):
             of_one = laws_in_lane(
@@ -224,7 +225,7 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
             force[0, lane] = of_one[0]
             force[1, lane] = of_one[1]
             force[2, lane] = of_one[2]
-        return force
+        return so_far + force
 
     around = one_after_the_other(traits, lane_spring_loop(traits), lane_area_loop(traits))
     return Loops(around, other_pulls, water_load, particle_laws)
