@@ -142,6 +142,7 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
             kind_slots=kind_slots(ends),
             rings=least_valence(residing.rings) if residing.rings else 0,
             one_tile=residing.one_tile,
+            nothing_where_none=residing.rings is not None or (film is not None and film.areas and film.slots <= 4),
             odd_substeps=odd and not residing.one_tile,
             registers=residing.registers,
             film=film._replace(held=residing.held) if film else None,

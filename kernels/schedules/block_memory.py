@@ -49,6 +49,8 @@ class Layout(NamedTuple):
     """area vectors come of the ring of springs around each particle, and there are at least so many quads in it"""
     one_tile: bool = False
     """resident particles need no second tile for their points in every other substep"""
+    nothing_where_none: bool = False
+    """threads without a particle find no area vectors by themselves"""
     odd_substeps: bool = False
     fast_velocities: bool = False
     """they stand in a tile, too, where particles are not resident"""

@@ -68,8 +68,6 @@ def pieces_of(
     remembered = memory_function(traits)
     stand_of_particle = standing_function(traits)
     spheres, two = traits.spheres, layout.two
-    film = layout.film
-    masks = not (layout.resident and film is not None and film.areas and film.slots <= 4)  # or else they find nothing
     rolls = board.rolls_by_warps
     around_own = around_function(traits)
     molar_mass_column = traits.columns.places["molar_mass"]
@@ -110,7 +108,7 @@ def pieces_of(
     def swell(t: Tables, seat: Seat, member: Member, origin: wp.vec3):
         around = around_own(member.own, seat.time + t.step_seconds)
         area_vector = member.area_vector
-        if wp.static(masks):
+        if wp.static(not layout.nothing_where_none):
             area_vector = wp.where(member.active, area_vector, wp.vec3())
         return swell_of_particle(
             t, seat.substep, around, member.own.share, member.gain,

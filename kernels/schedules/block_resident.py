@@ -49,7 +49,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     capacity = threads * (2 if two else 1)
     odd_capacity = 1 if layout.one_tile else capacity
     Springs, read_springs, pull_of_springs, area_in_ring, facing_in_ring = slot_functions(  # noqa: N806 - a type
-        traits, layout.kind_slots, layout.rings
+        traits, layout.kind_slots, layout.rings, by_place=True
     )
     films = films_of(traits, layout, Springs, read_springs, pull_of_springs) if layout.film else None
     area_vector, facing = area_in_ring if layout.rings else None, facing_in_ring if traits.aims_on_the_way else None

@@ -34,13 +34,15 @@ class SlotTable:
 
 @cache
 def slot_functions(
-    traits: Traits, kind_slots: tuple[int, int, int], least_valence: int = 1
+    traits: Traits, kind_slots: tuple[int, int, int], least_valence: int = 1, by_place: bool = False
 ) -> tuple[Any, Any, Any, Any, Any]:
     """For so many slots of each kind: the type of what is kept in registers, the function that reads it, and the loops
     over all springs, and over the quads between them for the area vector, and for A_p n.
 
     Args:
         least_valence: quads around each particle that there are at least.
+        by_place: whether each particle's place is its thread's in the tile, so that where there is none, all springs
+            can lead there, and no area vector follows.
     """
     shear_begin = kind_slots[0]
     flexion_begin = shear_begin + kind_slots[1]
@@ -67,7 +69,10 @@ def slot_functions(
         mine = Springs()
         mine.valence = slot_table.valences[own.number]
         for slot in range(slots):
-            mine.neighbors[slot] = slot_table.neighbors[slot, own.number] & 0xFFFF  # tells the compiler: not negative
+            neighbor = slot_table.neighbors[slot, own.number]
+            if wp.static(by_place):
+                neighbor = wp.where(active, neighbor, place)
+            mine.neighbors[slot] = neighbor & 0xFFFF  # tells the compiler: not negative
             constant = wp.where(slot < shear_begin, own.n[0], wp.where(slot < flexion_begin, own.n[1], own.n[2]))
             stiffness = constant * slot_table.scales[slot, own.number]
             length = slot_table.rest_lengths[slot, own.number]
