@@ -112,7 +112,10 @@ def memory_of_rate(breathing_damping: float):
 @wp.func
 def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: float):
     """Pressure of a gas above the air's [Pa]: p_0 (V_0 / V)^gamma - p_a. For gamma = 1 this is n R T / V - p_a."""
-    return STANDARD_PRESSURE * wp.pow(free_volume / volume, gamma) - air_pressure
+    squeezed = free_volume / volume
+    if gamma != 1.0:  # or else a power is rounded, and later
+        squeezed = wp.pow(squeezed, gamma)
+    return STANDARD_PRESSURE * squeezed - air_pressure
 
 
 @wp.func
