@@ -176,7 +176,9 @@ def gas_load(
     times height add up to V up exactly.
     """
     air = air_of_height(swelling[HEIGHT], air_pressure, air_temperature, air_density, air_lapse, gravity)
-    there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
+    there = free_volume
+    if air_lapse >= 0.0:  # or else the air is as warm at all heights
+        there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
     least = THINNEST * there * wp.min(STANDARD_PRESSURE / air[0], 1.0)
     volume = wp.max(swelling[VOLUME], wp.max(least, 1.0e-20))
     explicit = gas_pressure(air[0], there, volume, gamma)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.loops.gas import flows_function, pump_function
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
@@ -180,10 +180,9 @@ def gas_sums(traits: Traits, layout: Layout) -> GasSums:
         if wp.static(shared):
             return load_at(member.own.balloon)
         else:
-            given = member.ramp[0] + member.ramp[1] * seat.time_in_frame
             swelling = sum_of_warp_sums(sums(), row_of(0, 0), warps)
-            load = load_of_balloon(
-                member.own.kind, given, swelling, amount_at(seat.substep, 0), free_volume_at(seat.substep, 0),
+            load = load_of_balloon(  # the one balloon has gas, or else there were none
+                GAS, 0.0, swelling, amount_at(seat.substep, 0), free_volume_at(seat.substep, 0),
                 t.step_seconds, member.own.n,
             )  # fmt: skip
             if seat.thread == 0 and (gas_changes or seat.substep + 1 == t.substeps):  # nobody asks for it sooner
