@@ -11,6 +11,7 @@ from balloon_warp.schedules.remembered import remembered
 HALF_WARP, QUARTER_WARP = 16, 8
 """threads whose loads of two and of four words are one wavefront: entries meet that are alike modulo these"""
 SEARCH_STEPS = 1500
+FULLEST = 5
 
 
 def turned_quads(quads: MembraneQuads, particle_count: int) -> MembraneQuads:
@@ -35,7 +36,7 @@ def spread_places(places: NDArray[np.int64]) -> NDArray[np.int64]:
     another order of each particle's slots.
 
     A search: in each half of a warp, two slots of one particle are exchanged, again and again, and the exchange is kept
-    if the cubes of the banks' loads do not add up to more.
+    if there are not more wavefronts, which count `FULLEST` times, and squares of the banks' loads.
     """
     slots, count = places.shape
     if slots < 2:
@@ -54,8 +55,9 @@ def spread_places(places: NDArray[np.int64]) -> NDArray[np.int64]:
         np.add.at(of_quarters, (half, thread // QUARTER_WARP, slot, place % QUARTER_WARP), by)
 
     def cost(thread: NDArray, slot: NDArray) -> NDArray:
-        quarters = of_quarters[every, thread // QUARTER_WARP, slot]
-        return (of_halves[every, slot] ** 3).sum(axis=-1) + (quarters**3).sum(axis=-1)
+        halves_then, quarters_then = of_halves[every, slot], of_quarters[every, thread // QUARTER_WARP, slot]
+        wavefronts = halves_then.max(axis=-1) + quarters_then.max(axis=-1)
+        return FULLEST * wavefronts + (halves_then**2).sum(axis=-1) + (quarters_then**2).sum(axis=-1)
 
     every = np.arange(halves)
     slot, half, thread = (each.ravel() for each in np.indices(read.shape))
