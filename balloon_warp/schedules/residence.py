@@ -123,7 +123,7 @@ def _looks_late(traits: Traits, slots: int) -> bool:
         slots: of springs.
     """
     around = slots > 0 or traits.has("hinge") or traits.has("face") or traits.aims or traits.jets or traits.in_water
-    beside = traits.touches or traits.obstacles or traits.frames == "free"
+    beside = traits.touches or traits.spheres > 0 or (traits.obstacles and traits.frames == "free")
     return around or beside or traits.corrected or traits.looks_at_velocities
 
 
