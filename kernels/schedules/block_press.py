@@ -28,11 +28,9 @@ from balloon_warp.kernels.traits import Traits
 class Presses(NamedTuple):
     """What a block does where balloons touch."""
 
-    begin: Any
-    """(even, odd): tiles in which substeps of even and of odd numbers find points; a barrier must follow"""
     press: Any
-    """(t, state, memory, seat, velocities): as a substep begins; now and then it is found who may touch whom. A
-    barrier follows"""
+    """(t, state, memory, seat, even, odd, velocities): as a substep begins, with the tiles in which those of even and
+    of odd numbers find points; now and then it is found who may touch whom. A barrier follows"""
     take: Any
     """(memory, seat, member): what contacts do to a particle then [N]"""
     push: Any
@@ -127,12 +125,17 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
         block_barrier()
 
     @wp.func
-    def begin(even: Any, odd: Any):
-        put_address(tiles(), 0, even)
+    def press(
+        t: Tables,
+        state: WorldState,
+        memory: BlockMemory,
+        seat: Seat,
+        even: Any,
+        odd: Any,
+        velocities: wp.array[wp.vec3],
+    ):
+        put_address(tiles(), 0, even)  # each thread for itself, and all the same
         put_address(tiles(), 1, odd)
-
-    @wp.func
-    def press(t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, velocities: wp.array[wp.vec3]):
         points = address_at(tiles(), seat.substep % 2)
         between = wp.int32(t.touch.seconds / t.step_seconds + 0.5)
         if seat.substep % between == 0:
@@ -163,4 +166,4 @@ def presses_of(traits: Traits, layout: Layout) -> Presses:
             velocity = pushed(memory.contacts, member.own, member.gain, velocity)
         return velocity
 
-    return Presses(begin, press, take, push)
+    return Presses(press, take, push)

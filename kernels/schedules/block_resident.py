@@ -85,8 +85,6 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         if wp.static(traits.looks_at_velocities or traits.touches):
             if member.active:
                 velocities[member.own.number] = member.velocity
-                if wp.static(traits.touches):
-                    state.points[seat.world, member.own.number] = member.point
 
     @wp.func
     def watch(t: Tables, place: wp.int32, member: Member, source: Any):
@@ -112,7 +110,7 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     ):
         """One substep, from one tile of points to the other; of faces centers and areas, or what `block_films` says."""
         if wp.static(traits.touches):
-            presses.press(t, state, memory, seat, velocities)
+            presses.press(t, state, memory, seat, source, source, velocities)
         area = float(0.0)
         if wp.static(traits.aims and traits.fresh_normals):
             area, aimed, other_aimed = together.aim(t, seat, mine, also, source, centers, areas)

@@ -246,8 +246,6 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             other_velocities = memory.velocities[world]
             if wp.static(traits.keeps_velocities):
                 other_velocities = memory.other_velocities[world]
-        if wp.static(traits.touches):
-            presses.begin(even, odd)
         if wp.static(later is not None):
             later.begin(seat)
         if wp.static(traits.spheres > 0):
@@ -269,7 +267,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
                     if number % 2 == 1:
                         old_velocities = other_velocities
                 # not in `substep`, which is there twice: the code would be longer than what a GPU keeps at hand
-                presses.press(t, state, memory, now, old_velocities)
+                presses.press(t, state, memory, now, even, odd, old_velocities)
                 speed = float(0.0)
                 if number % 2 == 0:
                     speed = substep(t, state, memory, now, first, even, odd, velocities, other_velocities)
