@@ -16,8 +16,8 @@
     leave        particles leave spheres, by the paper's rule, obstacles and ground  `loops.obstacles`
     meet         bodies and particles, small spheres and faces, and sharp edges     `laws.edges`
 
-Where no balloons touch, there is neither `search` nor `press`. Without gas, a particle goes
-from `pull` to `leave` by itself; with it, all wait for the pressure in between.
+Where no balloons touch, there is neither `search` nor `press`; what `press` finds acts with `push`, or with gas in
+`pull`. Without gas, a particle goes from `pull` to `leave` by itself; with it, all wait for the pressure in between.
 """
 
 from functools import cache
