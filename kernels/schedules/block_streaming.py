@@ -191,7 +191,7 @@ def streaming_kernel(traits: Traits, layout: Layout) -> Any:
             wear.find(t, state, memory, seat, source)
         if wp.static(films is not None):
             pulls = memory.film_pulls[seat.world]
-            films.stretch(t, seat, first.own.n, source, velocities, pulls, pulls)
+            films.stretch(t, seat, first.own.n, first.springs, source, velocities, pulls, pulls)
         rounds = (seat.count + threads - 1) // threads
         area = float(0.0)
         if wp.static(traits.aims):
