@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.benchmarks.overlap import distances
 from balloon_warp.kernels.laws.touch import touch_energy, touch_friction, touch_push
-from balloon_warp.kernels.loops.meeting import Place, Touching, faced, is_nearer, place_beside, steepness, touch
+from balloon_warp.kernels.loops.meeting import Place, Touching, faced, is_nearer, place_beside, touch
 from balloon_warp.kernels.options import OPTIONS
 
 wp.set_module_options(OPTIONS)
@@ -28,7 +28,7 @@ def find_gaps(
     for triangle in range(corners.shape[0]):
         a, b, c = corners[triangle, 0], corners[triangle, 1], corners[triangle, 2]
         place = place_beside(points[number], a, b, c)
-        if is_nearer(place.squared, steepness(place), best.squared, steepness(best)):
+        if is_nearer(place, best):
             best = faced(place, a, b, c)
             nearest[number] = place.weights[0] * a + place.weights[1] * b + place.weights[2] * c
     gaps[number] = best.gap

@@ -84,12 +84,12 @@ def steepness(place: Place):
 
 
 @wp.func
-def is_nearer(squared: float, steep: float, other_squared: float, other_steep: float):
-    """Than another triangle, by squares of distances [m^2] and `steepness`; of two that share the nearest point, the
-    one that faces the particle: it says on which side that is."""
-    if wp.abs(squared - other_squared) <= AS_NEAR * other_squared:
-        return steep > other_steep
-    return squared < other_squared
+def is_nearer(place: Place, other: Place):
+    """Than another triangle; of two that share the nearest point, the one that faces the particle: it says on which
+    side that is."""
+    if wp.abs(place.squared - other.squared) <= AS_NEAR * other.squared:
+        return steepness(place) > steepness(other)
+    return place.squared < other.squared
 
 
 @cache

@@ -96,9 +96,7 @@ def finding_edges_function(traits: Traits) -> Any:
                     if near:
                         ends = t.touch.edges[other]
                         gap = crossing_of(a, b, points[ends[0]], points[ends[1]]).gap
-                        slot = slot_for(kept, gap * gap, count, MOST_EDGES)
-                        if count >= MOST_EDGES:
-                            wp.atomic_add(working.crowded, world, 1)
+                        slot = slot_for(working, world, kept, gap * gap, count, MOST_EDGES)
                         if slot >= 0:
                             kept[slot] = gap * gap
                             working.edge_candidates[world, edge, slot] = other

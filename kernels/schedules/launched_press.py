@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.loops.meeting import (
     FARTHEST,
     SOON,
+    Place,
     Touching,
     comes_at,
     corner_counts,
@@ -17,7 +18,6 @@ from balloon_warp.kernels.loops.meeting import (
     pair_friction_function,
     place_beside,
     skin_functions,
-    steepness,
     touch,
 )
 from balloon_warp.kernels.memory import (
@@ -83,7 +83,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
         world: wp.int32,
         particle: wp.int32,
         candidate: wp.int32,
-        point: wp.vec3,
+        place: Place,
         points: Any,
         velocities: wp.array[wp.vec3],
         only_counts: bool,
@@ -101,10 +101,9 @@ def press_function(traits: Traits, point_at: Any) -> Any:
         told.thickness = thickness_between(t, world, own, other)
         told.step_seconds = t.step_seconds
         moving = rows_at(velocities, corners)
-        places = rows(points, corners)
-        place = place_beside(point, places[0], places[1], places[2])
         if is_clear(told.side, place, told.thickness, SOON * t.step_seconds, velocity, moving):
             return kept
+        places = rows(points, corners)
         place = faced(place, places[0], places[1], places[2])
         told.overlap = told.thickness - told.side * place.gap
         its_mass = mass_of(t, world, other)
@@ -149,11 +148,6 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
     press, rows = press_function(traits, point_at), rows_function(point_at)
 
     @wp.func
-    def corners_of(t: Tables, points: Any, candidate: wp.int32):
-        """Of the triangle, row by row."""
-        return rows(points, triple_at(t.touch.triangles, triangle_of(candidate)))
-
-    @wp.func
     def press_particle(
         t: Tables,
         state: WorldState,
@@ -173,35 +167,27 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
         point = point_at(points, particle)
         hold = four_in(state.holds, world, particle)
         after = wp.vec4()
+        four = wp.vec4i()
         at = wp.int32(0)
-        four = four_on_page(working.candidates, world, particle, 0)
-        candidate = four[0]
-        corners = wp.mat33()
-        if count > 0:
-            corners = corners_of(t, points, candidate)
         while at < count:
             nearest = wp.int32(-1)
-            squared = float(FARTHEST)
-            steep = float(0.0)
-            while at < count and (nearest < 0 or not is_first_of_balloon(candidate)):
-                # the next is read while this one is looked at
-                at += 1
-                following = candidate
-                if at < count:
-                    if at % 4 == 0:
-                        four = four_on_page(working.candidates, world, particle, at)
-                    following = one_of_four(four, at % 4)
-                its_corners = corners_of(t, points, following)
-                place = place_beside(point, corners[0], corners[1], corners[2])
-                its_steep = steepness(place)
-                if is_nearer(place.squared, its_steep, squared, steep):
-                    nearest = candidate
-                    squared = place.squared
-                    steep = its_steep
-                candidate = following
-                corners = its_corners
+            found = Place()
+            found.squared = FARTHEST
+            beside = bool(True)
+            while at < count and beside:
+                if at % 4 == 0:
+                    four = four_on_page(working.candidates, world, particle, at)
+                candidate = one_of_four(four, at % 4)
+                beside = nearest < 0 or not is_first_of_balloon(candidate)
+                if beside:
+                    corners = rows(points, triple_at(t.touch.triangles, triangle_of(candidate)))
+                    place = place_beside(point, corners[0], corners[1], corners[2])
+                    if is_nearer(place, found):
+                        nearest = candidate
+                        found = place
+                    at += 1
             first = after[3] == 0.0
-            kept = press(t, working, world, particle, nearest, point, points, velocities, only_counts, first, hold)
+            kept = press(t, working, world, particle, nearest, found, points, velocities, only_counts, first, hold)
             if first:
                 after = kept
         if not only_counts and (count > 0 or hold[3] != 0.0):

@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.meeting import FARTHEST, Place, is_nearer, skin_functions, steepness
+from balloon_warp.kernels.loops.meeting import Place, is_nearer, skin_functions
 from balloon_warp.kernels.memory import four_ints_at, int_at, vector_at
 from balloon_warp.kernels.schedules.touch_boxes import (
     LOWER,
@@ -37,16 +37,15 @@ MOST_OF_BALLOON = wp.constant(24)
 Distances = wp.types.vector(length=24, dtype=wp.float32)
 ROOM = wp.constant(8)
 """for triangles that may be near, and as much for those of one more part, before they are looked at"""
-Triangles = wp.types.vector(length=24, dtype=wp.int32)
 Queue = wp.types.vector(length=16, dtype=wp.int32)
 
 
 @wp.func
-def slot_for(kept: Distances, squared: float, count: wp.int32, most: wp.int32):
-    """Where among those that are kept another goes: after them, or if there are too many in the place of the farthest;
-    -1 if that is it."""
+def slot_for(working: Working, world: wp.int32, kept: Distances, squared: float, count: wp.int32, most: wp.int32):
+    """Where among a balloon's a triangle goes: after the others, or in the place of the farthest; -1 if that is it."""
     slot = count
     if count >= most:
+        wp.atomic_add(working.crowded, world, 1)
         slot = wp.int32(-1)
         farthest = squared
         for held in range(most):
@@ -56,10 +55,22 @@ def slot_for(kept: Distances, squared: float, count: wp.int32, most: wp.int32):
     return slot
 
 
+@wp.struct
+class Nearby:
+    """What is found near a particle."""
+
+    nearest: wp.int32  # triangle; -1 if there is none
+    place: Place  # beside that
+    count: wp.int32  # triangles in the particle's list
+
+
 @cache
-def looking_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that say whether a particle may touch a triangle, and that go to the next part where it may touch
-    any."""
+def nearby_function(traits: Traits, lists: bool) -> Any:
+    """The function that goes through the triangles of a balloon that a particle may touch.
+
+    Args:
+        lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
+    """
 
     @wp.func
     def may_touch(t: Tables, particle: wp.int32, own: wp.int32, other: wp.int32, triangle: wp.int32):
@@ -99,64 +110,6 @@ def looking_functions(traits: Traits) -> tuple[Any, Any]:
         return looks
 
     @wp.func
-    def next_part(
-        t: Tables,
-        working: Working,
-        world: wp.int32,
-        particle: wp.int32,
-        own: wp.int32,
-        other: wp.int32,
-        part: wp.int32,
-        last: wp.int32,
-        point: wp.vec3,
-        squared: float,
-    ):
-        """That has no others in it, as the table has it, from a part on; all zeros if there is none. And the part after
-        it."""
-        node = wp.vec4i()
-        while part < last and node[2] == 0:
-            here = four_ints_at(t.touch.parts, part)
-            after = here[0]
-            if looks_into(t, working, world, particle, own, other, part, point, squared):
-                after = part + 1
-                if here[0] == after:
-                    node = here
-            part = after
-        return node, part
-
-    return may_touch, next_part
-
-
-@cache
-def finding_functions(traits: Traits) -> Any:
-    """The function that puts the triangles of a balloon that a particle may touch into its list."""
-    may_touch, next_part = looking_functions(traits)
-    pad_between = pad_function(traits)
-    thickness_between, _ = skin_functions(traits)
-
-    @wp.func
-    def is_one_sided(t: Tables, own: wp.int32, other: wp.int32):
-        """Whether what comes behind a balloon's triangles is in it, and has to go out."""
-        return other != own and t.touch.closed[other] == 1
-
-    @wp.func
-    def depth_of(t: Tables, own: wp.int32, other: wp.int32, hold: float, may_be_deep: bool):
-        """How deep in a balloon a particle is looked for [m]; nothing if it is not."""
-        deep = may_be_deep or wp.abs(hold) > t.touch.slack[own]
-        return wp.where(deep and is_one_sided(t, own, other), t.touch.depth[other], 0.0)
-
-    @wp.func
-    def side_beside(t: Tables, world: wp.int32, own: wp.int32, other: wp.int32, hold: float, gap: float, near: float):
-        """1 for a particle in front of the nearest triangle, -1 for one behind it; 0 if it is not near, nor has to go
-        out."""
-        side = float(1.0)
-        deepest = t.touch.depth[other]
-        if not is_one_sided(t, own, other):
-            side = wp.where(hold < 0.0 or (hold == 0.0 and gap < 0.0), -1.0, 1.0)
-            deepest = thickness_between(t, world, own, other)
-        return wp.where(side * gap < near and side * gap > -deepest, side, 0.0)
-
-    @wp.func
     def nearby(
         t: Tables,
         working: Working,
@@ -166,69 +119,74 @@ def finding_functions(traits: Traits) -> Any:
         other: wp.int32,
         points: wp.array[wp.vec3],
         within: float,
-        depth: float,
-        beyond: float,
-        most: wp.int32,
+        behind: bool,
+        count: wp.int32,
     ):
-        """The nearest triangle of a balloon, or -1, and where the particle stands beside it; and those that are hardly
-        farther: how many they are, which, the squares of their distances [m^2], and that of the nearest for which there
-        was no room.
+        """Of another balloon, or of its own, within a distance [m].
 
         In two steps, which the threads of a warp take together: the boxes of parts and of triangles say what is looked
         at, and what has been found is looked at then.
 
         Args:
-            within: how near a triangle has to be [m], and
-            depth: if none is, how near then.
-            beyond: by how much others may be farther [m].
-            most: of those that are kept.
+            behind: whether the particle is behind them, for the list.
+            count: triangles that are in it already.
         """
         point = vector_at(points, particle)
-        nearest = wp.int32(-1)
-        found = Place()
-        steep = float(0.0)
-        count = wp.int32(0)
-        kept = Triangles()
-        squares = Distances()
-        dropped = float(FARTHEST)
-        queue = Queue()
+        first = count
+        most = wp.min(MOST_OF_BALLOON, MOST_TRIANGLES - first)
+        kept = Distances()
+        found = Nearby()
+        found.nearest = wp.int32(-1)
+        found.place.squared = within * within
+        found.count = count
+        part = int_at(t.touch.balloon_parts, other)
         last = int_at(t.touch.balloon_parts, other + 1)
-        while nearest < 0 and within > 0.0:
-            found.squared = within * within
-            reach = (within + beyond) * (within + beyond)
-            count = wp.int32(0)
-            dropped = float(FARTHEST)
-            part = int_at(t.touch.balloon_parts, other)
-            while part < last:
-                waiting = wp.int32(0)
-                while part < last and waiting <= ROOM:
-                    node, after = next_part(t, working, world, particle, own, other, part, last, point, reach)
+        queue = Queue()
+        while part < last:
+            waiting = wp.int32(0)
+            while part < last and waiting <= ROOM:
+                node = wp.vec4i()
+                while part < last and node[2] == 0:  # to the next part that has no others in it
+                    here = four_ints_at(t.touch.parts, part)
+                    after = here[0]
+                    if looks_into(t, working, world, particle, own, other, part, point, found.place.squared):
+                        after = part + 1
+                        if here[0] == after:
+                            node = here
                     part = after
-                    for triangle in range(node[1], node[2]):
-                        squared = squared_distance_to_triangle(t, points, triangle, point)
-                        if squared <= reach and may_touch(t, particle, own, other, triangle):
-                            queue[waiting] = triangle
-                            waiting += 1
-                for turn in range(waiting):
-                    triangle = queue[turn]
-                    place = triangle_beside(t, points, triangle, point)
-                    if place.squared <= reach:
-                        slot = slot_for(squares, place.squared, count, most)
-                        if count >= most:
-                            dropped = wp.min(dropped, wp.where(slot >= 0, squares[wp.max(slot, 0)], place.squared))
+                for triangle in range(node[1], node[2]):
+                    squared = squared_distance_to_triangle(t, points, triangle, point)
+                    if squared <= found.place.squared and may_touch(t, particle, own, other, triangle):
+                        queue[waiting] = triangle
+                        waiting += 1
+            for turn in range(waiting):
+                triangle = queue[turn]
+                place = triangle_beside(t, points, triangle, point)
+                if wp.static(lists):
+                    if place.squared <= found.place.squared:
+                        slot = slot_for(working, world, kept, place.squared, found.count - first, most)
                         if slot >= 0:
-                            kept[slot] = triangle
-                            squares[slot] = place.squared
-                            count = wp.max(count, slot + 1)
-                    its_steep = steepness(place)
-                    if is_nearer(place.squared, its_steep, found.squared, steep):
-                        found = place
-                        steep = its_steep
-                        nearest = triangle
-                        distance = wp.sqrt(place.squared) + beyond
-                        reach = wp.min(reach, distance * distance)
-            within = wp.where(depth > within, depth, 0.0)
-        return nearest, found, count, kept, squares, dropped
+                            kept[slot] = place.squared
+                            working.candidates[world, particle, first + slot] = candidate_of(
+                                triangle, behind, slot == 0
+                            )
+                            found.count = wp.max(found.count, first + slot + 1)
+                else:
+                    if is_nearer(place, found.place):
+                        found.place = place
+                        found.nearest = triangle
+        return found
+
+    return nearby
+
+
+@cache
+def finding_functions(traits: Traits) -> Any:
+    """The function that puts the triangles of a balloon that a particle may touch into its list."""
+    pad_between = pad_function(traits)
+    thickness_between, _ = skin_functions(traits)
+    nearest_of = nearby_function(traits, lists=False)
+    list_those = nearby_function(traits, lists=True)
 
     @wp.func
     def find_of_balloon(
@@ -244,36 +202,37 @@ def finding_functions(traits: Traits) -> Any:
         may_be_deep: bool,
         count: wp.int32,
     ):
-        """How many there are in the list then: the nearest, and those that may become it until the next search.
+        """How many there are in the list then.
 
         Args:
             may_be_deep: whether the particle may be deep in the other balloon since the start.
         """
-        velocity = vector_at(velocities, particle)
         hold = state.holds[world, particle][3]
+        velocity = vector_at(velocities, particle)
         pad = pad_between(t, world, own, other)
+        one_sided = other != own and t.touch.closed[other] == 1
         swept = t.touch.seconds * (wp.length(velocity) + working.balloon_boxes[world, other, PACE][SPEED])
-        most = wp.min(MOST_OF_BALLOON, MOST_TRIANGLES - count)
-        depth = depth_of(t, own, other, hold, may_be_deep)
-        nearest, place, keeps, kept, squares, dropped = nearby(
-            t, working, world, particle, own, other, points, pad + swept, depth, pad + 2.0 * swept, most
-        )
-        if nearest >= 0:
-            place = faced_triangle(t, points, nearest, place)
-            if is_one_sided(t, own, other) and may_be_deep and place.gap < 0.0:
+        within = pad + swept
+        looks_deep = one_sided and (may_be_deep or wp.abs(hold) > t.touch.slack[own])
+        found = Nearby()
+        found.nearest = wp.int32(-1)
+        while found.nearest < 0 and within > 0.0:
+            found = nearest_of(t, working, world, particle, own, other, points, within, False, count)
+            within = wp.where(looks_deep and t.touch.depth[other] > within, t.touch.depth[other], 0.0)
+        if found.nearest >= 0:
+            place = faced_triangle(t, points, found.nearest, found.place)
+            side = float(1.0)
+            deepest = t.touch.depth[other]
+            if not one_sided:
+                side = wp.where(hold < 0.0 or (hold == 0.0 and place.gap < 0.0), -1.0, 1.0)
+                deepest = thickness_between(t, world, own, other)
+            comes = t.touch.seconds * relative_speed(t, velocities, found.nearest, velocity)
+            if one_sided and may_be_deep and place.gap < 0.0:
                 state.deep[world, particle] = wp.int8(1)  # until it is out
-            comes = t.touch.seconds * relative_speed(t, velocities, nearest, velocity)
-            side = side_beside(t, world, own, other, hold, place.gap, pad + comes)
-            if side != 0.0:
+            if side * place.gap < pad + comes and side * place.gap > -deepest:
                 beside = wp.sqrt(place.squared) + pad + 2.0 * comes
-                if dropped <= beside * beside:
-                    wp.atomic_add(working.crowded, world, 1)
-                first = count
-                for slot in range(keeps):
-                    if squares[slot] <= beside * beside:
-                        candidate = candidate_of(kept[slot], side < 0.0, count == first)
-                        working.candidates[world, particle, count] = candidate
-                        count += 1
+                listed = list_those(t, working, world, particle, own, other, points, beside, side < 0.0, count)
+                count = listed.count
         return count
 
     return find_of_balloon
