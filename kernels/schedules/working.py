@@ -72,7 +72,7 @@ class Working:
     contacts: wp.array2d[float]
     """how many they had in the substep before"""
     touched: wp.array2d[wp.int8]
-    """what contacts have to do with each particle, see `launched_press`"""
+    """what contacts have to do with each particle, see `pushes`"""
     crowded: wp.array[wp.int32]
     """how often a triangle, or an edge, had no place in a list"""
     edge_candidates: wp.array3d[wp.int32]
