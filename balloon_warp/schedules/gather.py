@@ -13,6 +13,7 @@ from balloon_warp.kernels.schedules.advance import gathering_loops
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.later import near_solids_array, puts_off
 from balloon_warp.schedules.launched import ExplicitSchedule, Moving
 from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches
 
@@ -28,14 +29,18 @@ class GatherSchedule(ExplicitSchedule):
         super().__init__(model)
         patches = cut_into_patches(model, self.traits)
         self._patches = PatchLaunch(model, self.traits, self.tables, patches, self.vectors[2]) if patches else None
+        self.puts_off = puts_off(model, self.traits)
+        self.pieces.working.near_solids = self.vectors[3]
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """Second places, and second velocities where they are needed; or what patches keep."""
+        """Second places, and second velocities where they are needed; or what patches keep. And who is put off."""
+        later = near_solids_array(model, traits, room)
         if patches := cut_into_patches(model, traits):
-            return None, None, PatchLaunch.arrays(model, traits, patches, room)
+            return None, None, PatchLaunch.arrays(model, traits, patches, room), later
         shape = (model.world_count, model.particle_count)
-        return room.array(shape, wp.vec3), room.array(shape, wp.vec3) if traits.keeps_velocities else None, None
+        velocities = room.array(shape, wp.vec3) if traits.keeps_velocities else None
+        return room.array(shape, wp.vec3), velocities, None, later
 
     def loops(self) -> Any:
         """Over its springs, strings, hinges and faces."""
@@ -55,7 +60,7 @@ class GatherSchedule(ExplicitSchedule):
 
     def advance_substep(self, state: State, time_in_frame: float, now: Moving) -> Moving:
         """From one buffer to the other."""
-        points, velocities, _ = self.vectors
+        points, velocities, _, _ = self.vectors
         other = (points, velocities or state.velocities) if now[0] is state.points else (state.points, state.velocities)
         self.step_particles(state, time_in_frame, now, other, other[1] if self.traits.gas else None)
         return other

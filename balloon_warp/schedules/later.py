@@ -37,13 +37,15 @@ def threads_of_list(model: Model) -> int:
     return -(-wanted // FEW_THREADS) * FEW_THREADS
 
 
-def later_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
-    """What of `Working` is for them, where each piece of a substep is a launch."""
-    turns = 2 if puts_off(model, traits) else 0
-    counts = room.array((model.world_count if turns else 0, turns), wp.int32)
-    return {"later": later_array(model, turns > 0, room), "later_counts": counts}
+def near_solids_array(model: Model, traits: Traits, room: Room) -> Any:
+    """What of `Working` says who may stand on something, where each piece of a substep is a launch."""
+    return _of_particles(model, puts_off(model, traits) and traits.stands, room, wp.int8)
 
 
 def later_array(model: Model, needed: bool, room: Room) -> Any:
-    """The list itself."""
-    return room.array((model.world_count, model.particle_count) if needed else (0, 0), wp.int32)
+    """The list of those that a block puts off."""
+    return _of_particles(model, needed, room, wp.int32)
+
+
+def _of_particles(model: Model, needed: bool, room: Room, dtype: Any) -> Any:
+    return room.array((model.world_count, model.particle_count) if needed else (0, 0), dtype)

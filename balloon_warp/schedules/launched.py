@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 import warp as wp
 
 from balloon_warp.kernels.schedules.advance import advance_kernel
-from balloon_warp.kernels.schedules.launched_later import end_later_kernel
+from balloon_warp.kernels.schedules.launched_later import PARTICLES_OF_BLOCK, end_later_kernel
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.launching import launch
+from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.later import FEW_THREADS, puts_off, threads_of_list
+from balloon_warp.schedules.later import FEW_THREADS
 from balloon_warp.schedules.pieces import Pieces
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
@@ -102,6 +102,9 @@ class LaunchedSchedule(ABC):
 class ExplicitSchedule(LaunchedSchedule):
     """One whose particles advance by `advance_kernel`."""
 
+    puts_off = False
+    """whether some end their substep in a launch of their own, see `kernels.schedules.later`"""
+
     @abstractmethod
     def loops(self) -> Any:
         """What a particle goes through for its forces."""
@@ -117,7 +120,8 @@ class ExplicitSchedule(LaunchedSchedule):
             self._launch(state, time_in_frame, old, free_velocities, None)
             self.pieces.swell(state, time_in_frame, old, free_velocities)
             self._launch(state, time_in_frame, old, free_velocities, new)
-        self._end_later(state, time_in_frame, *new)
+        if self.puts_off:
+            self._end_later(state, time_in_frame, old[0], new)
         self.pieces.correct(state, time_in_frame, *new)
 
     def _launch(
@@ -126,17 +130,20 @@ class ExplicitSchedule(LaunchedSchedule):
         """A thread a particle: a whole substep, or as far as its free velocity, or, with both, from there on."""
         pulls = free_velocities is None or new is None
         loops, until = self.loops() if pulls else None, "end" if new else "free velocities"
-        later = new is not None and puts_off(self.model, self.traits)
+        later = new is not None and self.puts_off
         self.pieces.over_particles(
             advance_kernel(self.traits, loops, until, self.fast_math and pulls, later),
             *(self.tables, time_in_frame, *old, world_state(state), self.pieces.working),
             *(free_velocities, *(new or (None, None))),
         )
 
-    def _end_later(self, state: State, time_in_frame: float, points: wp.array, velocities: wp.array) -> None:
+    def _end_later(self, state: State, time_in_frame: float, old_points: wp.array, new: Moving) -> None:
         """Particles that were put off end the substep."""
-        if puts_off(self.model, self.traits):
-            m, threads = self.model, threads_of_list(self.model)
-            inputs = [self.tables, threads, time_in_frame, world_state(state), self.pieces.working, points, velocities]
-            kernel, shape = end_later_kernel(self.traits, self.fast_math), (m.world_count, threads)
-            launch(kernel, shape, inputs, block_dim=FEW_THREADS, device=m.device)
+        m = self.model
+        launch_tiled(
+            end_later_kernel(self.traits, self.fast_math),
+            dim=[-(-m.world_count * m.particle_count // int(PARTICLES_OF_BLOCK))],
+            inputs=[self.tables, time_in_frame, world_state(state), self.pieces.working, old_points, *new],
+            block_dim=FEW_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )

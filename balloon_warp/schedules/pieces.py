@@ -34,7 +34,6 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.aims import AimRefresher
 from balloon_warp.schedules.fixtures import forget_looks
-from balloon_warp.schedules.later import later_arrays
 from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.solids import solid_arrays
@@ -78,8 +77,6 @@ class Pieces:
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.traits, self.tables, state)
         forget_looks(self.tables)
-        if self.working.later_counts.size:
-            self.working.later_counts.zero_()
         if self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
         if self.traits.gas and not self.traits.gas_changes:
@@ -230,6 +227,5 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
         **solid_arrays(model, traits, room),
         **touch_arrays(model, traits, room),
-        **later_arrays(model, traits, room),
         "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
     }

@@ -9,6 +9,7 @@ import warp as wp
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout, Seat, velocity_functions
 from balloon_warp.kernels.schedules.later import later_functions
+from balloon_warp.kernels.schedules.pushes import is_touched
 from balloon_warp.kernels.schedules.warps import block_barrier, count_at, next_in_block, put_count, shared_words
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -28,7 +29,7 @@ class Later(NamedTuple):
 @cache
 def later_of(traits: Traits, seat_member: Any, layout: Layout) -> Later:
     """For what a scene has."""
-    waits, waiting_at, end_later = later_functions(traits)
+    may_stand, from_where, end_later = later_functions(traits)
     velocity_at, put_velocity = velocity_functions(layout)
     counts = shared_words("later", 2)
 
@@ -39,10 +40,18 @@ def later_of(traits: Traits, seat_member: Any, layout: Layout) -> Later:
             put_count(counts(), 1, 0)
 
     @wp.func
+    def waits(t: Tables, memory: BlockMemory, seat: Seat, member: Any):
+        """Whether it is put off."""
+        touched = bool(False)
+        if wp.static(traits.pushes_come_last):
+            touched = is_touched(memory.contacts, seat.world, member.own.number)
+        return touched or may_stand(t, member.own, seat.time + t.step_seconds, member.point)
+
+    @wp.func
     def note(t: Tables, memory: BlockMemory, seat: Seat, member: Any, start: wp.vec3):
-        if member.active and waits(t, memory.contacts, member.own, seat.time + t.step_seconds, member.point):
+        if member.active and waits(t, memory, seat, member):
             memory.contacts.later[seat.world, next_in_block(counts(), seat.substep & 1)] = member.own.number
-            member.point = waiting_at(start, member.point)
+            member.point = from_where(start, member.point)
         return member
 
     @wp.func

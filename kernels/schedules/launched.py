@@ -14,7 +14,7 @@ from balloon_warp.kernels.memory import two_in
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.fixed_point import add_quanta
-from balloon_warp.kernels.schedules.later import later_functions, put_off, turn_of
+from balloon_warp.kernels.schedules.later import later_functions
 from balloon_warp.kernels.schedules.near import noting_function
 from balloon_warp.kernels.schedules.pushes import pushed
 from balloon_warp.kernels.schedules.working import Working
@@ -66,11 +66,12 @@ def pushing_function(traits: Traits, puts_off: bool = False) -> Any:
     """The function that ends a particle's substep: the inflation, the movement, contacts, and obstacles.
 
     Args:
-        puts_off: whether it is put off where it has anything to do with the last two, see `later`.
+        puts_off: whether it is put off where it has anything to do with the last two, see `later`, and moves here as if
+            it had not.
     """
     inflation = inflation_of(traits)
     drift = drift_of(traits)
-    waits, waiting_at, _ = later_functions(traits)
+    may_stand, _, _ = later_functions(traits)
     leave = leaving_function(traits)
 
     @wp.func
@@ -109,14 +110,11 @@ def pushing_function(traits: Traits, puts_off: bool = False) -> Any:
             working.inflations[own.world, own.number] = push
         if wp.static(traits.pushes_come_last and not puts_off):
             velocity = pushed(working, own, gain, velocity)
-        start = point
-        point = drift(start, old_velocity, velocity, t.step_seconds)
-        if wp.static(puts_off):
-            if waits(t, working, own, end_of_step(t, state.frame, time_in_frame), point):
-                put_off(working, own.world, own.number, turn_of(t, time_in_frame))
-                point = waiting_at(start, point)
-            return point, velocity
-        if wp.static(traits.obstacles and not traits.corrected):
+        point = drift(point, old_velocity, velocity, t.step_seconds)
+        if wp.static(puts_off and traits.stands):
+            near = may_stand(t, own, end_of_step(t, state.frame, time_in_frame), point)
+            working.near_solids[own.world, own.number] = wp.where(near, wp.int8(1), wp.int8(0))
+        elif wp.static(not puts_off and traits.obstacles and not traits.corrected):
             if mass > 0.0:
                 out, after = leave(t, state, working, own, time_in_frame, point, velocity, push)
                 point = out

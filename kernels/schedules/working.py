@@ -40,9 +40,10 @@ class Working:
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
     later: wp.array2d[wp.int32]
-    """particles of each world that are put off, see `later`; empty where none are, as is the next"""
-    later_counts: wp.array2d[wp.int32]
-    """how many they are, in substeps of even and of odd numbers"""
+    """particles of each world that are put off, in a block, see `later`; empty where none are"""
+    near_solids: wp.array2d[wp.int8]
+    """whether each particle is put off as it may stand on something, where each piece of a substep is a launch; empty
+    where none is"""
     balloon_boxes: wp.array3d[wp.vec3]
     """around each balloon until the next search: lower and upper corner [m], and `PACE`; this and what follows is empty
     unless balloons touch, see `touch_boxes`"""
