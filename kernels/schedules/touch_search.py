@@ -24,7 +24,7 @@ from balloon_warp.kernels.traits import Traits
 
 LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
 """the two lists"""
-FIND_REGISTERS = 80
+FIND_REGISTERS = 64
 """of a thread that looks, so that more threads wait for memory in turns"""
 
 
