@@ -10,7 +10,7 @@ class FilmTable:
 
     corners: wp.array[wp.vec4i]
     """the particles at each face's corners; where particles are resident, where their points begin in a tile, in
-    bytes"""
+    bytes; where threads keep pairs, those of all first quads come first, see `FilmLayout`"""
     rests: wp.array[wp.vec4]
     """of the triangle at each corner, all of the first corners first; without area where there is none; where threads
     keep them, its shape at rest, see `rest_of_shape`"""
@@ -20,5 +20,5 @@ class FilmTable:
     """of the triangles, where they wear"""
     places: wp.array[wp.vec4i]
     """where what each face does to a particle stands, corner times the number of faces plus the face, in fours: of all
-    particles the first four, then the next; and four times that number, where there is nothing, as what fills up; where
-    particles are resident, each times `PLACE_BYTES`"""
+    particles the first four, then the next; and the place after all of them, where there is nothing, as what fills up;
+    of pairs a, b, c, d, e and f of quads abcd and befc; where particles are resident, each times `PLACE_BYTES`"""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from meshes import mesh_of, quad_sphere
+from meshes import cube, grid, mesh_of, prism, quad_sphere
 
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile, put_in_tile
@@ -18,7 +18,9 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
-from balloon_warp.schedules.films import film_entries, film_layout, film_table
+from balloon_warp.scene.schema.material import Kind
+from balloon_warp.schedules.films import film_entries, film_layout, film_table, held_layout
+from balloon_warp.schedules.pairs import paired
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
@@ -27,21 +29,24 @@ TRIANGLES = mesh_of(QUADS.points.tolist(), [c for a, b, d, e in QUADS.face_verte
                                             for c in ([a, b, d], [a, d, e])])  # fmt: skip
 
 
-def measured(mesh: PolygonMesh, points: np.ndarray, held: bool) -> tuple[np.ndarray, np.ndarray]:
+def measured(
+    mesh: PolygonMesh, points: np.ndarray, held: int, kind: Kind = "mooney_rivlin"
+) -> tuple[np.ndarray, np.ndarray]:
     """What faces pull particles with [N], and their area vectors [m^2].
 
     Args:
-        held: whether threads keep what they know of quads, one each.
+        held: of how many quads each thread keeps what it knows, 2 of a pair.
     """
-    gas = Inflation(kind="gas", start_pressure=0.0)
-    model = build_model(Scene(balloon=[Balloon(mesh=mesh, material=Material(preset="latex"), inflation=gas)]), "cpu")
+    gas, material = Inflation(kind="gas", start_pressure=0.0), Material(preset="latex", kind=kind)
+    model = build_model(Scene(balloon=[Balloon(mesh=mesh, material=material, inflation=gas)]), "cpu")
     traits = model_traits(model)
     film = film_layout(model, traits)
     assert film is not None
     assert film.areas
-    count, threads = model.particle_count, model.face_count if held else 1
-    film = film._replace(held=threads if held else 0)
-    places = film_entries(model, film.held)
+    count, threads = model.particle_count, model.face_count // held if held else 1
+    film = held_layout(model, film, held * threads, threads)
+    assert film.pairs == (held == 2)
+    places = film_entries(model, film.held, film.pairs)
     tables = make_tables(model, traits, in_block=True)
     tables.membranes.films = film_table(model, film, resident=True)
     layout = Layout(threads, count, resident=True, faces=places, film=film)
@@ -86,23 +91,79 @@ def moved(mesh: PolygonMesh, stretch: float) -> np.ndarray:
     return (stretch * np.asarray(mesh.points) * rng.uniform(0.9, 1.1, (len(mesh.points), 1))).astype(np.float32)
 
 
-@pytest.mark.parametrize(("mesh", "held"), [(QUADS, False), (QUADS, True), (TRIANGLES, False)])
-def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: bool) -> None:
+@pytest.mark.parametrize(("mesh", "held"), [(QUADS, 0), (QUADS, 1), (QUADS, 2), (TRIANGLES, 0)])
+def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: int) -> None:
     """Of a volume that is cubic in each place, central differences are exact but for rounding, 1e-10 over 1e-4."""
     points = moved(mesh, 1.0)
     _, found = measured(mesh, points, held)
     np.testing.assert_allclose(found, gradient(mesh, points.astype(np.float64)), atol=1e-7)
 
 
+@pytest.mark.parametrize("held", [1, 2])
+@pytest.mark.parametrize("kind", ["neo_hookean", "mooney_rivlin"])
 @pytest.mark.parametrize("stretch", [0.9, 1.1, 1.6], ids=["slack", "wrinkled here and there", "taut"])
-def test_quads_pull_alike_whether_threads_keep_them(stretch: float) -> None:
+def test_quads_pull_alike_whether_threads_keep_them(stretch: float, kind: Kind, held: int) -> None:
     """Up to float32's rounding; and all pulls add up to nothing."""
     points = moved(QUADS, stretch)
-    kept, read = (measured(QUADS, points, held)[0] for held in (True, False))
+    kept, read = (measured(QUADS, points, each, kind)[0] for each in (held, 0))
     largest = np.abs(read).max()
     assert largest > 0.0
     np.testing.assert_allclose(kept, read, atol=2e-5 * largest)
     np.testing.assert_allclose(kept.sum(axis=0), 0.0, atol=1e-5 * largest)
+
+
+def paired_corners(corners: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of the two quads of each pair, turned."""
+    ordered = (np.arange(4) + pairs[:, 2:, None]) % 4
+    first, second = (np.take_along_axis(corners[pairs[:, n]], ordered[:, n], axis=1) for n in (0, 1))
+    return first, second
+
+
+@pytest.mark.parametrize(
+    ("mesh", "most"), [(quad_sphere(9), 3), (quad_sphere(4), 3), (cube(), 3), (grid(4, 4), 3), (grid(2, 5), 3)]
+)
+def test_each_quad_is_in_a_pair_that_shares_an_edge(mesh: PolygonMesh, most: int) -> None:
+    corners = mesh.face_vertex_indices.reshape(-1, 4).astype(np.int64)
+    pairs = paired(corners, np.zeros(len(corners), dtype=np.int64))
+    np.testing.assert_array_equal(np.sort(pairs[:, :2], axis=None), np.arange(len(corners)))
+    first, second = paired_corners(corners, pairs)
+    np.testing.assert_array_equal(first[:, 1:3], second[:, [0, 3]])
+    assert np.bincount(np.concatenate([first, second[:, 1:3]], axis=1).ravel()).max() <= most
+
+
+def test_some_meshes_have_no_such_pairs() -> None:
+    """Nine quads; three in a T of four, whose fourth has no neighbor that is free; two that are wound against each
+    other."""
+    strip = grid(3, 1).face_vertex_indices.reshape(-1, 4).astype(np.int64)
+    branch = np.concatenate([strip, [[5, 6, 9, 8]]])  # at the middle
+    against = grid(2, 1).face_vertex_indices.reshape(-1, 4).astype(np.int64)
+    against[1] = against[1, ::-1]
+    odd = grid(3, 3).face_vertex_indices.reshape(-1, 4).astype(np.int64)
+    for corners in (odd, branch, against):
+        assert len(paired(corners, np.zeros(len(corners), dtype=np.int64))) == 0
+
+
+def test_no_pair_is_of_two_balloons() -> None:
+    corners = quad_sphere(2).face_vertex_indices.reshape(-1, 4).astype(np.int64)
+    both = np.concatenate([corners, corners + corners.max() + 1])
+    balloons = np.repeat([0, 1], len(corners))
+    pairs = paired(both, balloons)
+    assert len(pairs) == len(corners)
+    assert (balloons[pairs[:, 0]] == balloons[pairs[:, 1]]).all()
+    strip = grid(2, 1).face_vertex_indices.reshape(-1, 4).astype(np.int64)
+    assert len(paired(strip, np.array([0, 0]))) == 1
+    assert len(paired(strip, np.array([0, 1]))) == 0
+
+
+def test_threads_keep_single_quads_where_some_have_no_pair() -> None:
+    mesh = prism(4)  # without its lid: five quads
+    mesh = mesh_of(mesh.points.tolist(), mesh.face_vertex_indices.reshape(-1, 4)[1:].tolist())
+    material = Material(preset="latex")
+    model = build_model(Scene(balloon=[Balloon(mesh=mesh, material=material)]), "cpu")
+    film = film_layout(model, model_traits(model))
+    assert film is not None
+    held = held_layout(model, film, 6, 3)
+    assert held == film._replace(held=6)
 
 
 def gradient(mesh: PolygonMesh, points: np.ndarray, step: float = 1e-4) -> np.ndarray:

@@ -16,7 +16,7 @@ from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
-from balloon_warp.schedules.films import film_entries, film_layout, film_table
+from balloon_warp.schedules.films import film_entries, film_layout, film_table, held_layout
 from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.later import later_array
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
@@ -129,12 +129,14 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
     odd, film = model.substeps % 2 == 1, film_layout(model, traits)
     residing = None if traits.meets_solids else residence(model, traits, ends, film)
     if residing:
+        held = residing.held
+        film = held_layout(model, film, held, residing.threads) if film else None
         layout = Layout(
             threads=residing.threads,
             capacity=residing.threads * residing.particles_a_thread,
             resident=True,
             two=residing.particles_a_thread == 2,
-            faces=film_entries(model, residing.held)
+            faces=film_entries(model, held, film.pairs)
             if film
             else model.face_count
             if traits.aims and not traits.aims_on_the_way
@@ -145,7 +147,7 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
             nothing_where_none=residing.rings is not None or (film is not None and film.areas and film.slots <= 4),
             odd_substeps=odd and not residing.one_tile,
             registers=residing.registers,
-            film=film._replace(held=residing.held) if film else None,
+            film=film,
         )
         return layout, residing
     capacity = _round_up(model.particle_count, CAPACITY_STEP)

@@ -10,8 +10,9 @@ from balloon_warp.kernels.schedules.block_memory import FilmLayout
 from balloon_warp.kernels.schedules.film_places import PLACE_BYTES, VECTOR_BYTES
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
-from balloon_warp.schedules.film_banks import spread_places, turned_quads
+from balloon_warp.schedules.film_banks import quads_in_pairs, spread_places, turned_quads
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
+from balloon_warp.schedules.pairs import paired
 
 MOST_FACES = 12
 """at a particle: where there are more, most particles would wait for the few"""
@@ -33,6 +34,23 @@ def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
     return FilmLayout(most, triangles, mixed, bool(traits.measures_areas and all_there and not mixed))
 
 
+def held_layout(model: Model, layout: FilmLayout, held: int, threads: int) -> FilmLayout:
+    """The same where threads hold so many faces: where that is two each, in pairs that stand side by side, if all do.
+
+    Args:
+        held: that there is room for.
+    """
+    layout = layout._replace(held=held)
+    if held != 2 * threads:
+        return layout
+    quads = membrane_quads(model)
+    pairs = paired(quads.corners, quads.balloons)
+    if not len(pairs):
+        return layout
+    particles, _ = _pairs_and_places(quads_in_pairs(quads, pairs, model.particle_count), threads)
+    return layout._replace(pairs=True, slots=int(np.bincount(particles).max()))
+
+
 def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     """For the layout; empty without one.
 
@@ -43,12 +61,16 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     if layout is None:
         return table
     quads = membrane_quads(model)
-    if resident and layout.triangles == 4 and not layout.mixed:
-        quads = turned_quads(quads, model.particle_count)
-    particles, places = _particles_and_places(quads, layout.held)
+    if layout.pairs:
+        quads = quads_in_pairs(quads, paired(quads.corners, quads.balloons), model.particle_count)
+        particles, places = _pairs_and_places(quads, layout.held // 2)
+    else:
+        if resident and layout.triangles == 4 and not layout.mixed:
+            quads = turned_quads(quads, model.particle_count)
+        particles, places = _particles_and_places(quads, layout.held)
     counts = np.bincount(particles, minlength=model.particle_count)
     slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
-    fours, nothing = -(-layout.slots // 4), film_entries(model, layout.held) - 1
+    fours, nothing = -(-layout.slots // 4), film_entries(model, layout.held, layout.pairs) - 1
     in_slots = np.full((4 * fours, model.particle_count), -1)
     in_slots[slot, particles] = places
     if resident:
@@ -65,12 +87,15 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     return table
 
 
-def film_entries(model: Model, held: int = 0) -> int:
+def film_entries(model: Model, held: int = 0, pairs: bool = False) -> int:
     """What faces write, with the zero that fills up.
 
     Args:
         held: faces that there is room for, if that is another number.
+        pairs: two write for six corners.
     """
+    if pairs:
+        return 3 * held + 1
     return 4 * (held or len(membrane_quads(model).corners)) + 1
 
 
@@ -90,3 +115,12 @@ def _particles_and_places(quads: MembraneQuads, held: int = 0) -> tuple[np.ndarr
     particles = quads.corners[face, corner]
     order = np.argsort(particles, kind="stable")
     return particles[order], ((held or count) * corner + face)[order]
+
+
+def _pairs_and_places(quads: MembraneQuads, room: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same of pairs, which there is room for so many of; all their first quads come first."""
+    first, second = quads.corners.reshape(2, -1, 4)
+    particles = np.concatenate([first, second[:, 1:3]], axis=1).T.ravel()
+    corner, pair = np.divmod(np.arange(len(particles)), len(first))
+    order = np.argsort(particles, kind="stable")
+    return particles[order], (room * corner + pair)[order]

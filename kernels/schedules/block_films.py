@@ -19,6 +19,7 @@ from balloon_warp.kernels.loops.membranes import (
 from balloon_warp.kernels.memory import found_anew, four_floats_at, four_ints_at, vector_at
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
+from balloon_warp.kernels.schedules.block_pairs import pairs_of
 from balloon_warp.kernels.schedules.block_quads import quads_of
 from balloon_warp.kernels.schedules.film_places import film_places
 from balloon_warp.kernels.schedules.warps import block_barrier
@@ -55,7 +56,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     film = layout.film
     assert film is not None
     step, put, get, point_at = film_places(layout)
-    quads = quads_of(traits, layout) if film.held else None
+    quads = (pairs_of if film.pairs else quads_of)(traits, layout) if film.held else None
     quads_type = quads.held if quads else wp.int32
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of, left_of = material_reader(traits), wear_reader(traits)
@@ -84,16 +85,24 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
             return films.corners.shape[0]
 
     @wp.func
+    def nothing(films: FilmTable):
+        """The place where that stands."""
+        if wp.static(layout.resident):
+            return wp.static(step * (layout.faces - 1))
+        else:
+            return step * 4 * films.corners.shape[0]
+
+    @wp.func
     def read(t: Tables, slot_table: Any, own: Any, place: wp.int32, active: bool):
         held = Held()
         held.springs = read_springs(t, slot_table, own, place, active)
         if wp.static(quads is not None):
-            held.quads = quads.hold(t, place)
+            held.quads = quads.hold(t, own.world, own.n, place)
         if wp.static(keeps_places):
             held.places = four_ints_at(t.membranes.films.places, own.number)
             if not active:
                 for slot in range(4):
-                    held.places[slot] = step * 4 * count_of(t.membranes.films)  # where there is nothing
+                    held.places[slot] = nothing(t.membranes.films)
         return held
 
     @wp.func
@@ -115,7 +124,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     def begin(t: Tables, seat: Seat, pulls: Any, area_vectors: Any):
         """Where a particle has fewer faces than others, it reads what is always zero."""
         if seat.thread == 0:
-            put(pulls, area_vectors, step * 4 * count_of(t.membranes.films), wp.vec3(), wp.vec3())
+            put(pulls, area_vectors, nothing(t.membranes.films), wp.vec3(), wp.vec3())
 
     @wp.func
     def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):

@@ -6,29 +6,17 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.laws.tension_field import (
-    products_at_angles,
-    rest_of_shape,
-    tautness,
-    trace_and_det_of_shape,
-)
 from balloon_warp.kernels.loops.areas import crosses_at_quad_corners
-from balloon_warp.kernels.loops.membranes import (
-    material_reader,
-    pulls_between_corners,
-    taut_stiffness_function,
-    tension_function,
-)
-from balloon_warp.kernels.memory import four_floats_at, four_ints_at
+from balloon_warp.kernels.loops.membranes import material_reader, pulls_between_corners
+from balloon_warp.kernels.loops.quad_tensions import quad_tensions
+from balloon_warp.kernels.loops.quads import products_between
+from balloon_warp.kernels.memory import four_ints_at
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.film_places import film_places
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
-
-PART = wp.constant(0.5)
-"""of the thickness that each of a quad's four triangles has"""
 
 
 class Quads(NamedTuple):
@@ -37,7 +25,7 @@ class Quads(NamedTuple):
     held: Any
     """what a thread holds"""
     hold: Any
-    """(t, thread): that, as a frame begins"""
+    """(t, world, n, thread): that, as a frame begins"""
     stretch: Any
     """(t, seat, n, held, points, pulls, area_vectors): all of them, and a barrier; with the numbers of a balloon, if
     there is one alone"""
@@ -50,7 +38,7 @@ def quads_of(traits: Traits, layout: Layout) -> Quads:
     threads, room = layout.threads, layout.film.held
     places = film_places(layout)
     put, point_at, step = places.put, places.point_at, places.step
-    tension, taut_stiffness = tension_function(traits), taut_stiffness_function(traits)
+    tensions = quad_tensions(traits)
     material_of, read_numbers = material_reader(traits), numbers_reader(traits.columns)
 
     @wp.struct
@@ -59,10 +47,7 @@ def quads_of(traits: Traits, layout: Layout) -> Quads:
 
         corners: wp.vec4i  # where their points begin in a tile, in bytes
         balloon: wp.int32
-        a: wp.vec4  # the triangle at each corner, see `rest_of_shape`
-        b: wp.vec4
-        c: wp.vec4
-        d: wp.vec4
+        rest: tensions.rest
 
     @wp.struct
     class Held:
@@ -72,57 +57,30 @@ def quads_of(traits: Traits, layout: Layout) -> Quads:
         second: Quad
 
     @wp.func
-    def shape_of(t: Tables, corner: wp.int32, face: wp.int32):
-        return four_floats_at(t.membranes.films.rests, corner * t.membranes.films.corners.shape[0] + face)
+    def known(t: Tables, number: wp.int32):
+        """Of a thread that has none the last again, for nobody."""
+        return wp.min(number, t.membranes.films.corners.shape[0] - 1)
 
     @wp.func
-    def read_quad(t: Tables, number: wp.int32):
-        """Of a thread that has none the last again, for nobody."""
-        face = wp.min(number, t.membranes.films.corners.shape[0] - 1)
+    def read_quad(t: Tables, world: wp.int32, n: Any, number: wp.int32):
+        face = known(t, number)
         quad = Quad()
         quad.corners = four_ints_at(t.membranes.films.corners, face)
         if wp.static(traits.balloons > 1):
             quad.balloon = t.membranes.films.balloons[face]
-        quad.a = shape_of(t, 0, face)
-        quad.b = shape_of(t, 1, face)
-        quad.c = shape_of(t, 2, face)
-        quad.d = shape_of(t, 3, face)
+            numbers = read_numbers(t, world, quad.balloon)
+            quad.rest = tensions.read(t, face, material_of(t.membranes, quad.balloon), numbers)
+        else:
+            quad.rest = tensions.read(t, face, material_of(t.membranes, 0), n)
         return quad
 
     @wp.func
-    def hold(t: Tables, thread: wp.int32):
+    def hold(t: Tables, world: wp.int32, n: Any, thread: wp.int32):
         held = Held()
-        held.first = read_quad(t, thread)
+        held.first = read_quad(t, world, n, thread)
         if wp.static(room > threads):
-            held.second = read_quad(t, thread + threads)
+            held.second = read_quad(t, world, n, thread + threads)
         return held
-
-    @wp.func
-    def how_surely_taut(metric: wp.vec3, shape: wp.vec4):
-        trace, det = trace_and_det_of_shape(metric, products_at_angles(metric), shape)
-        return tautness(trace, det)
-
-    @wp.func
-    def stiffness_if_taut(metric: wp.vec3, shape: wp.vec4, material: wp.int32, n: Any):
-        return taut_stiffness(metric, products_at_angles(metric), shape, PART, material, n)
-
-    @wp.func
-    def tension_of(metric: wp.vec3, shape: wp.vec4, material: wp.int32, n: Any):
-        """Whatever its state."""
-        return tension(metric, wp.vec3(), rest_of_shape(shape, PART), material, n, 0)
-
-    @wp.func
-    def along_edge(a: wp.vec2, shape_a: wp.vec4, metric_a: wp.vec3, b: wp.vec2, shape_b: wp.vec4, metric_b: wp.vec3):
-        """What pulls along the edge that is the first of one triangle and the second of another [N/m]: product by
-        product, each added by an instruction."""
-        first = products_at_angles(metric_a)
-        second = products_at_angles(metric_b)
-        return a[0] * shape_a[0] + a[1] * first[0] + b[0] * shape_b[1] + b[1] * second[1]
-
-    @wp.func
-    def across_quad(a: wp.vec2, shape_a: wp.vec4, metric_a: wp.vec3, c: wp.vec2, shape_c: wp.vec4, metric_c: wp.vec3):
-        """The same of the diagonal that is the third edge of both."""
-        return a[0] * shape_a[2] + a[1] * metric_a[1] + c[0] * shape_c[2] + c[1] * metric_c[1]
 
     @wp.func
     def measure(t: Tables, seat: Seat, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
@@ -137,39 +95,9 @@ def quads_of(traits: Traits, layout: Layout) -> Quads:
         da = a - d
         ac = c - a
         bd = d - b
-        squares = wp.vec4(wp.dot(ab, ab), wp.dot(bc, bc), wp.dot(cd, cd), wp.dot(da, da))
-        at_a = wp.vec3(squares[0], -1.0 * wp.dot(ab, da), squares[3])
-        at_b = wp.vec3(squares[1], -1.0 * wp.dot(bc, ab), squares[0])
-        at_c = wp.vec3(squares[2], -1.0 * wp.dot(cd, bc), squares[1])
-        at_d = wp.vec3(squares[3], -1.0 * wp.dot(da, cd), squares[2])
+        metrics = products_between(ab, bc, cd, da)
         material = material_of(t.membranes, quad.balloon)
-        along = wp.vec4()
-        across = wp.vec2()
-        surely = wp.min(how_surely_taut(at_a, quad.a), how_surely_taut(at_b, quad.b))
-        surely = wp.min(surely, how_surely_taut(at_c, quad.c))
-        surely = wp.min(surely, how_surely_taut(at_d, quad.d))
-        if surely > 0.0:
-            of_a = stiffness_if_taut(at_a, quad.a, material, n)
-            of_b = stiffness_if_taut(at_b, quad.b, material, n)
-            of_c = stiffness_if_taut(at_c, quad.c, material, n)
-            of_d = stiffness_if_taut(at_d, quad.d, material, n)
-            along[0] = along_edge(of_a, quad.a, at_a, of_b, quad.b, at_b)
-            along[1] = along_edge(of_b, quad.b, at_b, of_c, quad.c, at_c)
-            along[2] = along_edge(of_c, quad.c, at_c, of_d, quad.d, at_d)
-            along[3] = along_edge(of_d, quad.d, at_d, of_a, quad.a, at_a)
-            across[0] = across_quad(of_b, quad.b, at_b, of_d, quad.d, at_d)
-            across[1] = across_quad(of_a, quad.a, at_a, of_c, quad.c, at_c)
-        else:
-            a_pulls = tension_of(at_a, quad.a, material, n)
-            b_pulls = tension_of(at_b, quad.b, material, n)
-            c_pulls = tension_of(at_c, quad.c, material, n)
-            d_pulls = tension_of(at_d, quad.d, material, n)
-            along[0] = a_pulls[0] + a_pulls[1] + b_pulls[2] + b_pulls[1]
-            along[1] = b_pulls[0] + b_pulls[1] + c_pulls[2] + c_pulls[1]
-            along[2] = c_pulls[0] + c_pulls[1] + d_pulls[2] + d_pulls[1]
-            along[3] = d_pulls[0] + d_pulls[1] + a_pulls[2] + a_pulls[1]
-            across[0] = -1.0 * b_pulls[1] - d_pulls[1]
-            across[1] = -1.0 * a_pulls[1] - c_pulls[1]
+        along, across = tensions.pulls(t, known(t, face), metrics, quad.rest, 0.0, material, n)
         on_a, on_b, on_c, on_d = pulls_between_corners(ab, bc, cd, da, ac, bd, along, across)
         area_a, area_b, area_c, area_d = crosses_at_quad_corners(ab, bc, da, ac, bd)
         put(pulls, area_vectors, step * face, on_a, area_a)
