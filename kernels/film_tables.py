@@ -14,6 +14,9 @@ class FilmTable:
     rests: wp.array[wp.vec4]
     """of the triangle at each corner, all of the first corners first; without area where there is none; where threads
     keep them, its shape at rest, see `rest_of_shape`"""
+    sums: wp.array[wp.vec4]
+    """where threads keep quads, of each along its edges, then of each the roots, then across and how steep; see
+    `Sums`, with a k of 1"""
     balloons: wp.array[wp.int32]
     """of each face"""
     numbers: wp.array[wp.vec4i]

@@ -19,7 +19,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.schema.material import Kind
-from balloon_warp.schedules.films import film_entries, film_layout, film_table, held_layout
+from balloon_warp.schedules.films import film_entries, film_layout, film_table, held_layout, shapes_of, sums_of
+from balloon_warp.schedules.membranes import membrane_quads
 from balloon_warp.schedules.pairs import paired
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
@@ -110,6 +111,19 @@ def test_quads_pull_alike_whether_threads_keep_them(stretch: float, kind: Kind, 
     assert largest > 0.0
     np.testing.assert_allclose(kept, read, atol=2e-5 * largest)
     np.testing.assert_allclose(kept.sum(axis=0), 0.0, atol=1e-5 * largest)
+
+
+def test_taut_quads_of_a_linear_law_are_told_by_sums() -> None:
+    """Which bound the trace of each triangle from above, whatever its shape; of squares it is no more than that."""
+    quads = membrane_quads(build_model(Scene(balloon=[Balloon(mesh=QUADS, material=Material(preset="latex"))]), "cpu"))
+    steep = sums_of(quads)[2, :, 2:]
+    rng = np.random.default_rng(0)
+    d1, d2 = rng.normal(size=(2, len(steep), 3))
+    squares = np.stack([(d1**2).sum(axis=1), (d2**2).sum(axis=1), ((d2 - d1) ** 2).sum(axis=1)], axis=1)
+    for corner in range(4):
+        cotangents = shapes_of(quads)[:, corner, :3]
+        of_corner = np.roll(steep, -corner, axis=1)
+        assert ((cotangents * squares).sum(axis=1) <= (of_corner * squares[:, :2]).sum(axis=1) * (1.0 + 1e-9)).all()
 
 
 def paired_corners(corners: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

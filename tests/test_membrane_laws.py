@@ -11,7 +11,7 @@ from meshes import mesh_of, polygon, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, OGDEN, quad_energy, relaxed
 
-from balloon_warp.kernels.laws.membrane import MEMBRANES, ogden
+from balloon_warp.kernels.laws.membrane import MEMBRANES, neo_hookean, ogden
 from balloon_warp.kernels.powers import power
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import build_model, initial_state
@@ -49,6 +49,20 @@ def test_slopes_are_those_of_the_energy_of_textbooks(kind: str):
     size = np.abs(expected).mean()
     for slope, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(slope[0], other, atol=1e-6 * size, rtol=1e-6)
+
+
+@wp.func
+def neo_hookean_slopes(det: float, shear_modulus: float):
+    by_trace, by_det = neo_hookean(det, shear_modulus)
+    return wp.vec3(by_trace, by_det, 0.0)
+
+
+def test_what_is_called_linear_is_a_number_times_the_first_invariant():
+    assert [name for name, law in MEMBRANES.items() if law.linear] == ["neo_hookean"]
+    det, modulus = np.random.default_rng(0).uniform(0.1, 20.0, (2, COUNT)).astype(np.float32)
+    by_trace, by_det, _ = called(neo_hookean_slopes, {"det": det, "shear_modulus": modulus}, "vec3").T
+    np.testing.assert_allclose(by_trace, 0.5 * modulus, rtol=1e-6)
+    np.testing.assert_allclose(by_det, -by_trace / det**2, rtol=1e-6)
 
 
 @wp.func

@@ -79,6 +79,8 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     rests = (shapes_of(quads) if layout.held else quads.rests).transpose(1, 0, 2).reshape(-1, 4)
     table.corners = wp.array((VECTOR_BYTES if resident else 1) * quads.corners, dtype=wp.vec4i, device=model.device)
     table.rests = wp.array(rests, dtype=wp.vec4, device=model.device)
+    if layout.held:
+        table.sums = wp.array(sums_of(quads).reshape(-1, 4), dtype=wp.vec4, device=model.device)
     table.balloons = wp.array(quads.balloons, dtype=wp.int32, device=model.device)
     if model.softens:
         table.numbers = wp.array(np.maximum(quads.numbers, 0), dtype=wp.vec4i, device=model.device)
@@ -104,6 +106,20 @@ def shapes_of(quads: MembraneQuads) -> np.ndarray:
     g11, g12, g22, _ = np.moveaxis(quads.rests, -1, 0)
     size = np.sqrt(g11 * g22 - g12 * g12)
     return np.stack([(g11 + g12) / size, (g22 + g12) / size, -g12 / size, size], axis=-1)
+
+
+def sums_of(quads: MembraneQuads) -> np.ndarray:
+    """Of quads alone, see `Sums`, with a k of 1, shape (3, n, 4)."""
+    by_first, by_second, by_third, last = np.moveaxis(shapes_of(quads), -1, 0)  # each of the triangles at all corners
+    along = by_first + np.roll(by_second, -1, axis=1)
+    across = by_third + np.roll(by_third, 2, axis=1)
+    # the square of a diagonal is at most twice those of both edges beside it
+    more = 2.0 * np.maximum(by_third, 0.0)
+    first, second = np.maximum(by_first, 0.0) + more, np.maximum(by_second, 0.0) + more
+    of_ab = np.stack([first[:, 0], second[:, 1], first[:, 2], second[:, 3]]).max(axis=0)
+    of_bc = np.stack([second[:, 0], first[:, 1], second[:, 2], first[:, 3]]).max(axis=0)
+    last_row = np.stack([across[:, 1], across[:, 0], of_ab, of_bc], axis=1)
+    return np.stack([along, last**-1.5, last_row])
 
 
 def _particles_and_places(quads: MembraneQuads, held: int = 0) -> tuple[np.ndarray, np.ndarray]:

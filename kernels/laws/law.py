@@ -144,6 +144,9 @@ class Law:
     """the function's own, when empty"""
     energy: Any = None
     """a `wp.func` of what the force names [J], whose negative gradient the force is; None if there is none"""
+    linear: bool = False
+    """of a membrane, whether its energy is a number times I1 - 3: the slope by the trace is the same in every state,
+    and that by the determinant is minus this over det^2"""
     neutral: Mapping[str, float] = field(default_factory=dict)
     """the law does nothing while all these parameters have these values: then it is left out"""
     wants: Callable[[Any], bool] | None = None

@@ -194,7 +194,7 @@ def ogden_energy(trace: float, det: float, spread: float, ogden_moduli: wp.vec3,
 MEMBRANES: Mapping[str, Law] = {
     law.name: law
     for law in (
-        Law("membrane", neo_hookean, (SHEAR_MODULUS,), energy=neo_hookean_energy),
+        Law("membrane", neo_hookean, (SHEAR_MODULUS,), energy=neo_hookean_energy, linear=True),
         Law("membrane", mooney_rivlin, (SHEAR_MODULUS, MOONEY_RATIO), energy=mooney_rivlin_energy),
         Law("membrane", ogden, (OGDEN_MODULI, OGDEN_EXPONENTS), energy=ogden_energy),
         Law("membrane", gent, (SHEAR_MODULUS, GENT_LIMIT, MOST_STRETCH), energy=gent_energy),

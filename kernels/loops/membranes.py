@@ -145,6 +145,20 @@ def taut_stiffness_function(traits: Traits) -> Any:
 
 
 @cache
+def skin_function(traits: Traits) -> Any:
+    """The function that gives, of laws that are `Law.linear`, their slope by the trace times the thickness [N/m]."""
+    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
+    thickness = traits.columns.places["thickness"]
+
+    @wp.func
+    def skin_of(part: float, material: wp.int32, n: Any):
+        by_trace, _by_det = slopes_of_law(2.0, 1.0, 0.0, material, n, 0)
+        return part * number_in(n, thickness, 0) * by_trace
+
+    return skin_of
+
+
+@cache
 def triangle_pull(traits: Traits) -> Any:
     """The function that gives what a triangle does to the corner that its two edges begin at."""
     tension = tension_function(traits)

@@ -11,7 +11,7 @@ from balloon_warp.kernels.laws.tension_field import (
     tautness,
     trace_and_det_of_shape,
 )
-from balloon_warp.kernels.loops.membranes import taut_stiffness_function, tension_function
+from balloon_warp.kernels.loops.membranes import skin_function, taut_stiffness_function, tension_function
 from balloon_warp.kernels.loops.quads import Metrics
 from balloon_warp.kernels.memory import four_floats_at
 from balloon_warp.kernels.tables import Tables
@@ -60,6 +60,27 @@ def shapes_of(t: Tables, face: wp.int32):
     return shapes
 
 
+@wp.struct
+class Sums:
+    """Of a quad whose law is `Law.linear`, with the k that a triangle's pulls are in proportion to [N/m]."""
+
+    along: wp.vec4
+    """of each edge the sum of the cotangents opposite, times k"""
+    across: wp.vec2
+    """the same of both diagonals"""
+    roots: wp.vec4
+    """of each triangle the root of k over its shape's last number, cubed, so that its square over that of det M is what
+    it takes from an edge's pull for each product opposite"""
+    steep: wp.vec2
+    """what the squares of two opposite edges add to a triangle's trace at most, over its shape's last number and k"""
+
+
+def quad_tensions(traits: Traits) -> QuadTensions:
+    """For the laws of a scene."""
+    linear = all(law.linear for law in traits.membranes)
+    return tensions_by_sums(traits) if linear else tensions_by_shapes(traits)
+
+
 @cache
 def tensions_whatever(traits: Traits) -> Any:
     """The function of metrics, shapes, what was before, material and numbers, whatever a quad's state."""
@@ -87,8 +108,8 @@ def tensions_whatever(traits: Traits) -> Any:
 
 
 @cache
-def quad_tensions(traits: Traits) -> QuadTensions:
-    """For the laws of a scene."""
+def tensions_by_shapes(traits: Traits) -> QuadTensions:
+    """For any laws."""
     taut_stiffness, pulls_whatever = taut_stiffness_function(traits), tensions_whatever(traits)
 
     @wp.func
@@ -150,3 +171,53 @@ def quad_tensions(traits: Traits) -> QuadTensions:
         return pulls_whatever(metrics, rest, before, material, n)
 
     return QuadTensions(Shapes, read, pulls)
+
+
+@cache
+def tensions_by_sums(traits: Traits) -> QuadTensions:
+    """For laws that are `Law.linear`: of a taut quad the parts that no stretch changes are summed up ahead."""
+    skin_of, pulls_whatever = skin_function(traits), tensions_whatever(traits)
+
+    @wp.func
+    def read(t: Tables, face: wp.int32, material: wp.int32, n: Any):
+        count = t.membranes.films.corners.shape[0]
+        k = skin_of(PART, material, n)
+        last = four_floats_at(t.membranes.films.sums, 2 * count + face)
+        sums = Sums()
+        sums.along = k * four_floats_at(t.membranes.films.sums, face)
+        sums.roots = wp.sqrt(k) * four_floats_at(t.membranes.films.sums, count + face)
+        sums.across = k * wp.vec2(last[0], last[1])
+        sums.steep = wp.vec2(last[2], last[3]) / k
+        return sums
+
+    @wp.func
+    def taken(metric: wp.vec3, root: float):
+        """For each product at an angle [N/m^3]."""
+        each = root / (metric[0] * metric[2] - metric[1] * metric[1])
+        return each * each
+
+    @wp.func
+    def pulls(t: Tables, face: wp.int32, metrics: Metrics, rest: Sums, before: float, material: wp.int32, n: Any):
+        a = taken(metrics.a, rest.roots[0])
+        b = taken(metrics.b, rest.roots[1])
+        c = taken(metrics.c, rest.roots[2])
+        d = taken(metrics.d, rest.roots[3])
+        trace = rest.steep[0] * wp.max(metrics.a[0], metrics.c[0])
+        trace += rest.steep[1] * wp.max(metrics.b[0], metrics.d[0])
+        if wp.max(wp.max(a, b), wp.max(c, d)) * trace < 1.0:  # see `tautness`
+            at_a = products_at_angles(metrics.a)
+            at_b = products_at_angles(metrics.b)
+            at_c = products_at_angles(metrics.c)
+            at_d = products_at_angles(metrics.d)
+            along = wp.vec4(
+                rest.along[0] - a * at_a[0] - b * at_b[1],
+                rest.along[1] - b * at_b[0] - c * at_c[1],
+                rest.along[2] - c * at_c[0] - d * at_d[1],
+                before + rest.along[3] - d * at_d[0] - a * at_a[1],
+            )
+            return along, wp.vec2(
+                rest.across[0] - b * at_b[2] - d * at_d[2], rest.across[1] - a * at_a[2] - c * at_c[2]
+            )
+        return pulls_whatever(metrics, shapes_of(t, face), before, material, n)
+
+    return QuadTensions(Sums, read, pulls)
