@@ -8,6 +8,8 @@ from balloon_warp.scene import Balloon, Material, Scene
 from balloon_warp.schedules.banks import wavefronts
 from balloon_warp.schedules.film_banks import QUARTER_WARP, spread_places, turned_quads
 from balloon_warp.schedules.membranes import membrane_quads
+from balloon_warp.schedules.pair_banks import corners_of_pairs, quads_in_pairs, quads_of_pairs
+from balloon_warp.schedules.pairs import paired
 
 MODEL = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(9, 0.1), material=Material(preset="latex"))]), "cpu")
 
@@ -32,6 +34,39 @@ def test_spread_places_are_the_same() -> None:
     spread = spread_places(places)
     np.testing.assert_array_equal(np.sort(spread, axis=0), np.sort(places, axis=0))
     assert fullest(spread) < 0.9 * fullest(places)
+
+
+def test_dealt_pairs_are_the_same() -> None:
+    quads = membrane_quads(MODEL)
+    pairs = paired(quads.corners, quads.balloons)
+    paired_quads, dealt_quads = (each(quads, pairs) for each in (quads_of_pairs, quads_in_pairs))
+    one, other = (corners_of_pairs(each) for each in (paired_quads, dealt_quads))
+    exchanged = one[:, [5, 2, 1, 4, 3, 0]]
+    same = (other[:, None] == one).all(axis=2)
+    back = (other[:, None] == exchanged).all(axis=2)
+    assert same.any()
+    assert back.any()
+    assert ((same | back).sum(axis=0) == 1).all()
+    assert ((same | back).sum(axis=1) == 1).all()
+    rests = {tuple(corners): rest for corners, rest in zip(quads.corners.tolist(), quads.rests, strict=True)}
+    for corners, rest in zip(dealt_quads.corners.tolist(), dealt_quads.rests, strict=True):
+        turns = [turn for turn in range(4) if tuple(corners[turn:] + corners[:turn]) in rests]
+        np.testing.assert_array_equal(np.roll(rest, -turns[0], axis=0), rests[tuple(np.roll(corners, -turns[0]))])
+    before, after = (wavefronts(np.pad(each.T, ((0, 0), (0, 488 - 243)), mode="edge")) for each in (one, other))
+    assert after < 0.9 * before
+    quarters_before, quarters_after = (fullest(in_classes(each, MODEL.particle_count)) for each in (one, other))
+    assert quarters_after < 0.95 * quarters_before
+
+
+def in_classes(corners: np.ndarray, particle_count: int) -> np.ndarray:
+    """Which pairs' threads each particle looks at, in the order that was found, -1 where there are no more."""
+    pair, corner = np.divmod(np.arange(corners.size), corners.shape[1])
+    order = np.argsort(corners[pair, corner], kind="stable")
+    particles, threads = corners[pair, corner][order], pair[order]
+    counts = np.bincount(particles, minlength=particle_count)
+    places = np.full((counts.max(), particle_count), -1)
+    places[np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts), particles] = threads
+    return spread_places(places)
 
 
 def fullest(places: np.ndarray) -> float:

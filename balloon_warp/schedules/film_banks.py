@@ -22,17 +22,10 @@ def turned_quads(quads: MembraneQuads, particle_count: int) -> MembraneQuads:
     rings[0, :, :count] = quads.corners.T
     first = turned_over_banks(rings)[0, 0, :count]
     turns = (quads.corners == first[:, None]).argmax(axis=1)
-    return _begun(quads, turns)
+    return begun(quads, turns)
 
 
-def quads_in_pairs(quads: MembraneQuads, pairs: NDArray[np.int64], particle_count: int) -> MembraneQuads:
-    """The same faces of four triangles in an order in which the first of all pairs come first, then the second, each
-    turned as `paired` says."""
-    order, turns = pairs[:, :2].T.ravel(), pairs[:, 2:].T.ravel()
-    return _begun(MembraneQuads._make(each[order] for each in quads), turns)
-
-
-def _begun(quads: MembraneQuads, turns: NDArray[np.int64]) -> MembraneQuads:
+def begun(quads: MembraneQuads, turns: NDArray[np.int64]) -> MembraneQuads:
     """The same faces of four triangles, each begun with another of its corners."""
     order = (turns[:, None] + np.arange(4)) % 4
     return quads._replace(

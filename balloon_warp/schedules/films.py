@@ -10,8 +10,9 @@ from balloon_warp.kernels.schedules.block_memory import FilmLayout
 from balloon_warp.kernels.schedules.film_places import PLACE_BYTES, VECTOR_BYTES
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
-from balloon_warp.schedules.film_banks import quads_in_pairs, spread_places, turned_quads
+from balloon_warp.schedules.film_banks import spread_places, turned_quads
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
+from balloon_warp.schedules.pair_banks import corners_of_pairs, quads_in_pairs, quads_of_pairs
 from balloon_warp.schedules.pairs import paired
 
 MOST_FACES = 12
@@ -47,8 +48,8 @@ def held_layout(model: Model, layout: FilmLayout, held: int, threads: int) -> Fi
     pairs = paired(quads.corners, quads.balloons)
     if not len(pairs):
         return layout
-    particles, _ = _pairs_and_places(quads_in_pairs(quads, pairs, model.particle_count), threads)
-    return layout._replace(pairs=True, slots=int(np.bincount(particles).max()))
+    corners = corners_of_pairs(quads_of_pairs(quads, pairs))
+    return layout._replace(pairs=True, slots=int(np.bincount(corners.ravel()).max()))
 
 
 def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
@@ -62,7 +63,7 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
         return table
     quads = membrane_quads(model)
     if layout.pairs:
-        quads = quads_in_pairs(quads, paired(quads.corners, quads.balloons), model.particle_count)
+        quads = quads_in_pairs(quads, paired(quads.corners, quads.balloons))
         particles, places = _pairs_and_places(quads, layout.held // 2)
     else:
         if resident and layout.triangles == 4 and not layout.mixed:
@@ -135,8 +136,8 @@ def _particles_and_places(quads: MembraneQuads, held: int = 0) -> tuple[np.ndarr
 
 def _pairs_and_places(quads: MembraneQuads, room: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of pairs, which there is room for so many of; all their first quads come first."""
-    first, second = quads.corners.reshape(2, -1, 4)
-    particles = np.concatenate([first, second[:, 1:3]], axis=1).T.ravel()
-    corner, pair = np.divmod(np.arange(len(particles)), len(first))
+    corners = corners_of_pairs(quads)
+    particles = corners.T.ravel()
+    corner, pair = np.divmod(np.arange(len(particles)), len(corners))
     order = np.argsort(particles, kind="stable")
     return particles[order], (room * corner + pair)[order]
