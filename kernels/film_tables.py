@@ -24,4 +24,5 @@ class FilmTable:
     places: wp.array[wp.vec4i]
     """where what each face does to a particle stands, corner times the number of faces plus the face, in fours: of all
     particles the first four, then the next; and the place after all of them, where there is nothing, as what fills up;
-    of pairs a, b, c, d, e and f of quads abcd and befc; where particles are resident, each times `PLACE_BYTES`"""
+    of pairs a, b, c, d, e and f of quads abcd and befc, or a, d, e, f and c where threads have the ends b and, most of
+    them, c; where particles are resident, each times `PLACE_BYTES`"""

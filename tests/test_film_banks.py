@@ -8,7 +8,8 @@ from balloon_warp.scene import Balloon, Material, Scene
 from balloon_warp.schedules.banks import wavefronts
 from balloon_warp.schedules.film_banks import QUARTER_WARP, spread_places, turned_quads
 from balloon_warp.schedules.membranes import membrane_quads
-from balloon_warp.schedules.pair_banks import corners_of_pairs, quads_in_pairs, quads_of_pairs
+from balloon_warp.schedules.pair_banks import EXCHANGED, corners_of_pairs, quads_in_pairs, quads_of_pairs
+from balloon_warp.schedules.pair_ends import dealt_ends, seats
 from balloon_warp.schedules.pairs import paired
 
 MODEL = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(9, 0.1), material=Material(preset="latex"))]), "cpu")
@@ -41,7 +42,7 @@ def test_dealt_pairs_are_the_same() -> None:
     pairs = paired(quads.corners, quads.balloons)
     paired_quads, dealt_quads = (each(quads, pairs) for each in (quads_of_pairs, quads_in_pairs))
     one, other = (corners_of_pairs(each) for each in (paired_quads, dealt_quads))
-    exchanged = one[:, [5, 2, 1, 4, 3, 0]]
+    exchanged = one[:, EXCHANGED]
     same = (other[:, None] == one).all(axis=2)
     back = (other[:, None] == exchanged).all(axis=2)
     assert same.any()
@@ -56,6 +57,27 @@ def test_dealt_pairs_are_the_same() -> None:
     assert after < 0.9 * before
     quarters_before, quarters_after = (fullest(in_classes(each, MODEL.particle_count)) for each in (one, other))
     assert quarters_after < 0.95 * quarters_before
+
+
+def test_threads_have_the_ends_of_their_pairs() -> None:
+    quads = membrane_quads(MODEL)
+    corners = corners_of_pairs(quads_of_pairs(quads, paired(quads.corners, quads.balloons)))
+    count, threads = MODEL.particle_count, 256
+    dealt = dealt_ends(corners, np.array([count, threads]))
+    np.testing.assert_array_equal(np.sort(dealt[:, 0]), np.arange(len(corners)))
+    turned = np.where(dealt[:, 1:] > 0, corners[dealt[:, 0]][:, EXCHANGED], corners[dealt[:, 0]])
+    places = seats(turned, np.array([count, threads]))
+    np.testing.assert_array_equal(np.sort(places), np.arange(count))
+    np.testing.assert_array_equal(places[: len(corners)], turned[:, 1])
+    np.testing.assert_array_equal(places[threads:], turned[: count - threads, 2])
+
+
+def test_too_few_threads_have_no_ends() -> None:
+    """Or so many that each particle has its own."""
+    quads = membrane_quads(MODEL)
+    corners = corners_of_pairs(quads_of_pairs(quads, paired(quads.corners, quads.balloons)))
+    for threads in (len(corners) - 1, len(corners), MODEL.particle_count):
+        assert len(dealt_ends(corners, np.array([MODEL.particle_count, threads]))) == 0
 
 
 def in_classes(corners: np.ndarray, particle_count: int) -> np.ndarray:

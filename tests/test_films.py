@@ -11,6 +11,7 @@ from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader, own_functions
+from balloon_warp.kernels.schedules.block_ends import stretch_function
 from balloon_warp.kernels.schedules.block_films import films_of
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat, no_springs
 from balloon_warp.kernels.tables import Tables
@@ -19,9 +20,18 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.scene.schema.material import Kind
-from balloon_warp.schedules.films import film_entries, film_layout, film_table, held_layout, shapes_of, sums_of
+from balloon_warp.schedules.films import (
+    film_entries,
+    film_layout,
+    film_order,
+    film_table,
+    held_layout,
+    shapes_of,
+    sums_of,
+)
 from balloon_warp.schedules.membranes import membrane_quads
 from balloon_warp.schedules.pairs import paired
+from balloon_warp.schedules.renumber import renumbered
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
@@ -47,7 +57,7 @@ def measured(
     count, threads = model.particle_count, model.face_count // held if held else 1
     film = held_layout(model, film, held * threads, threads)
     assert film.pairs == (held == 2)
-    places = film_entries(model, film.held, film.pairs)
+    places = film_entries(model, film)
     tables = make_tables(model, traits, in_block=True)
     tables.membranes.films = film_table(model, film, resident=True)
     layout = Layout(threads, count, resident=True, faces=places, film=film)
@@ -86,6 +96,74 @@ def measured(
     return pulled.numpy(), found.numpy()
 
 
+def measured_at_ends(mesh: PolygonMesh, points: np.ndarray, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+    """The same where threads have the particles at the ends of the edges that their pairs share."""
+    gas, material = Inflation(kind="gas", start_pressure=0.0), Material(preset="latex", kind=kind)
+    model = build_model(Scene(balloon=[Balloon(mesh=mesh, material=material, inflation=gas)]), "cpu")
+    traits = model_traits(model)
+    film, count, threads, room = film_layout(model, traits), model.particle_count, 32, 64
+    assert film is not None
+    film = held_layout(model, film, room, threads, renumbered=True)
+    assert film.own_slots == 2
+    order, places = film_order(model, film), film_entries(model, film)
+    tables = make_tables(renumbered(model, order), traits, in_block=True)
+    tables.membranes.films = film_table(model, film, resident=True)
+    layout = Layout(threads, room, resident=True, two=True, faces=places, film=film)
+    films = films_of(traits, layout, wp.int32, no_springs, spring_loop(traits, in_tile))
+    Own, read_own = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
+
+    @wp.struct
+    class Member:
+        own: Own  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        springs: films.held  # pyright: ignore[reportInvalidTypeForm]
+        point: wp.vec3
+        active: bool
+
+    stretch = stretch_function(traits, layout, films, Member)
+
+    @wp.func
+    def seated(t: Tables, points: wp.array[wp.vec3], place: wp.int32):
+        member = Member()
+        member.active = place < count
+        member.own = read_own(t, 0, wp.min(place, count - 1))
+        member.springs = films.read(t, 0, member.own, place, member.active)
+        member.point = points[wp.min(place, count - 1)]
+        return member
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def measure(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        points: wp.array[wp.vec3],
+        pulled: wp.array[wp.vec3],
+        found: wp.array[wp.vec3],
+    ):
+        tile = wp.tile_empty(shape=room, dtype=wp.vec3, storage="shared")
+        pulls = wp.tile_full(shape=places, dtype=wp.vec4, value=wp.vec4(1.0), storage="shared")
+        areas = wp.tile_full(shape=places, dtype=wp.vec2, value=wp.vec2(1.0), storage="shared")
+        for place in range(count):
+            put_in_tile(tile, place, points[place])
+        seat = Seat()
+        films.begin(t, seat, pulls, areas)
+        for turn in range(room):  # in the second round all find what others did
+            seat.thread = turn % threads
+            mine = seated(t, points, seat.thread)
+            also = seated(t, points, seat.thread + threads)
+            first, second = stretch(t, seat, mine, also, tile, points, pulls, areas)
+            pulled[seat.thread] = first.springs.pull
+            pulled[seat.thread + threads] = second.springs.pull
+            found[seat.thread] = first.springs.area_vector
+            found[seat.thread + threads] = second.springs.area_vector
+
+    pulled, found = (wp.zeros(room, dtype=wp.vec3, device="cpu") for _ in range(2))
+    given = [tables, wp.array(points[order], dtype=wp.vec3, device="cpu"), pulled, found]
+    wp.launch_tiled(measure, dim=[1], inputs=given, block_dim=1, device="cpu")
+    both = pulled.numpy(), found.numpy()
+    for values in both:
+        assert not values[count:].any()
+    back = np.argsort(order)
+    return both[0][back], both[1][back]
+
+
 def moved(mesh: PolygonMesh, stretch: float) -> np.ndarray:
     """Its points, stretched, and each a little in or out."""
     rng = np.random.default_rng(0)
@@ -111,6 +189,15 @@ def test_quads_pull_alike_whether_threads_keep_them(stretch: float, kind: Kind, 
     assert largest > 0.0
     np.testing.assert_allclose(kept, read, atol=2e-5 * largest)
     np.testing.assert_allclose(kept.sum(axis=0), 0.0, atol=1e-5 * largest)
+
+
+@pytest.mark.parametrize("kind", ["neo_hookean", "mooney_rivlin"])
+@pytest.mark.parametrize("stretch", [0.9, 1.6], ids=["slack", "taut"])
+def test_pairs_pull_alike_where_threads_have_their_ends(stretch: float, kind: Kind) -> None:
+    points = moved(QUADS, stretch)
+    kept, read = measured_at_ends(QUADS, points, kind), measured(QUADS, points, 0, kind)
+    for of_ends, expected in zip(kept, read, strict=True):
+        np.testing.assert_allclose(of_ends, expected, atol=2e-5 * np.abs(expected).max())
 
 
 def test_taut_quads_of_a_linear_law_are_told_by_sums() -> None:

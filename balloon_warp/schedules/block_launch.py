@@ -16,7 +16,7 @@ from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
-from balloon_warp.schedules.films import film_entries, film_layout, film_table, held_layout
+from balloon_warp.schedules.films import film_entries, film_layout, film_order, film_table, held_layout
 from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.later import later_array
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
@@ -111,9 +111,14 @@ def _recipe(model: Model, traits: Traits) -> Recipe:
     ends = spring_ends(model)
     layout, residing = _layout(model, traits, ends)
     if residing:
-        slots = [slot_table(model, ends, residing.rings)]
-        own_order = np.arange(model.particle_count)
-        tables = make_tables(model, traits, in_block=traits.in_water)
+        own_order = film_order(model, layout.film)
+        if layout.film and layout.film.own_slots:
+            ordered = renumbered(model, own_order)
+            slots = [slot_table(ordered, spring_ends(ordered), residing.rings)]
+            tables = make_tables(ordered, traits, in_block=traits.in_water)
+        else:
+            slots = [slot_table(model, ends, residing.rings)]
+            tables = make_tables(model, traits, in_block=traits.in_water)
         tables.membranes.films = film_table(model, layout.film, resident=True)
         return Recipe(resident_kernel(traits, layout), layout, tables, slots, own_order)
     # where balloons or solids touch, everyone finds everyone's points in the state, and in its order
@@ -130,13 +135,14 @@ def _layout(model: Model, traits: Traits, ends: SpringEnds) -> tuple[Layout, Res
     residing = None if traits.meets_solids else residence(model, traits, ends, film)
     if residing:
         held = residing.held
-        film = held_layout(model, film, held, residing.threads) if film else None
+        may_turn = residing.one_tile and model.balloon_count == 1
+        film = held_layout(model, film, held, residing.threads, may_turn) if film else None
         layout = Layout(
             threads=residing.threads,
             capacity=residing.threads * residing.particles_a_thread,
             resident=True,
             two=residing.particles_a_thread == 2,
-            faces=film_entries(model, held, film.pairs)
+            faces=film_entries(model, film)
             if film
             else model.face_count
             if traits.aims and not traits.aims_on_the_way
@@ -186,7 +192,7 @@ def _streaming_threads(model: Model, traits: Traits) -> tuple[int, int]:
 def _working_arrays(model: Model, traits: Traits, layout: Layout, room: Room) -> dict[str, Any]:
     """The memory of `BlockMemory`; arrays that a scene does not need are empty."""
     worlds, streaming, film = model.world_count, not layout.resident, layout.film
-    entries = film_entries(model) if film else 0
+    entries = film_entries(model, film) if film else 0
     shows_velocities = traits.looks_at_velocities
     keeps_velocities = not layout.fast_velocities if streaming else shows_velocities and traits.frames == "free"
 

@@ -12,11 +12,16 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.film_banks import spread_places, turned_quads
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
-from balloon_warp.schedules.pair_banks import corners_of_pairs, quads_in_pairs, quads_of_pairs
+from balloon_warp.schedules.pair_banks import corners_of_pairs, quads_dealt_out, quads_in_pairs, quads_of_pairs
+from balloon_warp.schedules.pair_ends import B, C, dealt_ends, seats
 from balloon_warp.schedules.pairs import paired
 
 MOST_FACES = 12
 """at a particle: where there are more, most particles would wait for the few"""
+
+
+SLOTS_OF_FOUR = 4
+"""which a particle keeps"""
 
 
 def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
@@ -35,11 +40,12 @@ def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
     return FilmLayout(most, triangles, mixed, bool(traits.measures_areas and all_there and not mixed))
 
 
-def held_layout(model: Model, layout: FilmLayout, held: int, threads: int) -> FilmLayout:
+def held_layout(model: Model, layout: FilmLayout, held: int, threads: int, renumbered: bool = False) -> FilmLayout:
     """The same where threads hold so many faces: where that is two each, in pairs that stand side by side, if all do.
 
     Args:
         held: that there is room for.
+        renumbered: whether particles may stand in another order.
     """
     layout = layout._replace(held=held)
     if held != 2 * threads:
@@ -49,11 +55,33 @@ def held_layout(model: Model, layout: FilmLayout, held: int, threads: int) -> Fi
     if not len(pairs):
         return layout
     corners = corners_of_pairs(quads_of_pairs(quads, pairs))
-    return layout._replace(pairs=True, slots=int(np.bincount(corners.ravel()).max()))
+    counts = np.bincount(corners.ravel())
+    layout = layout._replace(pairs=True, slots=int(counts.max()))
+    sizes = np.array([model.particle_count, threads])
+    if renumbered and layout.slots <= SLOTS_OF_FOUR and len(dealt_ends(corners, sizes)):
+        layout = layout._replace(own_slots=max(int(counts[corners[:, [B, C]]].max()) - 1, 1))
+    return layout
+
+
+def film_order(model: Model, layout: FilmLayout | None) -> np.ndarray:
+    """The particle at each place."""
+    if layout is None or not layout.own_slots:
+        return np.arange(model.particle_count)
+    quads, sizes = _quads_at_ends(model, layout)
+    return seats(corners_of_pairs(quads), sizes)
+
+
+def _quads_at_ends(model: Model, layout: FilmLayout) -> tuple[MembraneQuads, np.ndarray]:
+    """In the order of the threads that have the particles at the ends of their pairs; how many particles and threads
+    there are."""
+    quads, sizes = membrane_quads(model), np.array([model.particle_count, layout.held // 2])
+    pairs = paired(quads.corners, quads.balloons)
+    dealt = dealt_ends(corners_of_pairs(quads_of_pairs(quads, pairs)), sizes)
+    return quads_dealt_out(quads, pairs, dealt), sizes
 
 
 def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
-    """For the layout; empty without one.
+    """For the layout; empty without one. Particles are in the order of `film_order`.
 
     Args:
         resident: whether particles stay in registers.
@@ -61,21 +89,15 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     table = FilmTable()
     if layout is None:
         return table
-    quads = membrane_quads(model)
-    if layout.pairs:
-        quads = quads_in_pairs(quads, paired(quads.corners, quads.balloons))
-        particles, places = _pairs_and_places(quads, layout.held // 2)
-    else:
-        if resident and layout.triangles == 4 and not layout.mixed:
-            quads = turned_quads(quads, model.particle_count)
-        particles, places = _particles_and_places(quads, layout.held)
+    quads, particles, places = _quads_and_places(model, layout, resident)
     counts = np.bincount(particles, minlength=model.particle_count)
     slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
-    fours, nothing = -(-layout.slots // 4), film_entries(model, layout.held, layout.pairs) - 1
+    fours, nothing = -(-layout.slots // 4), film_entries(model, layout) - 1
     in_slots = np.full((4 * fours, model.particle_count), -1)
     in_slots[slot, particles] = places
     if resident:
-        in_slots[: layout.slots] = spread_places(in_slots[: layout.slots])
+        spread = layout.own_slots or layout.slots
+        in_slots[:spread] = spread_places(in_slots[:spread])
     of_slots = np.where(in_slots < 0, nothing, in_slots).reshape(fours, 4, -1).swapaxes(1, 2)
     rests = (shapes_of(quads) if layout.held else quads.rests).transpose(1, 0, 2).reshape(-1, 4)
     table.corners = wp.array((VECTOR_BYTES if resident else 1) * quads.corners, dtype=wp.vec4i, device=model.device)
@@ -90,16 +112,11 @@ def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
     return table
 
 
-def film_entries(model: Model, held: int = 0, pairs: bool = False) -> int:
-    """What faces write, with the zero that fills up.
-
-    Args:
-        held: faces that there is room for, if that is another number.
-        pairs: two write for six corners.
-    """
-    if pairs:
-        return 3 * held + 1
-    return 4 * (held or len(membrane_quads(model).corners)) + 1
+def film_entries(model: Model, layout: FilmLayout) -> int:
+    """What faces write, with the zero that fills up."""
+    if layout.pairs:
+        return (5 if layout.own_slots else 6) * layout.held // 2 + 1
+    return 4 * (layout.held or len(membrane_quads(model).corners)) + 1
 
 
 def shapes_of(quads: MembraneQuads) -> np.ndarray:
@@ -134,9 +151,26 @@ def _particles_and_places(quads: MembraneQuads, held: int = 0) -> tuple[np.ndarr
     return particles[order], ((held or count) * corner + face)[order]
 
 
-def _pairs_and_places(quads: MembraneQuads, room: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same of pairs, which there is room for so many of; all their first quads come first."""
-    corners = corners_of_pairs(quads)
+def _quads_and_places(model: Model, layout: FilmLayout, resident: bool) -> tuple[MembraneQuads, np.ndarray, np.ndarray]:
+    """The quads in the order of threads, and what a particle reads of them, sorted by particle."""
+    quads, threads = membrane_quads(model), layout.held // 2
+    if layout.own_slots:
+        quads, (count, threads) = _quads_at_ends(model, layout)
+        quads = quads._replace(corners=np.argsort(film_order(model, layout))[quads.corners])
+        corners = corners_of_pairs(quads)[:, [0, 3, 4, 5, C]]
+        corners[: count - threads, -1] = -1
+        particles, places = _pairs_and_places(corners, threads)
+        return quads, particles[particles >= 0], places[particles >= 0]
+    if layout.pairs:
+        quads = quads_in_pairs(quads, paired(quads.corners, quads.balloons))
+        return quads, *_pairs_and_places(corners_of_pairs(quads), threads)
+    if resident and layout.triangles == 4 and not layout.mixed:
+        quads = turned_quads(quads, model.particle_count)
+    return quads, *_particles_and_places(quads, layout.held)
+
+
+def _pairs_and_places(corners: np.ndarray, room: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same of pairs, which there is room for so many of, by the particles at their corners."""
     particles = corners.T.ravel()
     corner, pair = np.divmod(np.arange(len(particles)), len(corners))
     order = np.argsort(particles, kind="stable")

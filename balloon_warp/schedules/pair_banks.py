@@ -27,8 +27,15 @@ def quads_of_pairs(quads: MembraneQuads, pairs: NDArray[np.int64]) -> MembraneQu
 
 def quads_in_pairs(quads: MembraneQuads, pairs: NDArray[np.int64]) -> MembraneQuads:
     """The same dealt out to threads: so are the first, and so the second, some of which were first."""
-    chosen = quads_of_pairs(quads, pairs)
-    dealt = dealt_pairs(corners_of_pairs(chosen))
+    return quads_dealt_out(quads, pairs, dealt_pairs(corners_of_pairs(quads_of_pairs(quads, pairs))))
+
+
+def quads_dealt_out(quads: MembraneQuads, pairs: NDArray[np.int64], dealt: NDArray[np.int64]) -> MembraneQuads:
+    """The same dealt out in another way.
+
+    Args:
+        dealt: the pair of each thread, and whether its quads are exchanged, shape (n, 2).
+    """
     exchanged = pairs[dealt[:, 0]]
     exchanged = np.where(dealt[:, 1:] > 0, exchanged[:, [1, 0, 3, 2]] + [0, 0, 2, 2], exchanged)
     return quads_of_pairs(quads, exchanged)

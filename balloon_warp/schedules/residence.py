@@ -102,7 +102,7 @@ def _residence(
     one_tile = film is not None and not _looks_late(traits, slots)
     words = (1 if one_tile else 2) * 3 * threads * particles_a_thread
     if film:
-        words += (6 if film.areas else 4) * film_entries(model, quads * threads)
+        words += (6 if film.areas else 4) * film_entries(model, film._replace(held=quads * threads))
     if holds_quads and not (film and film.areas and film.triangles == 4 and not traits.viscous and quads <= MOST_QUADS):
         return None
     needed += quads * QUAD_REGISTERS

@@ -32,6 +32,9 @@ class FilmLayout(NamedTuple):
     pairs: bool = False
     """the two that a thread holds stand side by side, and what they do to a corner that they share is one; `slots` are
     then the most pairs at a particle"""
+    own_slots: int = 0
+    """of a particle at an end of the edge that its thread's pair shares, the most other pairs at it; 0 where threads
+    have no such particles"""
 
 
 class Layout(NamedTuple):

@@ -13,6 +13,7 @@ import warp as wp
 from balloon_warp.kernels.loops.membranes import material_reader
 from balloon_warp.kernels.loops.quad_tensions import quad_tensions
 from balloon_warp.kernels.loops.quads import (
+    Sides,
     crosses_at_two_quads,
     products_between,
     pulls_on_two_quads,
@@ -26,6 +27,17 @@ from balloon_warp.kernels.schedules.film_places import film_places
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class Ends:
+    """What a pair of quads does to the ends of the edge that these share: forces [N], and parts of area vectors, see
+    `CROSSES`."""
+
+    pull_b: wp.vec3
+    pull_c: wp.vec3
+    area_b: wp.vec3
+    area_c: wp.vec3
 
 
 @cache
@@ -74,8 +86,18 @@ def pairs_of(traits: Traits, layout: Layout) -> Quads:
         return pair
 
     @wp.func
-    def measure(t: Tables, thread: wp.int32, n: Any, pair: Pair, points: Any, pulls: Any, area_vectors: Any):
+    def measure(t: Tables, thread: wp.int32, n: Any, pair: Pair, s: Sides):
         """By one thread: what both quads do to their corners."""
+        one, other = quads_of_thread(t, thread)
+        material = material_of(t.membranes, pair.balloon)
+        metrics = products_between(s.ab, s.bc, s.cd, s.da)
+        first, first_across = tensions.pulls(t, one, metrics, pair.first, 0.0, material, n)
+        metrics_beside = products_between(s.be, s.ef, s.fc, -s.bc)
+        second, second_across = tensions.pulls(t, other, metrics_beside, pair.second, first[1], material, n)
+        return pulls_on_two_quads(s, first, first_across, second, second_across), crosses_at_two_quads(s)
+
+    @wp.func
+    def stretch_pair(t: Tables, thread: wp.int32, n: Any, pair: Pair, points: Any, pulls: Any, area_vectors: Any):
         s = sides_between(
             point_at(points, pair.corners[0]),
             point_at(points, pair.corners[1]),
@@ -84,14 +106,7 @@ def pairs_of(traits: Traits, layout: Layout) -> Quads:
             point_at(points, pair.others[0]),
             point_at(points, pair.others[1]),
         )
-        one, other = quads_of_thread(t, thread)
-        material = material_of(t.membranes, pair.balloon)
-        metrics = products_between(s.ab, s.bc, s.cd, s.da)
-        first, first_across = tensions.pulls(t, one, metrics, pair.first, 0.0, material, n)
-        metrics_beside = products_between(s.be, s.ef, s.fc, -s.bc)
-        second, second_across = tensions.pulls(t, other, metrics_beside, pair.second, first[1], material, n)
-        on = pulls_on_two_quads(s, first, first_across, second, second_across)
-        at = crosses_at_two_quads(s)
+        on, at = measure(t, thread, n, pair, s)
         put(pulls, area_vectors, step * thread, on.a, at.a)
         put(pulls, area_vectors, step * (room + thread), on.b, at.b)
         put(pulls, area_vectors, step * (2 * room + thread), on.c, at.c)
@@ -102,10 +117,55 @@ def pairs_of(traits: Traits, layout: Layout) -> Quads:
     @wp.func
     def stretch(t: Tables, seat: Seat, n: Any, held: Pair, points: Any, pulls: Any, area_vectors: Any):
         if wp.static(traits.balloons == 1):
-            measure(t, seat.thread, n, held, points, pulls, area_vectors)
+            stretch_pair(t, seat.thread, n, held, points, pulls, area_vectors)
         else:
             numbers = read_numbers(t, seat.world, held.balloon)
-            measure(t, seat.thread, numbers, held, points, pulls, area_vectors)
+            stretch_pair(t, seat.thread, numbers, held, points, pulls, area_vectors)
         block_barrier()
 
-    return Quads(Pair, hold, stretch)
+    @wp.func
+    def end_of(points: Any, pair: Pair, c: wp.vec3, has_c: bool):
+        """Where the second end is, which the thread may have."""
+        if has_c:
+            return c
+        return point_at(points, pair.corners[2])
+
+    @wp.func
+    def stretch_ends(
+        t: Tables,
+        seat: Seat,
+        n: Any,
+        pair: Pair,
+        b: wp.vec3,
+        c: wp.vec3,
+        has_c: bool,
+        points: Any,
+        pulls: Any,
+        area_vectors: Any,
+    ):
+        """Of the one balloon of a world."""
+        thread = seat.thread
+        s = sides_between(
+            point_at(points, pair.corners[0]),
+            b,
+            c,
+            point_at(points, pair.corners[3]),
+            point_at(points, pair.others[0]),
+            point_at(points, pair.others[1]),
+        )
+        on, at = measure(t, thread, n, pair, s)
+        put(pulls, area_vectors, step * thread, on.a, at.a)
+        put(pulls, area_vectors, step * (room + thread), on.d, at.d)
+        put(pulls, area_vectors, step * (2 * room + thread), on.e, at.e)
+        put(pulls, area_vectors, step * (3 * room + thread), on.f, at.f)
+        if not has_c:
+            put(pulls, area_vectors, step * (4 * room + thread), on.c, at.c)
+        block_barrier()
+        ends = Ends()
+        ends.pull_b = on.b
+        ends.area_b = at.b
+        ends.pull_c = on.c
+        ends.area_c = at.c
+        return ends
+
+    return Quads(Pair, hold, stretch, end_of, stretch_ends)

@@ -29,6 +29,11 @@ class Quads(NamedTuple):
     stretch: Any
     """(t, seat, n, held, points, pulls, area_vectors): all of them, and a barrier; with the numbers of a balloon, if
     there is one alone"""
+    end_of: Any = None
+    """of pairs, (points, held, c, has_c): where the second end of the edge that they share is"""
+    stretch_ends: Any = None
+    """of pairs, (t, seat, n, held, b, c, has_c, points, pulls, area_vectors): as `stretch`, and returns what a thread's
+    pair does to its ends, see `block_ends`"""
 
 
 @cache

@@ -13,10 +13,10 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.net_force import scalar_loops
-from balloon_warp.kernels.measure.health import is_past, look_at_particle
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.block_board import board_of
+from balloon_warp.kernels.schedules.block_ends import stretch_function
 from balloon_warp.kernels.schedules.block_films import films_of
 from balloon_warp.kernels.schedules.block_gas import gas_sums
 from balloon_warp.kernels.schedules.block_memory import (
@@ -33,6 +33,7 @@ from balloon_warp.kernels.schedules.block_pieces import pieces_of
 from balloon_warp.kernels.schedules.block_press import presses_of
 from balloon_warp.kernels.schedules.block_refresh import refresh_of
 from balloon_warp.kernels.schedules.block_springs import SlotTable, slot_functions
+from balloon_warp.kernels.schedules.block_state import state_functions
 from balloon_warp.kernels.schedules.block_together import together_of
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.substep import volume_origin
@@ -63,21 +64,10 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
     pieces = pieces_of(traits, loops, board, gas, refresh, Member, layout)
     together = together_of(traits, pieces, board, gas, refresh, Member, layout)
     begins = beginning_of_frame(traits)
+    take_place, end_member = state_functions(traits, layout, Member)
     is_due, squared_speed, ends_well, count_frame = frame_functions(traits)
     presses = presses_of(traits, layout) if traits.touches else None
-
-    @wp.func
-    def take_place(
-        state: WorldState, seat: Seat, member: Member, place: wp.int32, points: Any, velocities: wp.array[wp.vec3]
-    ):
-        """A particle with a frame's beginning; its point into the tile."""
-        member.load = state.inflation_loads[seat.world, member.own.balloon]
-        member.point = state.points[seat.world, member.own.number]
-        member.velocity = state.velocities[seat.world, member.own.number]
-        if wp.static(traits.looks_at_velocities and traits.frames == "free"):
-            velocities[member.own.number] = member.velocity
-        put_in_tile(points, place, member.point)
-        return member
+    stretch = stretch_function(traits, layout, films, Member) if films else None
 
     @wp.func
     def show_member(state: WorldState, seat: Seat, member: Member, velocities: wp.array[wp.vec3]):
@@ -117,10 +107,9 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             mine = aimed
             also = other_aimed
         if wp.static(films is not None):
-            films.stretch(t, seat, mine.own.n, mine.springs, source, velocities, centers, areas)
-            mine.springs = films.take(t, seat, mine.own.number, mine.springs, centers, areas)
-            if wp.static(two):
-                also.springs = films.take(t, seat, also.own.number, also.springs, centers, areas)
+            stretched, other_stretched = stretch(t, seat, mine, also, source, velocities, centers, areas)
+            mine = stretched
+            also = other_stretched
         if wp.static(traits.spheres > 0 and not board.rolls_by_warps):
             board.roll(t, seat.spins, seat.world, seat.thread, seat.substep, seat.time + t.step_seconds)
             block_barrier()
@@ -212,23 +201,13 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         return mine, also
 
     @wp.func
-    def end_member(t: Tables, state: WorldState, seat: Seat, place: wp.int32, member: Member, points: Any):
-        """What a frame ends with; what the substeps do not need is read again, so that it takes no register."""
-        if place < seat.count:
-            state.points[seat.world, place] = member.point
-            state.velocities[seat.world, place] = member.velocity
-            if is_past(member.point, t.health.near):  # few are
-                look_at_particle(
-                    t.health, state.first_bad, seat.world, place, place, t.particles.balloon[place],
-                    t.particles.mass_share[place], points,
-                )  # fmt: skip
-
-    @wp.func
-    def end_pair(t: Tables, state: WorldState, seat: Seat, mine: Member, also: Member, points: Any):
+    def end_pair(
+        t: Tables, state: WorldState, memory: BlockMemory, seat: Seat, mine: Member, also: Member, points: Any
+    ):
         """Of all that a thread has."""
-        end_member(t, state, seat, seat.thread, mine, points)
+        end_member(t, state, memory, seat, seat.thread, mine, points)
         if wp.static(two):
-            end_member(t, state, seat, seat.thread + threads, also, points)
+            end_member(t, state, memory, seat, seat.thread + threads, also, points)
 
     @wp.kernel(
         module="unique",
@@ -268,11 +247,11 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
             gas.begin(t, state, seat, seat.time)
         if wp.static(films is not None):
             films.begin(t, seat, centers, areas)
-        mine = take_place(state, seat, seat_member(t, slots, state, seat, thread), thread, even, velocities)
+        mine = take_place(state, memory, seat, seat_member(t, slots, state, seat, thread), thread, even, velocities)
         also = Member()
         if wp.static(two):
             beside = seat_beside(t, slots, state, seat, thread + threads, mine)
-            also = take_place(state, seat, beside, thread + threads, even, velocities)
+            also = take_place(state, memory, seat, beside, thread + threads, even, velocities)
         block_barrier()
         if wp.static(traits.gas and not traits.gas_changes):
             mine = pieces.fill(t, seat, mine)
@@ -289,9 +268,9 @@ def resident_kernel(traits: Traits, layout: Layout) -> Any:
         also = beside_it
         if ends_well(t, memory, world, thread, wp.max(mine.fastest, also.fastest)):
             if wp.static(layout.odd_substeps):
-                end_pair(t, state, seat, mine, also, odd)
+                end_pair(t, state, memory, seat, mine, also, odd)
             else:
-                end_pair(t, state, seat, mine, also, even)
+                end_pair(t, state, memory, seat, mine, also, even)
             if wp.static(traits.spheres > 0):
                 board.end(t, state, world, thread, t.substeps - 1)
 
