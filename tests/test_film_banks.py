@@ -9,8 +9,8 @@ from balloon_warp.schedules.banks import wavefronts
 from balloon_warp.schedules.film_banks import QUARTER_WARP, spread_places, turned_quads
 from balloon_warp.schedules.membranes import membrane_quads
 from balloon_warp.schedules.pair_banks import EXCHANGED, corners_of_pairs, quads_in_pairs, quads_of_pairs
-from balloon_warp.schedules.pair_ends import dealt_ends, seats
-from balloon_warp.schedules.pairs import paired
+from balloon_warp.schedules.pair_ends import dealt_ends, pairs_around, seats
+from balloon_warp.schedules.pairs import paired, shared_edges
 
 MODEL = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(9, 0.1), material=Material(preset="latex"))]), "cpu")
 
@@ -70,6 +70,20 @@ def test_threads_have_the_ends_of_their_pairs() -> None:
     np.testing.assert_array_equal(np.sort(places), np.arange(count))
     np.testing.assert_array_equal(places[: len(corners)], turned[:, 1])
     np.testing.assert_array_equal(places[threads:], turned[: count - threads, 2])
+
+
+def test_each_particle_is_at_an_edge_of_two_quads() -> None:
+    """But for one beside all, of which none is told."""
+    corners = membrane_quads(MODEL).corners
+    particles = np.arange(MODEL.particle_count + 1)
+    around = pairs_around(corners, shared_edges(corners, np.zeros(len(corners), dtype=np.int64)), particles)
+    np.testing.assert_array_equal(around[-1], -1)
+    first, second = (
+        np.take_along_axis(corners[around[:-1, n]], (np.arange(4) + around[:-1, n + 2, None]) % 4, axis=1)
+        for n in (0, 1)
+    )
+    np.testing.assert_array_equal(first[:, 1], particles[:-1])
+    np.testing.assert_array_equal(first[:, 1:3], second[:, [0, 3]])
 
 
 def test_too_few_threads_have_no_ends() -> None:

@@ -56,7 +56,7 @@ def measured(
     assert film.areas
     count, threads = model.particle_count, model.face_count // held if held else 1
     film = held_layout(model, film, held * threads, threads)
-    assert film.pairs == (held == 2)
+    assert film.pairs == (threads if held == 2 else 0)
     places = film_entries(model, film)
     tables = make_tables(model, traits, in_block=True)
     tables.membranes.films = film_table(model, film, resident=True)
@@ -122,7 +122,11 @@ def measured_at_ends(mesh: PolygonMesh, points: np.ndarray, kind: Kind) -> tuple
     stretch = stretch_function(traits, layout, films, Member)
 
     @wp.func
-    def seated(t: Tables, points: wp.array[wp.vec3], place: wp.int32):
+    def seated(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        points: wp.array[wp.vec3],
+        place: wp.int32,
+    ):
         member = Member()
         member.active = place < count
         member.own = read_own(t, 0, wp.min(place, count - 1))

@@ -12,9 +12,9 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.film_banks import spread_places, turned_quads
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
-from balloon_warp.schedules.pair_banks import corners_of_pairs, quads_dealt_out, quads_in_pairs, quads_of_pairs
-from balloon_warp.schedules.pair_ends import B, C, dealt_ends, seats
-from balloon_warp.schedules.pairs import paired
+from balloon_warp.schedules.pair_banks import corners_of_pairs, pairs_dealt_out, quads_in_pairs, quads_of_pairs
+from balloon_warp.schedules.pair_ends import B, C, dealt_ends, pairs_around, seats
+from balloon_warp.schedules.pairs import paired, shared_edges
 
 MOST_FACES = 12
 """at a particle: where there are more, most particles would wait for the few"""
@@ -56,7 +56,7 @@ def held_layout(model: Model, layout: FilmLayout, held: int, threads: int, renum
         return layout
     corners = corners_of_pairs(quads_of_pairs(quads, pairs))
     counts = np.bincount(corners.ravel())
-    layout = layout._replace(pairs=True, slots=int(counts.max()))
+    layout = layout._replace(pairs=len(pairs), slots=int(counts.max()))
     sizes = np.array([model.particle_count, threads])
     if renumbered and layout.slots <= SLOTS_OF_FOUR and len(dealt_ends(corners, sizes)):
         layout = layout._replace(own_slots=max(int(counts[corners[:, [B, C]]].max()) - 1, 1))
@@ -68,16 +68,22 @@ def film_order(model: Model, layout: FilmLayout | None) -> np.ndarray:
     if layout is None or not layout.own_slots:
         return np.arange(model.particle_count)
     quads, sizes = _quads_at_ends(model, layout)
-    return seats(corners_of_pairs(quads), sizes)
+    return seats(corners_of_pairs(quads)[: layout.pairs], sizes)
 
 
 def _quads_at_ends(model: Model, layout: FilmLayout) -> tuple[MembraneQuads, np.ndarray]:
     """In the order of the threads that have the particles at the ends of their pairs; how many particles and threads
-    there are."""
+    there are. Threads without a pair measure another again, for nobody: one with their particle, which is taut as soon
+    as the others."""
     quads, sizes = membrane_quads(model), np.array([model.particle_count, layout.held // 2])
     pairs = paired(quads.corners, quads.balloons)
     dealt = dealt_ends(corners_of_pairs(quads_of_pairs(quads, pairs)), sizes)
-    return quads_dealt_out(quads, pairs, dealt), sizes
+    in_order = pairs_dealt_out(pairs, dealt)
+    places = seats(corners_of_pairs(quads_of_pairs(quads, in_order)), sizes)
+    edges = shared_edges(quads.corners, quads.balloons)
+    others = pairs_around(quads.corners, edges, places[len(pairs) : sizes[1]])
+    others = np.where(others < 0, in_order[-1], others)
+    return quads_of_pairs(quads, np.concatenate([in_order, others])), sizes
 
 
 def film_table(model: Model, layout: FilmLayout | None, resident: bool) -> Any:
@@ -157,7 +163,7 @@ def _quads_and_places(model: Model, layout: FilmLayout, resident: bool) -> tuple
     if layout.own_slots:
         quads, (count, threads) = _quads_at_ends(model, layout)
         quads = quads._replace(corners=np.argsort(film_order(model, layout))[quads.corners])
-        corners = corners_of_pairs(quads)[:, [0, 3, 4, 5, C]]
+        corners = corners_of_pairs(quads)[: layout.pairs, [0, 3, 4, 5, C]]
         corners[: count - threads, -1] = -1
         particles, places = _pairs_and_places(corners, threads)
         return quads, particles[particles >= 0], places[particles >= 0]

@@ -27,18 +27,18 @@ def quads_of_pairs(quads: MembraneQuads, pairs: NDArray[np.int64]) -> MembraneQu
 
 def quads_in_pairs(quads: MembraneQuads, pairs: NDArray[np.int64]) -> MembraneQuads:
     """The same dealt out to threads: so are the first, and so the second, some of which were first."""
-    return quads_dealt_out(quads, pairs, dealt_pairs(corners_of_pairs(quads_of_pairs(quads, pairs))))
+    dealt = dealt_pairs(corners_of_pairs(quads_of_pairs(quads, pairs)))
+    return quads_of_pairs(quads, pairs_dealt_out(pairs, dealt))
 
 
-def quads_dealt_out(quads: MembraneQuads, pairs: NDArray[np.int64], dealt: NDArray[np.int64]) -> MembraneQuads:
-    """The same dealt out in another way.
+def pairs_dealt_out(pairs: NDArray[np.int64], dealt: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The same in the order of threads.
 
     Args:
         dealt: the pair of each thread, and whether its quads are exchanged, shape (n, 2).
     """
-    exchanged = pairs[dealt[:, 0]]
-    exchanged = np.where(dealt[:, 1:] > 0, exchanged[:, [1, 0, 3, 2]] + [0, 0, 2, 2], exchanged)
-    return quads_of_pairs(quads, exchanged)
+    ordered = pairs[dealt[:, 0]]
+    return np.where(dealt[:, 1:] > 0, ordered[:, [1, 0, 3, 2]] + [0, 0, 2, 2], ordered)
 
 
 def corners_of_pairs(quads: MembraneQuads) -> NDArray[np.int64]:

@@ -68,6 +68,26 @@ def seats(corners: NDArray[np.int64], sizes: NDArray[np.int64]) -> NDArray[np.in
     return np.concatenate([first, left, second])
 
 
+def pairs_around(
+    corners: NDArray[np.int64], edges: NDArray[np.int64], particles: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Two quads side by side with each of the particles as b, as `paired` gives them, shape (n, 4); -1 where none are.
+
+    Args:
+        corners: of quads, shape (m, 4).
+        edges: see `shared_edges`.
+    """
+    first, second, of_first, of_second = edges.T
+    there = np.stack([first, second, (of_first - 1) % 4, (of_second + 1) % 4], axis=1)
+    back = np.stack([second, first, (of_second - 1) % 4, (of_first + 1) % 4], axis=1)
+    begins = np.concatenate([corners[first, of_first], corners[second, of_second]])
+    both = np.concatenate([there, back, np.full((1, 4), -1)])
+    order = np.argsort(begins, kind="stable")
+    found = np.searchsorted(begins[order], particles)
+    edge = np.append(order, len(order))[found]
+    return both[np.where(np.append(begins, -1)[edge] == particles, edge, len(order))]
+
+
 def _searched(corners: NDArray[np.int64], dealt: NDArray[np.int64], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
     """The same in another order: two pairs change threads, or the quads of one are exchanged, again and again, and that
     is kept if the squares of the banks' loads do not add up to more. Pairs with both ends stay before the others."""

@@ -31,7 +31,7 @@ def paired(corners: NDArray[np.int64], balloons: NDArray[np.int64]) -> NDArray[n
         balloons: which have no pair together.
     """
     none = np.empty((0, 4), dtype=np.int64)
-    edges = _shared_edges(corners, balloons)
+    edges = shared_edges(corners, balloons)
     if len(corners) % 2 or not len(edges):
         return none
     particle_count, quads = corners.max() + 1, edges[:, :2]
@@ -46,7 +46,7 @@ def paired(corners: NDArray[np.int64], balloons: NDArray[np.int64]) -> NDArray[n
     return none
 
 
-def _shared_edges(corners: NDArray[np.int64], balloons: NDArray[np.int64]) -> NDArray[np.int64]:
+def shared_edges(corners: NDArray[np.int64], balloons: NDArray[np.int64]) -> NDArray[np.int64]:
     """Two quads of a balloon, and the corner of each that an edge begins at that both have, one there and one back;
     shape (n, 4). None of an edge of more than two."""
     quad, corner = np.divmod(np.arange(corners.size), 4)

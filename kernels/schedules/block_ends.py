@@ -24,7 +24,7 @@ def stretch_function(traits: Traits, layout: Layout, films: Films, member: Any) 
         member: the type of a particle.
     """
     assert layout.film is not None
-    two, slots, own_slots = layout.two, layout.film.slots, layout.film.own_slots
+    two, slots, own_slots, pair_count = layout.two, layout.film.slots, layout.film.own_slots, layout.film.pairs
     Member = member  # noqa: N806 - a type
 
     @wp.func
@@ -53,9 +53,7 @@ def stretch_function(traits: Traits, layout: Layout, films: Films, member: Any) 
         return pull, area_vector
 
     @wp.func
-    def take_both(
-        t: Tables, thread: wp.int32, mine: wp.vec4i, also: wp.vec4i, has_both: bool, ends: Ends, pulls: Any, areas: Any
-    ):
+    def take_both(thread: wp.int32, mine: wp.vec4i, also: wp.vec4i, has_both: bool, ends: Ends, pulls: Any, areas: Any):
         """Most threads have both ends. Some have the first alone, and some without a pair another particle."""
         pull, area_vector = take(mine, pulls, areas)
         if has_both:
@@ -64,7 +62,7 @@ def stretch_function(traits: Traits, layout: Layout, films: Films, member: Any) 
                 pull + ends.pull_b, area_vector + ends.area_b,
                 other_pull + ends.pull_c, other_area_vector + ends.area_c,
             )  # fmt: skip
-        if thread < t.membranes.films.corners.shape[0] // 2:
+        if thread < pair_count:
             return pull + ends.pull_b, area_vector + ends.area_b, wp.vec3(), wp.vec3()
         for slot in range(own_slots, slots):
             more, further = get(pulls, areas, mine[slot])
@@ -81,7 +79,7 @@ def stretch_function(traits: Traits, layout: Layout, films: Films, member: Any) 
         also.point = end_of(points, held.quads, also.point, also.active)
         ends = measure(t, seat, mine.own.n, held.quads, mine.point, also.point, also.active, points, pulls, areas)
         pull, area, other_pull, other_area = take_both(
-            t, seat.thread, held.places, also.springs.places, also.active, ends, pulls, areas
+            seat.thread, held.places, also.springs.places, also.active, ends, pulls, areas
         )
         mine.springs.pull = pull
         mine.springs.area_vector = CROSSES * area

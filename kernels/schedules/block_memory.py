@@ -29,9 +29,9 @@ class FilmLayout(NamedTuple):
     held: int = 0
     """that threads have room for in their registers, which all are quads then: the most of a thread, times the threads;
     0 where they are read in every substep"""
-    pairs: bool = False
-    """the two that a thread holds stand side by side, and what they do to a corner that they share is one; `slots` are
-    then the most pairs at a particle"""
+    pairs: int = 0
+    """if the two that a thread holds stand side by side, how many such pairs there are: what they do to a corner that
+    they share is one, and `slots` are the most pairs at a particle"""
     own_slots: int = 0
     """of a particle at an end of the edge that its thread's pair shares, the most other pairs at it; 0 where threads
     have no such particles"""
