@@ -1,5 +1,7 @@
 """Air that moves along with a balloon."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from gas_balloons import advanced, gas_balloon, with_volume
@@ -7,7 +9,7 @@ from meshes import quad_sphere
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import build_model
-from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene
+from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Material, Scene
 from balloon_warp.schedules.traits import model_traits
 from balloon_warp.simulator import Simulator
 
@@ -69,3 +71,16 @@ def test_it_weighs_nothing(device: str):
     balloon = gas_balloon(PARTY, {"molar_mass": 0.0, "added_mass": 3.0}, mass=displaced)
     scene = Scene(balloon=[balloon], atmosphere=Atmosphere(density=1.2), **SHORT)
     assert abs(accelerations(Simulator(scene, device), 3)[0]) < 1e-3 * 9.81
+
+
+@pytest.mark.parametrize("made_of", [{"mass": 0.5}, {"material": Material(preset="latex")}], ids=["springs", "rubber"])
+def test_a_block_weighs_air_at_the_height_that_all_do(device: str, made_of: dict[str, Any]):
+    """Where it gets thinner by 1e-4 of itself in a meter. A block may have particles in another order."""
+    balloon = Balloon(mesh=quad_sphere(9, 2.0), inflation=Inflation(kind="gas", added_mass=0.5), **made_of)
+    air = Atmosphere(pressure=101325.0, temperature=288.15, lapse=0.0065)
+    weighed = []
+    for schedule in ("gather", "block"):
+        simulator = Simulator(Scene(balloon=[balloon], atmosphere=air, **SHORT), device, schedule=schedule)
+        simulator.step()
+        weighed.append(simulator.state.air_along.numpy()[0, 0])
+    assert weighed[0] == pytest.approx(weighed[1], rel=2e-6)

@@ -56,7 +56,7 @@ class BlockSchedule:
         if self.busy:
             self.busy.begin_loading(self.capturable)
         refresh_ramp(self.model, state)
-        weigh_air(self.model, self._traits, self._worlds.tables, state)
+        weigh_air(self.model, self._traits, self._worlds.tables, state, self._worlds.memory.numbers)
         self._worlds.keep_time(state)
         if self.busy:
             self.busy.find(state)

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import warp as wp
+
 from balloon_warp.kernels.schedules.air_along import air_kernel
 from balloon_warp.kernels.schedules.frame import note_given_loads, ramp_inflation
 from balloon_warp.kernels.traits import Traits
@@ -21,11 +23,15 @@ def refresh_ramp(model: Model, state: State) -> None:
     )
 
 
-def weigh_air(model: Model, traits: Traits, tables: Any, state: State) -> None:
-    """The air at balloons in the frame that begins, and what of it moves along with them."""
+def weigh_air(model: Model, traits: Traits, tables: Any, state: State, numbers: wp.array | None = None) -> None:
+    """The air at balloons in the frame that begins, and what of it moves along with them.
+
+    Args:
+        numbers: of particles in the state, if tables have them in another order.
+    """
     if traits.takes_air_along or traits.gas_meets_air:
         places = model.world_count, model.balloon_count
-        launch(air_kernel(traits), places, inputs=[tables, world_state(state)], device=model.device)
+        launch(air_kernel(traits), places, inputs=[tables, numbers, world_state(state)], device=model.device)
 
 
 def note_pressures(model: Model, traits: Traits, state: State) -> None:

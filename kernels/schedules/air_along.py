@@ -32,15 +32,23 @@ def air_kernel(traits: Traits) -> Any:
     def weigh_air(
         # model
         t: Tables,
+        of_places: wp.array[wp.int32],
         # state in and out
         state: WorldState,
     ):
-        """A thread a (world, balloon)."""
+        """A thread a (world, balloon).
+
+        Args:
+            of_places: numbers of particles in the state, if tables have them in another order; empty otherwise.
+        """
         world, balloon = wp.tid()
         if t.inflation_kind[balloon] == GAS:
             free_volume = float(state.free_volumes[world, balloon])
             numbers = read_numbers(t, world, balloon)
-            height = wp.dot(state.points[world, volume_origin(t, balloon)], t.up)
+            origin = volume_origin(t, balloon)
+            if of_places.shape[0] > 0:
+                origin = of_places[origin]
+            height = wp.dot(state.points[world, origin], t.up)
             if wp.static(traits.takes_air_along):
                 along = air_of(height, state.pressures[world, balloon], free_volume, numbers)
                 state.air_along[world, balloon] = along
