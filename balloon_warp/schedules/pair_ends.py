@@ -10,8 +10,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from balloon_warp.schedules.banks import BANKS
 from balloon_warp.schedules.film_banks import HALF_WARP, QUARTER_WARP
@@ -35,6 +33,9 @@ def dealt_ends(corners: NDArray[np.int64], sizes: NDArray[np.int64]) -> NDArray[
         corners: see `corners_of_pairs`.
         sizes: the numbers of particles and of threads.
     """
+    from scipy.sparse import csr_array  # takes long to load
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+
     count, threads = sizes.tolist()
     none = np.empty((0, 2), dtype=np.int64)
     both_count = count - threads

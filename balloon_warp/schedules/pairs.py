@@ -5,12 +5,15 @@ Linear programs find them: what is whole in the best mix of edges is taken, then
 whole.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
-from scipy.sparse import csr_array
 
 from balloon_warp.schedules.remembered import remembered
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 WHOLE = 1e-6
 """how near to it counts"""
@@ -65,15 +68,17 @@ def shared_edges(corners: NDArray[np.int64], balloons: NDArray[np.int64]) -> NDA
     return edges[np.lexsort(edges.T[::-1])]
 
 
-def _incidence(ends: NDArray[np.int64], count: int) -> csr_array:
+def _incidence(ends: NDArray[np.int64], count: int) -> "csr_array":
     """1 where something is one of an edge's two."""
+    from scipy.sparse import csr_array  # takes long to load
+
     edge = np.arange(len(ends))
     places = (ends.T.ravel(), np.concatenate([edge, edge]))
     return csr_array((np.ones(ends.size), places), shape=(count, len(ends)))
 
 
 def _taken(
-    of_quads: csr_array, each: NDArray[np.float64], at_particles: csr_array, least: NDArray[np.int64]
+    of_quads: "csr_array", each: NDArray[np.float64], at_particles: "csr_array", least: NDArray[np.int64]
 ) -> NDArray[np.bool_] | None:
     """Which edges are; None if no way is found.
 
@@ -81,6 +86,8 @@ def _taken(
         each: edges that are taken of each quad.
         least: that are taken at each particle.
     """
+    from scipy.optimize import linprog  # takes long to load
+
     count = int(of_quads.sum()) // 2
     bounds = np.stack([np.zeros(count), np.ones(count)], axis=1)
     wishes = np.random.default_rng(0).random(count)  # without them many mixes are as good
