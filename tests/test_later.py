@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import load_scene
 from balloon_warp.schedules import later
+from balloon_warp.schedules.choose import fastest_schedule
 from balloon_warp.schedules.gather import GatherSchedule
 
 
@@ -25,3 +27,9 @@ def test_particles_that_are_put_off_do_the_same(name, frames, monkeypatch):
     put_off = after_frames(name, frames)
     for one, other in zip(at_once, put_off, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(("name", "taken"), [("knot", "gather"), ("balloon_bunch", "block")])
+def test_auto_takes_what_is_faster_for_many_worlds_that_touch(name: str, taken: str, gpu: wp.Device):
+    """By the times in benchmarks/RESULTS.md."""
+    assert fastest_schedule(build_model(load_scene(name), gpu), 1024) == taken

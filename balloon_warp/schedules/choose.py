@@ -99,8 +99,9 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     give each multiprocessor one, with spheres a quarter of them, or where they could be moved in patches half of them,
     with fresh normals a third. Else, where they could not: with gas or corrections, when a substep would be many
     launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with sooner if
-    it has few particles. Where balloons touch, only where there are enough worlds. On the CPU, eight worlds side by
-    side, or eight particles of a world that is alone.
+    it has few particles. Where balloons touch, only where there are enough worlds, and where they touch themselves,
+    only with a thread a particle: all particles look around then, for which a block has few threads. On the CPU, eight
+    worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if only_launched(model) or model.bodies or any(small_spheres(model)):
@@ -110,6 +111,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     if not model.device.is_cpu and (traits := _in_patches(model)):
         enough = model.device.sm_count // (3 if traits.fresh_normals else 2)
         return "block" if world_count >= enough and fits_in_block(model) else "gather"
+    if not model.device.is_cpu and model.scene.touches_itself and not thread_a_particle(model):
+        return "gather"
     if not fits_in_block(model):  # blocks are also what lets balloons touch beside lanes
         return "gather"
     if model.device.is_cpu:
