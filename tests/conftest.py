@@ -117,6 +117,14 @@ def device(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.fixture
+def gpu() -> wp.Device:
+    """The first."""
+    if not wp.is_cuda_available():
+        pytest.skip("needs a GPU")
+    return wp.get_device("cuda:0")
+
+
 @pytest.fixture(params=["gather", "lanes", "octets", "block"])
 def schedule(request: pytest.FixtureRequest, device: str) -> str:
     """Each schedule that is tested against `scatter`, where it runs."""

@@ -169,14 +169,6 @@ def test_a_cpu_has_no_patches(scene: Scene):
     assert cut_into_patches(model, model_traits(model)) is None
 
 
-@pytest.fixture
-def gpu() -> wp.Device:
-    """The first."""
-    if not wp.is_cuda_available():
-        pytest.skip("needs a GPU")
-    return wp.get_device("cuda:0")
-
-
 def frames_of(model: Model, count: int) -> State:
     """So many, in `gather`."""
     schedule, state = make_schedule(model, "gather"), initial_state(model)
