@@ -15,7 +15,7 @@ words = shared_words("noted", 1 + MOST)
 @wp.kernel(enable_backward=False)
 def list_noted(notes: wp.array2d[wp.int8], first: wp.int32, out: wp.array[wp.int32]):
     """A block: the length of the list, and what is in it."""
-    _, thread = wp.tid()
+    thread = wp.tid()
     if thread == 0:
         put_count(words(), 0, 0)
     block_barrier()
@@ -33,8 +33,8 @@ def test_all_that_are_noted_are_listed(part, device):
     notes, found = wp.array(noted, dtype=wp.int8, device=device), []
     for first in (0, MOST):
         out = wp.zeros(1 + MOST, dtype=wp.int32, device=device)
-        threads = THREADS if out.device.is_cuda else 1
-        wp.launch_tiled(list_noted, dim=[1], inputs=[notes, first, out], block_dim=threads, device=device)
+        threads = THREADS if wp.get_device(device).is_cuda else 1
+        wp.launch(list_noted, dim=threads, inputs=[notes, first, out], block_dim=threads, device=device)
         listed = out.numpy()
         found += sorted(listed[1 : 1 + listed[0]])
     np.testing.assert_array_equal(found, np.flatnonzero(noted))
