@@ -11,6 +11,7 @@ SHOWN = {
     "springs and the paper's push": ("4,096 balloons", "block"),
     "the same, its push new at every step": ("4,096 balloons, fresh normals", "block"),
     "a sealed gas, and drag in air": ("4,096 balloons, sealed gas", "block"),
+    "latex that wrinkles, with a sealed gas": ("4,096 balloons of neo-Hookean rubber", ""),
     "under a pressure, lying on a box": ("4,096 balloons on a box", ""),
     "under a pressure, eight packed in a box": ("1,024 worlds of eight balloons that touch, packed in a box", ""),
 }

@@ -205,7 +205,7 @@ def test_pairs_pull_alike_where_threads_have_their_ends(stretch: float, kind: Ki
 
 
 def test_taut_quads_of_a_linear_law_are_told_by_sums() -> None:
-    """Which bound the trace of each triangle from above, whatever its shape; of squares it is no more than that."""
+    """They bound the trace of each triangle from above, whatever shape it has taken."""
     quads = membrane_quads(build_model(Scene(balloon=[Balloon(mesh=QUADS, material=Material(preset="latex"))]), "cpu"))
     steep = sums_of(quads)[2, :, 2:]
     rng = np.random.default_rng(0)

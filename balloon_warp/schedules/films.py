@@ -18,8 +18,6 @@ from balloon_warp.schedules.pairs import paired, shared_edges
 
 MOST_FACES = 12
 """at a particle: where there are more, most particles would wait for the few"""
-
-
 SLOTS_OF_FOUR = 4
 """which a particle keeps"""
 

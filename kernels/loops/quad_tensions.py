@@ -69,8 +69,8 @@ class Sums:
     across: wp.vec2
     """the same of both diagonals"""
     roots: wp.vec4
-    """of each triangle the root of k over its shape's last number, cubed, so that its square over that of det M is what
-    it takes from an edge's pull for each product opposite"""
+    """of each triangle the root of k / s^3, s the last number of its shape: the square of this over det M is what an
+    edge's pull has less for each product opposite"""
     steep: wp.vec2
     """what the squares of two opposite edges add to a triangle's trace at most, over its shape's last number and k"""
 
