@@ -1,4 +1,5 @@
-"""How a run ended, where that is hardly what was wanted: a balloon came apart, fell for ever, collapsed or folded over.
+"""How a run ended, where that is hardly what was wanted: a balloon came apart, fell for ever, collapsed, swelled past
+recognition, swallowed parts of itself or folded over.
 
 Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from what the
 bundled scenes end with, and near to what balloons in ruins do (tests/test_endings.py).
@@ -16,8 +17,10 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corner_faces
 from balloon_warp.mesh.geometry import face_vector_areas, signed_volume, total_area
+from balloon_warp.mesh.sides import wrong_sides
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model import Model, ModelPlan
+from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.scene.timeline import is_there
 
 FALLEN = 5.0
@@ -26,6 +29,13 @@ DRIFTED = 0.5
 """of the balloon's size, by which a part is farther from the largest part than the balloon's growth explains"""
 LEAST_VOLUME, LEAST_AREA, LEAST_RADIUS = 0.25, 0.25, 0.5
 """of the mesh's; the radius is the root mean square distance from the center"""
+LEAST_INFLATED_VOLUME, LEAST_HEIGHT = 0.9, 0.8
+"""of the mesh's, of a balloon that is left to itself under the pressure that we chose: it was to grow, and to stand"""
+MOST_VOLUME, MOST_SPRING_VOLUME = 2.5, 8.0
+"""of the mesh's: under the pressure that we chose; and of springs under any, which are then past a stretch of 2, where
+their pressure is largest"""
+MOST_WRONG_SIDED = 0.02
+"""of the area, beyond what is so in the mesh: enclosed by other parts, or turned inside out"""
 COMPACT = 0.005
 """volume over area to the power of 3/2, of a mesh whose volume says something: 0.094 of a ball, 0.048 of a pillow"""
 MOST_FOLDS = 0.01
@@ -38,12 +48,13 @@ FOLDED, UNFOLDED = -0.7, -0.2
 class BadEnding:
     """What became of a balloon."""
 
-    kind: Literal["falling", "drifted", "collapsed", "folded"]
+    kind: Literal["falling", "drifted", "collapsed", "swollen", "swallowed", "folded"]
     balloon: str
     """its name"""
     measure: float
-    """what was found: sizes fallen; times its size that a part is off; part of the volume, area or radius that is left,
-    negative where it is inside out; part of the edges that are folded"""
+    """what was found: sizes fallen; times its size that a part is off; part of the volume, area, size or height that is
+    left, negative where it is inside out; times its volume that it became; part of the area that is enclosed or inside
+    out; part of the edges that are folded"""
     sentence: str
 
     def __str__(self) -> str:
@@ -95,6 +106,7 @@ def _ending(model: Model | ModelPlan, frame: Frame | LastFrame, number: int) -> 
         _falling(model, frame, number, used)
         or _drifted(rest, end, used)
         or _collapsed(rest, end, used, model.shapes[number].closed)
+        or (_misshapen(model, rest, end, number) if model.shapes[number].closed else None)
         or _folded(rest, end)
     )
 
@@ -182,6 +194,60 @@ def _collapsed(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer], c
             helps = "more pressure, stiffer springs or less weight keeps it up"
             sentence = f"{rest.name} collapsed: it has {part:.0%} of the {what} of its mesh; {helps}"
             return BadEnding("collapsed", rest.name, part, sentence)
+    return None
+
+
+def _misshapen(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, number: int) -> BadEnding | None:
+    """What is closed and thick enough that its volume says something."""
+    volume = signed_volume(rest)
+    if volume < COMPACT * total_area(rest) ** 1.5:
+        return None
+    return _wrong_size(model, rest, end, number) or _wrong_sided(rest, end)
+
+
+def _wrong_size(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, number: int) -> BadEnding | None:
+    balloon, name = model.scene.balloon[number], rest.name
+    automatic, grown = balloon.inflation.is_automatic, signed_volume(end) / signed_volume(rest)
+    if grown > (MOST_VOLUME if automatic else MOST_SPRING_VOLUME if not balloon.material.is_membrane else np.inf):
+        return BadEnding("swollen", name, grown, f"{name} swelled to {grown:.1f} times its volume; less pressure helps")
+    if not automatic or not _is_left_to_itself(model):
+        return None
+    if grown < LEAST_INFLATED_VOLUME:
+        sentence = f"{name} crumpled: it has {grown:.0%} of the volume of its mesh; less weight or more pressure helps"
+        return BadEnding("collapsed", name, grown, sentence)
+    height = _height_left(rest, end, np.array(model.scene.up))
+    if height < LEAST_HEIGHT:
+        sentence = f"{name} sank down to {height:.0%} of its height; less weight, more pressure or stiffer springs help"
+        return BadEnding("collapsed", name, height, sentence)
+    return None
+
+
+def _is_left_to_itself(model: Model | ModelPlan) -> bool:
+    """Whether nothing but the ground and obstacles at rest presses the balloons of a scene."""
+    scene = model.scene
+    return len(scene.balloon) == 1 and not (scene.sphere or scene.body) and len(obstacle_motion(scene)) == 1
+
+
+def _height_left(rest: PolygonMesh, end: PolygonMesh, up: NDArray[np.float64]) -> float:
+    """The height at the end over that of the mesh, along what was up, turned as the balloon has turned (Kabsch)."""
+    before, after = (mesh.points[np.unique(mesh.face_vertex_indices)] for mesh in (rest, end))
+    before, after = before - before.mean(axis=0), after - after.mean(axis=0)
+    left, _, right = np.linalg.svd(after.T @ before)
+    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return float(np.ptp(after @ (turn @ up)) / max(np.ptp(before @ up), 1e-300))
+
+
+def _wrong_sided(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
+    """Parts that came to lie inside others, or show their inner side."""
+    before, after = wrong_sides(rest), wrong_sides(end)
+    for new, what in (
+        (after.enclosed & ~before.enclosed, "swallowed {} of its surface, which is inside other parts of it now"),
+        (after.reversed & ~before.reversed, "turned inside out in part: {} of its surface shows its inner side"),
+    ):
+        part = float(before.areas[new].sum() / before.areas.sum())
+        if part > MOST_WRONG_SIDED:
+            helps = "less pressure helps, or [touch] with itself = true"
+            return BadEnding("swallowed", rest.name, part, f"{rest.name} {what.format(f'{part:.0%}')}; {helps}")
     return None
 
 

@@ -127,3 +127,29 @@ def fans(mesh: PolygonMesh) -> trimesh.Trimesh:
         triangles += [(a, b, len(points)) for a, b in zip(np.roll(face, 1), face, strict=True)]
         points.append(mesh.points[face].mean(axis=0))
     return trimesh.Trimesh(points, triangles, process=False)
+
+
+def hook(gap: float, across: int = 12, along: int = 48) -> PolygonMesh:
+    """A tube bent into a ring of radius 1 m whose ends, closed by cones, stay `gap` apart; they overlap where it is
+    negative."""
+    around = np.linspace(0.0, 2.0 * np.pi, across, endpoint=False)
+    ways = np.linspace(0.5 * gap, 2.0 * np.pi - 0.5 * gap, along)
+    outward = np.stack([np.cos(ways), np.sin(ways), np.zeros(along)], axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    tube = outward[:, None] * (1.0 + 0.25 * np.cos(around)[:, None]) + 0.25 * np.sin(around)[:, None] * up
+    first = np.arange(across)
+    following = (first + 1) % across
+    rows = across * np.arange(along - 1)[:, None]
+    quads = np.stack([rows + first, rows + across + first, rows + across + following, rows + following], axis=-1)
+    last = across * (along - 1)
+    ends = np.concatenate(
+        [
+            np.stack([first, following, np.full(across, across * along)], axis=1),
+            np.stack([last + following, last + first, np.full(across, across * along + 1)], axis=1),
+        ]
+    )
+    return PolygonMesh(
+        points=np.concatenate([tube.reshape(-1, 3), outward[[0, -1]]]),
+        face_vertex_counts=np.array([4] * (quads.size // 4) + [3] * len(ends), np.int32),
+        face_vertex_indices=np.concatenate([quads.ravel(), ends.ravel()]).astype(np.int32),
+    )

@@ -48,7 +48,7 @@ def relative_thickness(mesh: PolygonMesh) -> NDArray[np.float64]:
     if spacing == 0.0:
         return np.ones(mesh.vertex_count)
     reach = np.sqrt(totals / (PART * np.pi))[components]  # of a small component, all of it
-    graph = _lengths_between_neighbors(mesh)
+    graph = length_graph(mesh)
     for component in np.flatnonzero(totals > FEWEST * spacing**2):
         members = np.flatnonzero(components == component)
         reach[members] = _reaches(mesh.points[members], areas[members], graph[members][:, members], spacing)
@@ -61,7 +61,7 @@ def _sums(numbers: NDArray[np.integer], values: NDArray[np.float64], count: int)
     return np.bincount(numbers, values, count).astype(np.float64)
 
 
-def _lengths_between_neighbors(mesh: PolygonMesh) -> Any:
+def length_graph(mesh: PolygonMesh) -> Any:
     """Along edges, and from each corner of a face to the next but one; a sparse matrix of (vertex_count, same)."""
     from scipy.sparse import coo_array
 

@@ -8,6 +8,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
@@ -35,7 +36,7 @@ def scene_table_around(
     masses are alike and accelerations grow, gravity, too: a mesh in centimeters moves as one in meters does.
 
     A closed mesh falls a little, onto the floor. An open one is held at its borders: its inflation, which nothing
-    balances there, would drive it away.
+    balances there, would drive it away. One whose parts face each other across a small gap touches itself.
 
     Args:
         balloon: how the mesh is to be placed, in which unit, and what kind of inflation it is to have.
@@ -77,6 +78,7 @@ def scene_table_around(
             }
         ],
         "ground": {"height": _short(float(lowest["XYZ".index(up_axis)]) - 0.05 * size, size)},
+        **({"touch": {"itself": True}} if nears_itself(placed) else {}),
     }
 
 

@@ -1,0 +1,81 @@
+"""Whether a surface comes near itself: parts that face each other across a gap which inflation may close."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.geometry import total_area, triangulate
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.thickness import length_graph, relative_thickness
+from balloon_warp.mesh.topology import is_closed, mesh_edges
+
+SAMPLES = 4000
+"""points of the surface that are looked at, spread evenly by area"""
+GROWTH = 0.25
+"""of the radius of a sphere: by how much a part grows outward, about what a gentle inflation gives"""
+FACING = -0.5
+"""cosine between normals of surfaces that face each other: a groove that opens by less than 60 degrees has such"""
+DETOUR = 3.0
+"""how much longer the way along the surface is than across the gap: in a groove it is shorter"""
+MOST_WAYS = 200
+"""pairs of samples whose ways along the surface are measured"""
+
+
+def nears_itself(mesh: PolygonMesh) -> bool:
+    """Return whether parts of a closed mesh face each other across a gap that inflation may close.
+
+    A part of relative thickness t is taken to grow by `GROWTH` t R, where R is the radius of a sphere of the mesh's
+    area. Two samples are near each other where the one lies straight above the other, no farther than both grow, faces
+    it, and is much farther away along the surface.
+    """
+    from scipy.spatial import cKDTree  # takes long to load
+
+    if not is_closed(mesh_edges(mesh)) or not total_area(mesh):
+        return False
+    points, normals, vertices = _samples(mesh)
+    grows = GROWTH * np.sqrt(total_area(mesh) / (4.0 * np.pi)) * relative_thickness(mesh)[vertices]
+    spacing = np.sqrt(total_area(mesh) / len(points))
+    tree = cKDTree(points)
+    first, second = tree.query_pairs(2.0 * float(grows.max()), output_type="ndarray").T
+    between = points[second] - points[first]
+    above, below = (np.einsum("ij,ij->i", way, normals[at]) for way, at in ((between, first), (-between, second)))
+    gaps = np.linalg.norm(between, axis=1)
+    aside = np.sqrt(np.maximum(gaps**2 - np.minimum(above, below) ** 2, 0.0))
+    facing = np.einsum("ij,ij->i", normals[first], normals[second]) < FACING
+    near = facing & (above > 0.0) & (below > 0.0) & (gaps < grows[first] + grows[second])
+    near &= aside < np.maximum(above, spacing)
+    pairs = np.flatnonzero(near)
+    chosen = pairs[:: -(-len(pairs) // MOST_WAYS) or 1]
+    return _are_far_along(mesh, vertices[first[chosen]], vertices[second[chosen]], gaps[chosen])
+
+
+def _samples(mesh: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.integer]]:
+    """Points of the surface, the normals there, and the vertices next to them: as many for each triangle as its area
+    has, in a fixed order (the golden ratio's, within a triangle); shapes (N, 3), (N, 3), (N,)."""
+    triangles, _ = triangulate(mesh)
+    corners = mesh.points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    ends = np.cumsum(areas) / areas.sum()
+    places = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    chosen = np.minimum(np.searchsorted(ends, places), len(areas) - 1)
+    u, v = (places * SAMPLES * 0.7548776662) % 1.0, (places * SAMPLES * 0.5698402910) % 1.0
+    u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
+    weights = np.stack([1.0 - u - v, u, v], axis=1)
+    points = np.einsum("nc,nci->ni", weights, corners[chosen])
+    nearest = triangles[chosen, weights.argmax(axis=1)]
+    return points, normals[chosen] / areas[chosen, None], nearest
+
+
+def _are_far_along(
+    mesh: PolygonMesh, first: NDArray[np.integer], second: NDArray[np.integer], gaps: NDArray[np.float64]
+) -> bool:
+    """Whether any two vertices are much farther from each other along the surface than across the gap."""
+    from scipy.sparse.csgraph import dijkstra
+
+    if not len(gaps):
+        return False
+    sources, rows = np.unique(first, return_inverse=True)
+    limit = DETOUR * float(gaps.max())
+    along = dijkstra(length_graph(mesh), directed=False, indices=sources, limit=limit)
+    edge = np.sqrt(total_area(mesh) / mesh.vertex_count)  # the vertices are up to that far from the samples
+    return bool((along[rows, second] > DETOUR * gaps + edge).any())
