@@ -1,16 +1,19 @@
 """USD meshes: where their points end up, at which time, and which way they wind."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from inspecting import command
 from meshes import cube, prism
 from pxr import Gf, Usd, UsdGeom, Vt
 
+from balloon_warp import Balloon, Body, Obstacle, PolygonMesh, Scene, load_scene
 from balloon_warp.errors import InputError
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.usd import read_usd
+from balloon_warp.model import plan_model
 
 # USD holds points in float32.
 ROUND_OFF = 1e-6
@@ -106,19 +109,71 @@ def test_a_transform_of_samples_only_is_taken_at_its_earliest(tmp_path: Path) ->
     assert signed_volume(read_usd(tmp_path / "stage.usda")) == pytest.approx(8.0, rel=ROUND_OFF)
 
 
-def test_of_several_meshes_the_first_or_the_named(tmp_path: Path) -> None:
+def test_all_meshes_that_are_shown_are_taken_as_one_or_the_named(tmp_path: Path) -> None:
     path = tmp_path / "stage.usda"
     stage = stage_at(path)
     add_mesh(stage, "/World/a", cube())
-    add_mesh(stage, "/World/b", prism(5))
+    add_mesh(stage, "/World/more/b", prism(5)).AddTranslateOp().Set(Gf.Vec3d(3, 0, 0))
+    add_mesh(stage, "/World/more/c", cube()).AddTranslateOp().Set(Gf.Vec3d(6, 0, 0))
+    add_mesh(stage, "/World/hidden", cube()).MakeInvisible()
+    add_mesh(stage, "/World/more/guide", cube()).CreatePurposeAttr("guide")
+    add_mesh(stage, "/World/proxy", cube()).CreatePurposeAttr("proxy")
+    add_mesh(stage, "/World/render", cube()).CreatePurposeAttr("render")
     stage.Save()
-    first = read_usd(path)
-    assert (first.name, first.face_count) == ("a", 6)
-    assert first.warnings == ("The stage has 2 meshes; this is the first, /World/a.",)
-    named = read_usd(path, "/World/b")
-    assert (named.name, named.face_count, named.warnings) == ("b", 7, ())
-    with pytest.raises(InputError, match=r"has no mesh /World/c \(its first of 2 is /World/a\)"):
-        read_usd(path, "/World/c")
+    every = read_usd(path)
+    assert (every.name, every.face_count) == ("stage", 6 + 7 + 6 + 6)
+    assert signed_volume(every) == pytest.approx(3 * 1.0 + signed_volume(prism(5)), rel=ROUND_OFF)
+    assert {name: len(vertices) for name, vertices in every.groups.items()} == {"a": 8, "b": 10, "c": 8, "render": 8}
+    assert every.points[every.groups["c"]].min(axis=0)[0] == pytest.approx(6.0)
+    assert every.warnings == (
+        "Left out of the stage: /World/more/guide (purpose guide), /World/hidden (invisible), /World/proxy "
+        "(purpose proxy); prim names what to take instead.",
+    )
+    below = read_usd(path, "/World/more")
+    assert (below.name, below.face_count, below.warnings) == ("more", 13, ())
+    named = read_usd(path, "/World/hidden")  # whether it is shown or not
+    assert (named.name, named.face_count, named.warnings) == ("hidden", 6, ())
+    assert read_usd(path, ["/World/more/c", "/World/a"]).face_count == 12
+    with pytest.raises(
+        InputError, match=r"below prim /World/mor/c \(it has .* and 2 more\); did you mean /World/more/c"
+    ):
+        read_usd(path, "/World/mor/c")
+
+
+def test_a_stage_that_shows_no_mesh_is_refused_with_the_reason(tmp_path: Path) -> None:
+    stage = stage_at(tmp_path / "stage.usda")
+    add_mesh(stage, "/collider", cube()).MakeInvisible()
+    stage.Save()
+    with pytest.raises(InputError, match=r'shows no mesh: /collider \(invisible\); prim = "/collider" takes it'):
+        read_usd(tmp_path / "stage.usda")
+
+
+def test_parts_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    """As an exporter has them, a mesh of the same name below each object."""
+    stage = stage_at(tmp_path / "stage.usda")
+    for x, wheel in enumerate(("left", "right")):
+        add_mesh(stage, f"/{wheel}/mesh", cube()).AddTranslateOp().Set(Gf.Vec3d(3 * x, 0, 0))
+    stage.Save()
+    assert sorted(read_usd(tmp_path / "stage.usda").groups) == ["/left/mesh", "/right/mesh"]
+
+
+def test_a_prim_is_named_in_a_scene_and_on_the_command_line(tmp_path: Path) -> None:
+    path = tmp_path / "stage.usda"
+    stage = stage_at(path)
+    add_mesh(stage, "/a", cube())
+    add_mesh(stage, "/b", prism(5)).AddTranslateOp().Set(Gf.Vec3d(3, 0, 0))
+    add_mesh(stage, "/c", prism(5)).MakeInvisible()
+    stage.Save()
+    assert json.loads(command(path, "--prim", "/b", "--json").stdout)["faces"] == 7
+    balloon, body = Balloon(mesh=path, prim="/a"), Body(mesh=path, prim="/a", position=(0.0, 9.0, 0.0))
+    walls = [Obstacle(mesh=path, prim="/b", position=(9.0, 0.0, 0.0)), Obstacle(mesh=path, position=(-9.0, 0.0, 0.0))]
+    plan = plan_model(Scene(balloon=[balloon], obstacle=walls, body=[body]))
+    meshes = [plan.shapes[0].mesh, *(shape.mesh for shape in plan.obstacles), plan.bodies[0].solid.mesh]
+    assert [mesh.face_count for mesh in meshes if mesh] == [6, 7, 13, 6]
+    assert plan.warnings == [f"{path}: Left out of the stage: /c (invisible); prim names what to take instead."]
+    assert load_scene(path, {"balloon.prim": "/b"}).balloon[0].prim == "/b"
+    with pytest.raises(InputError, match=r"names a part of a USD stage; expected such a file as mesh"):
+        plan_model(Scene(balloon=[Balloon(mesh=cube(), prim="/a")]))
 
 
 def test_a_mesh_inside_an_instance_is_found(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from balloon_warp.cli.options import (
     Frames,
     FramesPerSecond,
     Json,
+    PrimOption,
     Resume,
     SceneName,
     Schedule,
@@ -131,6 +132,7 @@ def batch(
     seconds: Seconds = None,
     weld: Weld = False,
     unit: UnitOption = None,
+    prim: PrimOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
@@ -145,7 +147,7 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, unit=unit, prim=prim, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:

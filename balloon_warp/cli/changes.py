@@ -18,6 +18,7 @@ class Changes:
         overrides: of `--set`.
         weld: whether `--weld` is given.
         unit: of `--unit`.
+        prim: of `--prim`.
         fps: of `--fps` [1/s].
         frames: of `--frames`.
         seconds: of `--seconds`, of simulated time.
@@ -32,6 +33,7 @@ class Changes:
         weld: bool = False,
         *,
         unit: str | None = None,
+        prim: str | None = None,
         fps: float | None = None,
         frames: int | None = None,
         seconds: float | None = None,
@@ -50,6 +52,7 @@ class Changes:
         for option, path, value in (
             ("--weld", "balloon.weld", weld or None),
             (f"--unit {unit}", "balloon.unit", unit),
+            (f"--prim {prim}", "balloon.prim", prim),
             ("" if fps is None else f"--fps {fps:g}", "frames_per_second", fps),
             (f"--frames {frames}", "frames", frames),
         ):

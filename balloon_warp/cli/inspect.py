@@ -11,12 +11,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import Json, Set, UnitOption, Weld
+from balloon_warp.cli.options import Json, PrimOption, Set, UnitOption, Weld
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
-from balloon_warp.scene import Scene, bundled_scenes
+from balloon_warp.scene import Balloon, Scene, bundled_scenes
 
 
 def inspect(
@@ -30,10 +30,11 @@ def inspect(
     overrides: Set = None,
     weld: Weld = False,
     unit: UnitOption = None,
+    prim: PrimOption = None,
     as_json: Json = False,
 ) -> None:
     """Say what a mesh or a scene is like: faces, springs, size, what is odd about it, and the step that it allows."""
-    changes = Changes(overrides, weld, unit=unit)
+    changes = Changes(overrides, weld, unit=unit, prim=prim)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, changes.load(source), as_json)
     else:
@@ -42,8 +43,8 @@ def inspect(
 
 def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     paths = [(balloon.mesh, balloon) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
-    meshes = [(path, balloon.treatment, balloon.unit) for path, balloon in paths]
-    reports = {mesh: inspect_mesh(load_mesh(mesh[0]), *mesh[:2]) for mesh in dict.fromkeys(meshes)}
+    meshes = [(path, balloon.treatment, balloon.unit, _prims(balloon)) for path, balloon in paths]
+    reports = {mesh: inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2]) for mesh in dict.fromkeys(meshes)}
     from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
 
     step = asdict(advise_step(scene))
@@ -61,7 +62,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     counts = [counted(len(many), name) for name, many in things.items() if many]
     console = _console()
     console.print(_table(source, {"shows": scene.description, "holds": ", ".join(counts), **_step_rows(step)}))
-    for (mesh, _, unit), report in reports.items():
+    for (mesh, _, unit, _), report in reports.items():
         console.print()
         _print_mesh(console, mesh.name, report, unit, {})
 
@@ -70,7 +71,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     """The step is that of the scene that a mesh by itself gets. A mesh of which that makes no balloon is reported on
     first, and then refused."""
     balloon = changes.balloon_of(mesh)
-    report = inspect_mesh(load_mesh(mesh), mesh, balloon.treatment)
+    report = inspect_mesh(load_mesh(mesh, balloon.prim), mesh, balloon.treatment)
     from balloon_warp.advice import advise_step
 
     step, alone, refusal = None, {}, None
@@ -86,6 +87,11 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
         _print_mesh(_console(), mesh.name, report, balloon.unit, {**alone, **(_step_rows(step) if step else {})})
     if refusal:
         raise refusal
+
+
+def _prims(balloon: Balloon) -> str | tuple[str, ...] | None:
+    """What is named of the stage, as something that can be looked up."""
+    return tuple(balloon.prim) if isinstance(balloon.prim, list) else balloon.prim
 
 
 def _console() -> Console:

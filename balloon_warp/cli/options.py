@@ -45,6 +45,15 @@ UnitOption = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
+PrimOption = Annotated[
+    str | None,
+    typer.Option(
+        "--prim",
+        metavar="PATH",
+        help="Of a USD stage, the mesh to take, such as /Room/Wall0, or what has meshes below it.",
+        rich_help_panel=SCENE,
+    ),
+]
 FramesPerSecond = Annotated[
     float | None,
     typer.Option("--fps", metavar="RATE", help="How many frames a second has, such as 24.", rich_help_panel=SCENE),

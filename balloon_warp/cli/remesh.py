@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from balloon_warp.cli.options import PrimOption
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
@@ -20,6 +21,7 @@ def remesh(
     cells: Annotated[
         int, typer.Option(metavar="COUNT", help="About how many quads go along the longest side, 4 to 256.")
     ] = 48,
+    prim: PrimOption = None,
 ) -> None:
     """Make a closed mesh of even quads of any surface, so that it makes a good balloon.
 
@@ -28,7 +30,7 @@ def remesh(
     check_writable(output, tuple(LOADERS))
     if output.resolve() == mesh.resolve():
         raise InputError(f"{output}: is the mesh itself; expected another name, with -o")
-    surface = load_mesh(mesh)
+    surface = load_mesh(mesh, prim)
     quiet_warp()
     from balloon_warp.mesh.remesh import remesh as remeshed  # loads Warp: only once there is a mesh
 

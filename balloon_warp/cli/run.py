@@ -31,6 +31,7 @@ from balloon_warp.cli.options import (
     Frames,
     FramesPerSecond,
     Json,
+    PrimOption,
     Resume,
     SceneName,
     Schedule,
@@ -136,6 +137,7 @@ def run(
     seconds: Seconds = None,
     weld: Weld = False,
     unit: UnitOption = None,
+    prim: PrimOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "stop",
@@ -151,7 +153,7 @@ def run(
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
         raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
-    loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, unit=unit, prim=prim, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     begin_driver(device)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import OUTPUT, Device, SceneName, Set, UnitOption, Weld
+from balloon_warp.cli.options import OUTPUT, Device, PrimOption, SceneName, Set, UnitOption, Weld
 from balloon_warp.cli.warn import first_line, note, warn
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
@@ -44,6 +44,7 @@ def view(
     overrides: Set = None,
     weld: Weld = False,
     unit: UnitOption = None,
+    prim: PrimOption = None,
     device: Device = None,
     host: Annotated[
         str,
@@ -58,7 +59,7 @@ def view(
 
     Try `balloon-warp view squirrel_tether --open`.
     """
-    loaded = Changes(overrides, weld, unit=unit).load(scene)
+    loaded = Changes(overrides, weld, unit=unit, prim=prim).load(scene)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 

@@ -1,6 +1,7 @@
 """Any mesh: a file, by its suffix, or what Python has for a mesh. Each format says in its own file which suffixes are
 its, and how they are read."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from balloon_warp.errors import InputError
@@ -13,17 +14,21 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS
 
 
-def load_mesh(source: Path | str | MeshLike) -> PolygonMesh:
+def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = None) -> PolygonMesh:
     """Read a mesh as it is: polygons from OBJ and USD, triangles from STL, PLY, OFF, glTF and GLB.
 
     Args:
         source: a file; or a PolygonMesh, a trimesh.Trimesh, or points of shape (n, 3) [m] and faces, each a list of
             points' numbers from 0.
+        prim: of a USD stage, the path of a mesh, or of what has meshes below it; or several. All that it shows when
+            missing.
 
     Raises:
-        InputError: there is no such file, its suffix is none of these, or its content is wrong.
+        InputError: there is no such file, its suffix is none of these, its content is wrong, or it has no such prim.
     """
     if not isinstance(source, str | Path):
+        if prim is not None:
+            raise InputError(f"prim {prim}: names a part of a USD stage; expected a file of one beside it")
         mesh = mesh_from(source)
         check_mesh(mesh, mesh.name)
         return mesh
@@ -35,4 +40,8 @@ def load_mesh(source: Path | str | MeshLike) -> PolygonMesh:
         raise InputError(f"{path}: expected a mesh file ({' '.join(LOADERS)}), got suffix {suffix or 'none'}")
     if not path.exists():
         raise InputError(f"{path}: no such file{did_you_mean_file(path, LOADERS)}")
+    if suffix in usd.LOADERS:
+        return usd.read_usd(path, prim)
+    if prim is not None:
+        raise InputError(f"{path}: prim {prim} names a part of a USD stage, and this is none ({' '.join(usd.LOADERS)})")
     return LOADERS[suffix](path)

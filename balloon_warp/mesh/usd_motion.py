@@ -1,69 +1,135 @@
-"""How the mesh of a USD stage moves as a whole: the time samples of its transforms, and of those around it."""
+"""How meshes of a USD stage move as rigid things: by time samples of their transforms and of those around them, or by
+samples of their points, skins and blend shapes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom, UsdSkel
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.usd_stage import choose_prim, open_stage, world_matrix
+from balloon_warp.mesh.usd_stage import choose_prims, open_stage, points_of, world_matrix
 
 MOST_SCALED = 1e-3
-"""by how much a rigid thing may grow, of its size"""
+"""by how much a rigid thing may grow or bend, of its size"""
 
 
 @dataclass(frozen=True)
 class StageMotion:
-    """Of a mesh that moves."""
+    """Meshes of a stage that move as one."""
 
     path: Path
     stage: Usd.Stage
     """which a prim does not keep"""
-    prim: Usd.Prim
+    prims: list[Usd.Prim]
+    """the meshes"""
     begin: float
     """time code at which the stage begins"""
     codes_per_second: float
     seconds: float
-    """from there to the last sample"""
+    """from there to the last sample; 0 of what stays"""
 
     def matrices(self, times: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-        """At times since the stage's beginning [s]: what takes the mesh's points, as they are read, to where they are
+        """At times since the stage's beginning [s]: what takes the meshes' points, as they are read, to where they are
         then, in the stage's unit and axes, shape (n, 4, 4), of column vectors.
 
         Raises:
-            InputError: the mesh does not keep its size.
+            InputError: they do not keep their size or shape.
         """
-        still, prim = np.linalg.inv(world_matrix(self.prim)), UsdGeom.Xformable(self.prim)
-        codes = self.begin + np.asarray(times) * self.codes_per_second
-        moved = [still @ np.array(prim.ComputeLocalToWorldTransform(Usd.TimeCode(code))) for code in codes.tolist()]
+        prim = self.prims[0]
+        still = np.linalg.inv(world_matrix(prim))
+        codes = [Usd.TimeCode(code) for code in (self.begin + np.asarray(times) * self.codes_per_second).tolist()]
+        moved = [still @ np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code)) for code in codes]
+        if samples_of_points(prim):
+            local = [_rigid(self.path, prim, code) for code in codes]
+            placed = world_matrix(prim)
+            moved = [np.linalg.inv(placed) @ own @ placed @ move for own, move in zip(local, moved, strict=True)]
         columns = np.swapaxes(np.array(moved).reshape(-1, 4, 4), 1, 2)
         turned = columns[:, :3, :3]
         if np.abs(turned @ np.swapaxes(turned, 1, 2) - np.eye(3)).max(initial=0.0) > MOST_SCALED:
-            raise InputError(
-                f"{self.path}: {self.prim.GetPath()} changes its size as it moves; expected an obstacle that is rigid"
-            )
+            raise InputError(f"{self.path}: {prim.GetPath()} changes its size as it moves; expected a rigid obstacle")
         return np.asarray(columns, dtype=np.float64)
 
 
-def read_motion(path: Path) -> StageMotion | None:
-    """The motion of a stage's first mesh; None where it stays.
+def read_motions(path: Path, prim: str | Sequence[str] | None) -> list[StageMotion]:
+    """The meshes that are taken of a stage, grouped by what moves together: what stays comes first.
 
     Raises:
         InputError: as `read_usd`.
     """
     stage = open_stage(path)
-    prim, _ = choose_prim(stage, path, None)
-    samples: set[float] = set()
-    ancestor = prim
-    while ancestor:
-        for operation in UsdGeom.Xformable(ancestor).GetOrderedXformOps():
-            samples.update(operation.GetTimeSamples())
-        ancestor = ancestor.GetParent()
-    if len(samples) < 2:
-        return None
-    begin = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else min(samples)
+    prims = choose_prims(stage, path, prim).prims
+    _bake_skins(stage, prims)
+    groups: dict[tuple[str, ...], list[Usd.Prim]] = {}
+    for each in prims:
+        groups.setdefault(tuple(_movers(each)), []).append(each)
     rate = stage.GetTimeCodesPerSecond()
-    return StageMotion(path, stage, prim, begin, rate, max((max(samples) - begin) / rate, 0.0))
+    motions = []
+    for movers in sorted(groups, key=lambda each: each != ()):
+        samples = [time for each in groups[movers][:1] for time in _samples(each)]
+        ranged = stage.HasAuthoredTimeCodeRange()
+        begin = stage.GetStartTimeCode() if ranged else min(samples, default=0.0)
+        seconds = max((max(samples) - begin) / rate, 0.0) if movers else 0.0
+        motions.append(StageMotion(path, stage, groups[movers], begin, rate, seconds))
+    return motions
+
+
+def samples_of_points(prim: Usd.Prim) -> list[float]:
+    """The time codes at which a mesh has points, where it has several."""
+    times = UsdGeom.Mesh(prim).GetPointsAttr().GetTimeSamples()
+    return times if len(times) > 1 else []
+
+
+def _around(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """A prim and what it stands in."""
+    while prim:
+        yield prim
+        prim = prim.GetParent()
+
+
+def _movers(prim: Usd.Prim) -> Iterator[str]:
+    """The prims by whose samples a mesh moves: of itself and of what it stands in."""
+    for each in _around(prim):
+        if len(_samples_of_transforms(each)) > 1 or (each == prim and samples_of_points(prim)):
+            yield str(each.GetPath())
+
+
+def _samples(prim: Usd.Prim) -> set[float]:
+    return set(samples_of_points(prim)).union(*(_samples_of_transforms(each) for each in _around(prim)))
+
+
+def _samples_of_transforms(prim: Usd.Prim) -> set[float]:
+    operations = UsdGeom.Xformable(prim).GetOrderedXformOps()
+    return {time for operation in operations for time in operation.GetTimeSamples()}
+
+
+def _bake_skins(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
+    """Turn skins and blend shapes into samples of points, in memory, where a mesh has any."""
+    if any(each.HasAPI(UsdSkel.BindingAPI) for prim in prims for each in _around(prim)):
+        with Usd.EditContext(stage, stage.GetSessionLayer()):
+            UsdSkel.BakeSkinning(stage.Traverse(), Gf.Interval.GetFullInterval())
+
+
+def _rigid(path: Path, prim: Usd.Prim, code: Usd.TimeCode) -> NDArray[np.float64]:
+    """What turns and shifts a mesh's own points from where they are read to where they are at a time (Kabsch 1976),
+    shape (4, 4), of row vectors.
+
+    Raises:
+        InputError: they do more than turn and shift.
+    """
+    before = points_of(UsdGeom.Mesh(prim), str(path))
+    after = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get(code), dtype=np.float64).reshape(-1, 3)
+    size = float(np.ptp(before, axis=0).max())
+    if len(after) == len(before):
+        centers = before.mean(axis=0), after.mean(axis=0)
+        left, _, right = np.linalg.svd((before - centers[0]).T @ (after - centers[1]))
+        turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+        if np.abs((before - centers[0]) @ turn + centers[1] - after).max() <= MOST_SCALED * size:
+            matrix = np.eye(4)
+            matrix[:3, :3], matrix[3, :3] = turn, centers[1] - centers[0] @ turn
+            return matrix
+    raise InputError(
+        f"{path}: {prim.GetPath()} bends, as its points, skin or blend shapes move it; expected a rigid obstacle"
+    )

@@ -1,24 +1,34 @@
 """Meshes of USD stages: polygons at the default time, placed in the stage's world."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
+from balloon_warp.meant import did_you_mean
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.corners import backward_corners, with_corners
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
+SCENERY = "balloonWarpScenery"
+"""key of the custom data of meshes in our own stages that are no mesh to simulate, such as the ground"""
+MOST_NAMED = 5
+"""meshes that a sentence names"""
 
-def read_stage(path: Path | str, prim_path: str | None) -> PolygonMesh:
+
+def read_stage(path: Path | str, prim: str | Sequence[str] | None) -> PolygonMesh:
     """See `read_usd`."""
     stage = open_stage(path)
-    prim, warnings = choose_prim(stage, path, prim_path)
-    return _read_prim(stage, prim, f"{path}: {prim.GetPath()}", warnings)
+    chosen = choose_prims(stage, path, prim)
+    parts = [_read_prim(stage, each, f"{path}: {each.GetPath()}") for each in chosen.prims]
+    mesh = parts[0] if len(parts) == 1 else _together(chosen.prims, parts, _name(prim, path))
+    return replace(mesh, warnings=chosen.warnings)
 
 
 def open_stage(path: Path | str) -> Usd.Stage:
@@ -34,29 +44,103 @@ def open_stage(path: Path | str) -> Usd.Stage:
         raise InputError(f"{path}: is not a USD stage that can be read") from error
 
 
-def choose_prim(stage: Usd.Stage, path: Path | str, prim_path: str | None) -> tuple[Usd.Prim, tuple[str, ...]]:
-    """The mesh at a path, or the stage's first, and what is to be said of the choice.
+class Chosen(NamedTuple):
+    """What of a stage is taken."""
+
+    prims: list[Usd.Prim]
+    """its meshes, in the stage's order"""
+    warnings: tuple[str, ...]
+    """a sentence that names the meshes which were left out"""
+
+
+def choose_prims(stage: Usd.Stage, path: Path | str, prim: str | Sequence[str] | None) -> Chosen:
+    """Choose the meshes of a stage: those at or below the named prims; else all that are shown, which are visible and
+    have the purpose "default" or "render".
+
+    Raises:
+        InputError: there is none, or no such prim.
+    """
+    everything = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
+    meshes = [each for each in everything if UsdGeom.Mesh(each)]
+    if not meshes:
+        raise InputError(f"{path}: has no mesh (a prim of type Mesh)")
+    if prim is not None:
+        named = [prim] if isinstance(prim, str) else prim
+        prims = [each for name in named for each in _meshes_below(meshes, path, name)]
+        return Chosen([each for each in meshes if each in prims], ())
+    hidden = {str(each.GetPath()): _why_hidden(each) for each in meshes}
+    shown = [each for each in meshes if not hidden[str(each.GetPath())]]
+    left_out = _listed([f"{name} ({why})" for name, why in hidden.items() if why])
+    if not shown:
+        raise InputError(f'{path}: shows no mesh: {left_out}; prim = "{meshes[0].GetPath()}" takes it all the same')
+    return Chosen(shown, (f"Left out of the stage: {left_out}; prim names what to take instead.",) if left_out else ())
+
+
+def _meshes_below(meshes: list[Usd.Prim], path: Path | str, name: str) -> list[Usd.Prim]:
+    """The mesh at a path, whether it is shown or not; or those below it that are shown.
 
     Raises:
         InputError: there is none.
     """
-    everything = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
-    prims = [prim for prim in everything if UsdGeom.Mesh(prim)]
-    if not prims:
-        raise InputError(f"{path}: has no mesh (a prim of type Mesh)")
-    if prim_path is not None:
-        for prim in prims:
-            if str(prim.GetPath()) == prim_path:
-                return prim, ()
-        raise InputError(f"{path}: has no mesh {prim_path} (its first of {len(prims)} is {prims[0].GetPath()})")
-    if len(prims) == 1:
-        return prims[0], ()
-    return prims[0], (f"The stage has {len(prims)} meshes; this is the first, {prims[0].GetPath()}.",)
+    below = [each for each in meshes if f"{each.GetPath()}/".startswith(f"{name.rstrip('/')}/")]
+    exact = [each for each in below if str(each.GetPath()) == name]
+    if found := exact or [each for each in below if not _why_hidden(each)] or below:
+        return found
+    paths = [str(each.GetPath()) for each in meshes]
+    raise InputError(
+        f"{path}: has no mesh at or below prim {name} (it has {_listed(paths)}){did_you_mean(name, paths)}"
+    )
 
 
-def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, warnings: tuple[str, ...]) -> PolygonMesh:
+def _why_hidden(prim: Usd.Prim) -> str:
+    """Why a mesh is not shown, "" if it is."""
+    if prim.HasCustomDataKey(SCENERY):
+        return "scenery"
+    imageable = UsdGeom.Imageable(prim)
+    if imageable.ComputeVisibility() == UsdGeom.Tokens.invisible:
+        return "invisible"
+    purpose = imageable.ComputePurpose()
+    return "" if purpose in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render) else f"purpose {purpose}"
+
+
+def _listed(names: list[str]) -> str:
+    """The first few names, and how many more there are."""
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more
+
+
+def _name(prim: str | Sequence[str] | None, path: Path | str) -> str:
+    """What several meshes together are called."""
+    return prim.rstrip("/").rpartition("/")[2] or Path(path).stem if isinstance(prim, str) else Path(path).stem
+
+
+def _together(prims: list[Usd.Prim], parts: list[PolygonMesh], name: str) -> PolygonMesh:
+    """Meshes as one, each of them a group by the name of its prim, or by its path where several have the name."""
+    first = np.cumsum([0, *(part.vertex_count for part in parts)])[:-1]
+    counts = Counter(part.name for part in parts)
+    groups: dict[str, NDArray[np.int32]] = {}
+    for begin, prim, part in zip(first.tolist(), prims, parts, strict=True):
+        own = part.name if counts[part.name] == 1 else str(prim.GetPath())
+        every = np.arange(part.vertex_count, dtype=np.int32)
+        for group, vertices in {own: every, **part.groups}.items():
+            groups[group] = np.union1d(groups.get(group, every[:0]), vertices + np.int32(begin)).astype(np.int32)
+    textured = all(part.texture_coordinates is not None for part in parts)
+    return replace(
+        parts[0],
+        points=np.concatenate([part.points for part in parts]),
+        face_vertex_counts=np.concatenate([part.face_vertex_counts for part in parts]),
+        face_vertex_indices=np.concatenate(
+            [part.face_vertex_indices + np.int32(begin) for begin, part in zip(first.tolist(), parts, strict=True)]
+        ),
+        name=name,
+        texture_coordinates=np.concatenate([part.texture_coordinates for part in parts]) if textured else None,
+        groups=groups,
+    )
+
+
+def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str) -> PolygonMesh:
     geometry = UsdGeom.Mesh(prim)
-    points = np.array(_value(geometry.GetPointsAttr(), source), dtype=np.float64).reshape(-1, 3)
+    points = points_of(geometry, source)
     counts = np.array(_value(geometry.GetFaceVertexCountsAttr(), source), dtype=np.int32)
     indices = np.array(_value(geometry.GetFaceVertexIndicesAttr(), source), dtype=np.int32)
     unit = UsdGeom.GetStageMetersPerUnit(stage)
@@ -74,7 +158,6 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, warnings: tuple[st
         up_axis=str(UsdGeom.GetStageUpAxis(stage)),
         meters_per_unit=float(unit),
         unit_known=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
-        warnings=warnings,
     )
     check_mesh(mesh, source)
     mesh = replace(
@@ -111,6 +194,15 @@ def _texture_coordinates(geometry: UsdGeom.Mesh, indices: NDArray[np.int32]) -> 
     if primvar.GetInterpolation() in (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying) and len(flat) > indices.max():
         return flat[indices]
     return flat if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(flat) == len(indices) else None
+
+
+def points_of(geometry: UsdGeom.Mesh, source: str) -> NDArray[np.float64]:
+    """A mesh's own points, at the default time or their earliest sample, shape (n, 3).
+
+    Raises:
+        InputError: it has none.
+    """
+    return np.array(_value(geometry.GetPointsAttr(), source), dtype=np.float64).reshape(-1, 3)
 
 
 def _value(attribute: Usd.Attribute, source: str) -> Any:

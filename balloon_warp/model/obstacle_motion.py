@@ -56,7 +56,7 @@ class Sampled:
     """The motion that a USD stage has, beside the obstacle's own place and turn, which come after it."""
 
     def __init__(self, obstacle: Obstacle, scene: Scene, motion: Any):
-        mesh = in_unit(load_mesh(motion.path), obstacle.unit)
+        mesh = in_unit(load_mesh(motion.path, obstacle.prim), obstacle.unit)
         self._motion, self.seconds = motion, motion.seconds
         self._size = obstacle.scale * mesh.meters_per_unit
         self._axes = axes_matrix(mesh.up_axis, scene.up_axis)
@@ -83,13 +83,47 @@ def motion_of(obstacle: Obstacle, scene: Scene) -> Keyframes | Sampled:
     Raises:
         InputError: its mesh cannot be read.
     """
-    if not obstacle.motion and isinstance(obstacle.mesh, Path) and obstacle.mesh.suffix.lower() in STAGES:
-        from balloon_warp.mesh.usd_motion import read_motion  # loads USD
+    moving = [motion for motion in _motions(obstacle) if motion.seconds > 0.0]
+    return Sampled(obstacle, scene, moving[0]) if moving else Keyframes(obstacle)
 
-        load_mesh(obstacle.mesh)  # or a file that is none gets another sentence
-        if motion := read_motion(obstacle.mesh):
-            return Sampled(obstacle, scene, motion)
-    return Keyframes(obstacle)
+
+def _motions(obstacle: Obstacle) -> list[Any]:
+    """The motions that a stage has for an obstacle, as `read_motions`; none where it is of no stage, or the scene moves
+    it.
+
+    Raises:
+        InputError: its mesh cannot be read.
+    """
+    if obstacle.motion or not isinstance(obstacle.mesh, Path) or obstacle.mesh.suffix.lower() not in STAGES:
+        return []
+    from balloon_warp.mesh.usd_motion import read_motions  # loads USD
+
+    load_mesh(obstacle.mesh, obstacle.prim)  # or a file that is none gets another sentence
+    return read_motions(obstacle.mesh, obstacle.prim)
+
+
+def with_parts_apart(scene: Scene) -> Scene:
+    """The scene with an obstacle for each part of a stage that moves by itself. The first part keeps the obstacle's
+    number; the others follow behind all obstacles, with the same values.
+
+    Raises:
+        InputError: a mesh cannot be read.
+    """
+    first, others = [], []
+    for obstacle in scene.obstacle:
+        motions = _motions(obstacle)
+        parts = [
+            obstacle.model_copy(
+                update={
+                    "prim": [str(prim.GetPath()) for prim in motion.prims],
+                    "name": "_".join(filter(None, (obstacle.name, motion.prims[0].GetName()))),
+                }
+            )
+            for motion in motions
+        ]
+        first.append(parts[0] if len(parts) > 1 else obstacle)
+        others += parts[1:]
+    return scene.model_copy(update={"obstacle": first + others}) if others else scene
 
 
 def obstacle_poses(positions: NDArray[np.floating], motion: NDArray[np.floating], frame: int) -> NDArray[np.float64]:

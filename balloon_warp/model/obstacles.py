@@ -37,6 +37,8 @@ class ObstacleShape:
     """how far from the surface particles are held [m]"""
     reach: float
     """of the farthest point from the origin, with the thickness [m]; infinite for a plane"""
+    remarks: tuple[str, ...] = ()
+    """what is to be said of what was taken of the mesh's file, a sentence each"""
 
     @property
     def triangles(self) -> NDArray[np.int32]:
@@ -50,7 +52,7 @@ def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> Obst
     Raises:
         InputError: the mesh cannot be read, or has no face or no size.
     """
-    mesh, closed, size, reach = None, True, np.zeros(3), np.inf
+    mesh, closed, size, reach, remarks = None, True, np.zeros(3), np.inf, ()
     if obstacle.shape == "box":
         size = 0.5 * np.array(obstacle.size)
         reach = float(np.linalg.norm(size))
@@ -60,8 +62,9 @@ def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> Obst
     elif obstacle.shape == "mesh":
         assert obstacle.mesh is not None  # as the schema sees to
         source = str(obstacle.mesh) if isinstance(obstacle.mesh, Path) else obstacle.mesh.name
-        mesh = load_mesh(obstacle.mesh)
+        mesh = load_mesh(obstacle.mesh, obstacle.prim)
         check_mesh(mesh, source)
+        remarks = tuple(f"{source}: {warning}" for warning in mesh.warnings)
         mesh = prepared(mesh, source, Treatment(holes="keep", parts="free"))
         mesh = place_mesh(in_unit(mesh, obstacle.unit), scene.up_axis, obstacle.scale)
         closed = is_closed(mesh_edges(mesh))
@@ -72,7 +75,7 @@ def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> Obst
     thickness = obstacle.thickness
     if thickness is None:
         thickness = 0.0 if closed else SHEET * reach
-    return ObstacleShape(obstacle.shape, size, mesh, closed, thickness, reach + thickness)
+    return ObstacleShape(obstacle.shape, size, mesh, closed, thickness, reach + thickness, remarks)
 
 
 def warp_mesh(shape: ObstacleShape, device: wp.Device) -> wp.Mesh | None:

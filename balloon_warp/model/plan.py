@@ -19,6 +19,7 @@ from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.materials import settle_masses
+from balloon_warp.model.obstacle_motion import with_parts_apart
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters, parameters_at
 from balloon_warp.model.passing import warnings_of
@@ -81,11 +82,13 @@ class ModelPlan:
 
     @property
     def warnings(self) -> list[str]:
-        """what is odd about the meshes, and what became of it; which spheres may come through, and which strings start
-        overstretched"""
+        """what of stages was left out; what is odd about the meshes, and what became of it; which spheres may come
+        through, and which strings start overstretched"""
         step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
         passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
-        return passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
+        solids = [*self.obstacles, *(body.solid for body in self.bodies)]
+        taken = list(dict.fromkeys(remark for solid in solids for remark in solid.remarks))
+        return taken + passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
 
     @property
     def particle_count(self) -> int:
@@ -120,7 +123,7 @@ def plan_model(
         raise InputError(f"world_count: must be a whole number, at least 1 (got {world_count})")
     require_laws(laws)
     rows = rows_of((*LAWS, *laws))
-    scene = with_law_tables(scene, rows)
+    scene = with_parts_apart(with_law_tables(scene, rows))
     shapes = shapes or [shape_balloon(balloon, scene) for balloon in scene.balloon]
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})

@@ -177,8 +177,10 @@ def _weights(mesh: PolygonMesh, said: object, field: str) -> NDArray[np.float64]
 def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
     """The balloon's mesh as it is simulated, with a warning of what is odd about it, and where it is from."""
     if isinstance(balloon.mesh, Path):
-        mesh, source = load_mesh(balloon.mesh), balloon.mesh
+        mesh, source = load_mesh(balloon.mesh, balloon.prim), balloon.mesh
     else:
+        if balloon.prim is not None:
+            raise InputError(f"balloon.prim {balloon.prim}: names a part of a USD stage; expected such a file as mesh")
         mesh, source = balloon.mesh, balloon.mesh.name
         check_mesh(mesh, source, least_corners=2)
     if balloon.print is not None:

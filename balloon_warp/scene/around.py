@@ -47,7 +47,7 @@ def scene_table_around(
         InputError: the mesh cannot be read, has no face or no size, or its size or place is too much for float32.
     """
     label = source.name if isinstance(source, PolygonMesh) else source
-    mesh = in_unit(prepared(load_mesh(source), label, balloon.treatment), balloon.unit)
+    mesh = in_unit(prepared(load_mesh(source, balloon.prim), label, balloon.treatment), balloon.unit)
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
@@ -69,6 +69,7 @@ def scene_table_around(
         "balloon": [
             {
                 "mesh": source if isinstance(source, PolygonMesh) else source.resolve(),
+                **({"prim": balloon.prim} if balloon.prim else {}),
                 "mass": mass,
                 "helium": _short(lift * growth),
                 "damping": _short(10.0 * (2.0 * mass) ** 0.5),

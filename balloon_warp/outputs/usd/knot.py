@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.outputs.knot import Knot, knot_mesh, knot_size
 from balloon_warp.outputs.usd.material import balloon_color, paint
 from balloon_warp.outputs.usd.obstacle import as_gf
@@ -35,6 +36,7 @@ def define_knot(stage: Usd.Stage, path: Sdf.Path, scene: Scene, number: int, hel
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.catmullClark)
     prim.CreateDoubleSidedAttr(True)
+    prim.GetPrim().SetCustomDataByKey(SCENERY, "Knot")
     prim.AddTranslateOp()
     prim.AddOrientOp()
     paint(prim, balloon_color(scene, scene.string[number].balloon), roughness=0.2, opacity=OPACITY, clearcoat=1.0)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from balloon_warp.frame import Frame
+from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import GROUND_COLOR, WATER_COLOR, Color, paint
 from balloon_warp.scene import Scene
@@ -58,6 +59,7 @@ def define_square(
     prim.CreateFaceVertexIndicesAttr([0, 1, 2, 3])
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(square))
+    prim.GetPrim().SetCustomDataByKey(SCENERY, plane.name)
     paint(prim, plane.color, roughness=plane.roughness, opacity=plane.opacity)
     return prim
 

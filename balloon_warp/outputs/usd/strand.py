@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade, Vt
 
+from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.outputs.round_shapes import SIDES, tube_topology
 from balloon_warp.outputs.usd.lines import write_lines
 from balloon_warp.outputs.usd.presence import PAIRED
@@ -35,6 +36,7 @@ class Strand:
         self.mesh.CreatePurposeAttr(UsdGeom.Tokens.render)
         curve.CreatePurposeAttr(UsdGeom.Tokens.proxy)
         self.mesh.SetProxyPrim(curve.GetPrim())
+        self.mesh.GetPrim().SetCustomDataByKey(SCENERY, "Strand")
         for prim, meaning in ((curve, "stands for its mesh"), (self.mesh, "the curve stands for it")):
             prim.GetPrim().SetCustomDataByKey(PAIRED, meaning)
 

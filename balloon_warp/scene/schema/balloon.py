@@ -18,6 +18,7 @@ from balloon_warp.scene.schema.fields import (
     LawTables,
     NonNegative,
     Positive,
+    Prim,
     Rule,
     Table,
     UnitInterval,
@@ -66,6 +67,9 @@ class Balloon(Table):
     mesh: Annotated[Path | InstanceOf[PolygonMesh], BeforeValidator(_mesh_of)]
     """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
     faces"""
+    prim: Prim | None = None
+    """of a USD stage, the path of the mesh to take, such as "/Room/Wall0", or of what has meshes below it; or a list of
+    such paths. When missing, all meshes that are visible and of purpose "default" or "render" """
     weld: Weld = "auto"
     """join faces where vertices of the mesh are at exactly the same place: "auto" does so along seams, where open edges
     meet; true everywhere; false nowhere"""
@@ -152,7 +156,7 @@ class Balloon(Table):
             if not callable(rule):
                 continue
             try:
-                points = load_mesh(given["mesh"]).points
+                points = load_mesh(given["mesh"], given.get("prim")).points
                 if of_table:
                     given = {**given, table: with_value(holder, of_table, weighed_by(rule, points))}
                 else:

@@ -25,6 +25,9 @@ at least a frame apart"""
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Index = Annotated[int, Field(ge=0)]
 """from 0, as in lists of the scene and vertices of a file"""
+PrimPath = Annotated[str, Field(pattern="^/.")]
+Prim = PrimPath | Annotated[list[PrimPath], Field(min_length=1)]
+"""paths of prims of a USD stage"""
 Color = tuple[UnitInterval, UnitInterval, UnitInterval]
 """linear RGB"""
 Rule = SkipJsonSchema[Callable[[Any], Any]]

@@ -8,14 +8,14 @@ from pydantic import BeforeValidator, InstanceOf, model_validator
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.units import Unit
-from balloon_warp.scene.schema.fields import NonNegative, Positive, Table, Vector
+from balloon_warp.scene.schema.fields import NonNegative, Positive, Prim, Table, Vector
 
 ShapeKind = Literal["box", "capsule", "plane", "mesh"]
 FIELDS_OF_SHAPES: dict[ShapeKind, tuple[str, ...]] = {
     "box": ("size",),
     "capsule": ("radius", "length"),
     "plane": (),
-    "mesh": ("mesh", "unit", "scale"),
+    "mesh": ("mesh", "prim", "unit", "scale"),
 }
 """the fields that only some shapes have"""
 
@@ -40,6 +40,9 @@ class Solid(Table):
     mesh: Annotated[Path | InstanceOf[PolygonMesh] | None, BeforeValidator(_mesh_of)] = None
     """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
     faces"""
+    prim: Prim | None = None
+    """of a USD stage, the path of the mesh to take, such as "/Room/Wall0", or of what has meshes below it; or a list of
+    such paths. When missing, all meshes that are visible and of purpose "default" or "render" """
     unit: Unit | None = None
     """unit of the mesh's numbers; if missing, the one that its file names, else the meter"""
     scale: Positive = 1.0
