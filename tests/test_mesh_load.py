@@ -1,5 +1,6 @@
 """Formats read through trimesh, and what loading by suffix refuses."""
 
+import json
 import struct
 from pathlib import Path
 
@@ -122,3 +123,77 @@ def test_missing_files_folders_and_unknown_suffixes_are_refused(tmp_path: Path) 
         load_mesh(tmp_path / "cow.blend")
     with pytest.raises(InputError, match=rf"cow: expected a mesh file \({readable}\), got suffix none$"):
         load_mesh(tmp_path / "cow")
+
+
+def quantized(path: Path, kind: int, normalized: bool, **more: object) -> Path:
+    """A box that is 2 wide, 1 high and 0.5 deep, of integers, at x = 10: as KHR_mesh_quantization has it."""
+    dtype, largest = {5122: (np.int16, 32767), 5121: (np.uint8, 255), 5120: (np.int8, 127)}[kind]
+    unit = BOX.vertices / np.ptp(BOX.vertices, axis=0).max()
+    unit -= unit.min(axis=0)
+    scale = 2.0 if normalized else 2.0 / largest
+    corners = np.zeros((8, 4), dtype)  # each at a multiple of four bytes
+    corners[:, :3] = np.round(unit * largest)
+    triangles = BOX.faces.astype(np.uint16)
+    binary = corners.tobytes() + triangles.tobytes()
+    length = corners.nbytes
+    said = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_mesh_quantization"],
+        "extensionsRequired": ["KHR_mesh_quantization"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": [10.0, 0.0, 0.0], "scale": [scale] * 3}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "buffers": [{"byteLength": len(binary), "uri": "box.bin"}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": length, "byteStride": 4 * corners.itemsize},
+            {"buffer": 0, "byteOffset": length, "byteLength": triangles.nbytes},
+        ],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": kind,
+                "count": 8,
+                "type": "VEC3",
+                "normalized": normalized,
+                "min": corners[:, :3].min(axis=0).tolist(),
+                "max": corners[:, :3].max(axis=0).tolist(),
+            },
+            {"bufferView": 1, "componentType": 5123, "count": triangles.size, "type": "SCALAR"},
+        ],
+        **more,
+    }
+    if path.suffix == ".gltf":
+        (path.parent / "box.bin").write_bytes(binary)
+    else:
+        del said["buffers"][0]["uri"]
+    text = json.dumps(said).encode()
+    text += b" " * (-len(text) % 4)
+    binary += b"\0" * (-len(binary) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    glb = b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
+    path.write_bytes(text if path.suffix == ".gltf" else glb)
+    return path
+
+
+@pytest.mark.parametrize("name", ["box.glb", "box.gltf"])
+@pytest.mark.parametrize(("kind", "normalized"), [(5122, True), (5121, True), (5120, True), (5122, False)])
+def test_integers_of_gltf_are_what_they_stand_for(tmp_path: Path, name: str, kind: int, normalized: bool) -> None:
+    mesh = load_mesh(quantized(tmp_path / name, kind, normalized))
+    size = 2.0 * np.ptp(BOX.vertices, axis=0) / np.ptp(BOX.vertices, axis=0).max()
+    np.testing.assert_allclose(np.ptp(mesh.points, axis=0), size, rtol=0.02)  # an eighth bit of a quarter
+    assert mesh.points[:, 0].min() == pytest.approx(10.0)
+
+
+def test_gltf_is_in_meters(tmp_path: Path) -> None:
+    trimesh.Scene(BOX).export(tmp_path / "box.glb")
+    assert load_mesh(tmp_path / "box.glb").unit_known
+
+
+@pytest.mark.parametrize("extension", ["EXT_meshopt_compression", "KHR_draco_mesh_compression", "ACME_points"])
+def test_an_extension_that_a_gltf_requires_and_that_is_not_decoded_is_named(tmp_path: Path, extension: str) -> None:
+    path = quantized(tmp_path / "box.glb", 5122, True, extensionsRequired=["KHR_mesh_quantization", extension])
+    with pytest.raises(InputError, match=rf"box\.glb: requires the extension {extension}, which is not decoded here"):
+        load_mesh(path)
+    quantized(path, 5122, True, extensionsRequired=["KHR_materials_transmission", "EXT_texture_webp"])
+    assert load_mesh(path).face_count == 12

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.meant import did_you_mean_file
-from balloon_warp.mesh import obj, trimesh_formats, usd
+from balloon_warp.mesh import gltf, obj, trimesh_formats, usd
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.from_python import MeshLike, mesh_from
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
-LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS
+LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS | gltf.LOADERS
 
 
 def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = None) -> PolygonMesh:

@@ -1,5 +1,6 @@
-"""Formats that trimesh reads: STL, PLY, OFF, glTF and GLB, as triangles."""
+"""Formats that trimesh reads as triangles: STL, PLY and OFF here, glTF in `gltf`."""
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,14 @@ from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 
-def read_triangles(path: Path | str, joined: bool = False) -> PolygonMesh:
+def read_triangles(path: Path | str, joined: bool = False, source: BytesIO | None = None) -> PolygonMesh:
     """Read a mesh through trimesh: all of a scene's parts as one, in its world, polygons split into triangles.
 
     Vertices keep the file's order.
 
     Args:
         joined: make vertices at exactly the same place one.
+        source: what to read in place of the file, with the files beside it.
 
     Raises:
         InputError: trimesh cannot read the file, or it has no triangles.
@@ -26,7 +28,13 @@ def read_triangles(path: Path | str, joined: bool = False) -> PolygonMesh:
     path = Path(path)
     try:
         # process=False: trimesh would merge and reorder vertices. Textures stay closed.
-        read = trimesh.load_mesh(path, process=False, skip_materials=True)
+        read = trimesh.load_mesh(
+            source or path,
+            file_type=path.suffix[1:].lower(),
+            resolver=trimesh.resolvers.FilePathResolver(str(path)),
+            process=False,
+            skip_materials=True,
+        )
     except Exception as error:  # its readers let any exception of the parsing through
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({reason})") from error
@@ -45,8 +53,8 @@ def read_triangles(path: Path | str, joined: bool = False) -> PolygonMesh:
 
 
 def read_joined_triangles(path: Path | str) -> PolygonMesh:
-    """`read_triangles`, joined: STL repeats a vertex for each triangle, and glTF for each normal and texture coordinate
-    there. A balloon made of such vertices would fall apart."""
+    """`read_triangles`, joined: STL repeats a vertex for each triangle. A balloon made of such vertices would fall
+    apart."""
     return read_triangles(path, joined=True)
 
 
@@ -54,6 +62,4 @@ LOADERS = {
     ".stl": read_joined_triangles,
     ".ply": read_triangles,
     ".off": read_triangles,
-    ".glb": read_joined_triangles,
-    ".gltf": read_joined_triangles,
 }
