@@ -211,10 +211,9 @@ def test_other_peoples_stages(tmp_path: Path):
 @pytest.mark.parametrize(
     ("setting", "output", "sentence"),
     [
-        ("timeCodesPerSecond = 0", "a.gif", r"timeCodesPerSecond is 0; expected 0\.01 to 1000 for a \.gif"),
+        ("timeCodesPerSecond = 0", "a.gif", "timeCodesPerSecond is 0; expected a rate above 0"),
         ("endTimeCode = inf", "a.png", "time codes go from 0 to inf; expected finite ones"),
         ("endTimeCode = -3", "a.png", "time codes go from 0 to -3; expected finite ones, in order"),
-        ("endTimeCode = 1000000000000", "a.gif", r"has frames 0 to 1e\+12; expected at most 1000000"),
     ],
 )
 def test_impossible_times_get_a_sentence(setting: str, output: str, sentence: str, tmp_path: Path):
@@ -274,6 +273,9 @@ def test_a_long_gif_has_at_most_120_pictures(tmp_path: Path):
     made = new_stage(path, frames=1000)
     made.SetTimeCodesPerSecond(10)
     add_sphere(made, "Ball", (0, 0, 0), 1.0, (1, 0, 0))
+    move = UsdGeom.Xformable(made.GetPrimAtPath("/World")).AddTranslateOp()
+    for code in (0, 999):
+        move.Set(Gf.Vec3d(0.001 * code, 0.0, 0.0), code)
     made.GetRootLayer().Save()
     frames = render_stage(path, tmp_path / "a.gif", size=(8, 8), samples=1, device="cpu")
     # 1000 / 120 = 8.3: every ninth frame.

@@ -57,21 +57,24 @@ def read_motions(path: Path, prim: str | Sequence[str] | None) -> list[StageMoti
     """The meshes that are taken of a stage, grouped by what moves together: what stays comes first.
 
     Raises:
-        InputError: as `read_usd`.
+        InputError: as `read_usd`, or the stage's time does not run.
     """
     stage = open_stage(path)
+    rate = stage.GetTimeCodesPerSecond()
+    if not 0.0 < rate < np.inf:
+        raise InputError(f"{path}: its timeCodesPerSecond is {rate:g}; expected a rate above 0")
     prims = choose_prims(stage, path, prim).prims
     _bake_skins(stage, prims)
     groups: dict[tuple[str, ...], list[Usd.Prim]] = {}
     for each in prims:
         groups.setdefault(tuple(_movers(each)), []).append(each)
-    rate = stage.GetTimeCodesPerSecond()
     motions = []
     for movers in sorted(groups, key=lambda each: each != ()):
         samples = [time for each in groups[movers][:1] for time in _samples(each)]
-        ranged = stage.HasAuthoredTimeCodeRange()
-        begin = stage.GetStartTimeCode() if ranged else min(samples, default=0.0)
-        seconds = max((max(samples) - begin) / rate, 0.0) if movers else 0.0
+        begin, end = min(samples, default=0.0), max(samples, default=0.0)
+        if stage.HasAuthoredTimeCodeRange() and stage.GetStartTimeCode() <= end:
+            begin, end = stage.GetStartTimeCode(), max(min(end, stage.GetEndTimeCode()), stage.GetStartTimeCode())
+        seconds = (end - begin) / rate if movers else 0.0
         motions.append(StageMotion(path, stage, groups[movers], begin, rate, seconds))
     return motions
 

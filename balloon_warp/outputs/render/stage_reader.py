@@ -12,6 +12,7 @@ from balloon_warp.meant import did_you_mean_file
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
+from balloon_warp.outputs.render.timing import timing_of
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 from balloon_warp.outputs.usd.presence import is_shown
 from balloon_warp.outputs.usd.studio import OURS
@@ -41,7 +42,7 @@ class RenderStage:
         path: any file that USD opens.
 
     Raises:
-        InputError: the file is missing, cannot be read as a stage, or its time codes run nowhere.
+        InputError: the file is missing, cannot be read as a stage, or its time codes run nowhere or at no rate.
     """
 
     def __init__(self, path: Path):
@@ -54,15 +55,8 @@ class RenderStage:
             self._stage = Usd.Stage.Open(str(path))
         except Tf.ErrorException:
             raise InputError(f"{path}: cannot be read; expected a USD stage, as `run` makes of a mesh") from None
-        self.first_frame, self.last_frame = 0, 0
-        if self._stage.HasAuthoredTimeCodeRange():
-            start, end = self._stage.GetStartTimeCode(), self._stage.GetEndTimeCode()
-            if not -math.inf < start <= end < math.inf:
-                raise InputError(f"{path}: its time codes go from {start:g} to {end:g}; expected finite ones, in order")
-            self.first_frame = math.ceil(start)
-            # Where no whole frame is between them, the next one shows what the last time code does.
-            self.last_frame = max(self.first_frame, math.floor(end))
-        self.frames_per_second = self._stage.GetTimeCodesPerSecond()
+        timing = timing_of(self._stage, path)
+        self._stage, self.first_frame, self.last_frame, self.frames_per_second = timing
 
     @property
     def picture_frame(self) -> int:

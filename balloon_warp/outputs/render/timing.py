@@ -1,0 +1,107 @@
+"""When the frames of a stage are: whole time codes at which something is sampled.
+
+Stages of other programs count time in seconds, in 4,800 codes a second, or between codes. Such a stage is looked at
+through another one whose time codes are its frames: USD scales the time of a sublayer by the two rates.
+"""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom
+
+from balloon_warp.errors import InputError
+
+SLOWEST, FASTEST = 8.0, 240.0
+"""frames a second of a stage whose time codes are frames"""
+USUAL_RATE = 24.0
+"""frames a second where a stage does not say"""
+NEAR = 1e-3
+"""of a frame: how far from it a sample may be and count as there"""
+EARLIER = 1e-6
+"""of a frame, by which samples are shifted, so that rounding leaves none behind its frame"""
+
+
+class Timing(NamedTuple):
+    """A stage whose frames are whole time codes."""
+
+    stage: Usd.Stage
+    first: int
+    """its first frame"""
+    last: int
+    """its last frame"""
+    rate: float
+    """frames a second"""
+
+
+def timing_of(stage: Usd.Stage, path: Path) -> Timing:
+    """Find the frames of a stage: its samples within the range that it says, at their own times.
+
+    Raises:
+        InputError: the rate is not positive, or the range is not finite or not in order.
+    """
+    rate, frame_rate = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
+    if not 0.0 < rate < math.inf:
+        raise InputError(f"{path}: its timeCodesPerSecond is {rate:g}; expected a rate above 0")
+    attributes = [attribute for prim in stage.Traverse() for attribute in prim.GetAttributes()]
+    samples = np.array(Usd.Attribute.GetUnionedTimeSamples(attributes))
+    begin, end = _range(stage, path, samples)
+    samples = samples[(samples >= begin) & (samples <= end)]
+    whole = np.abs(samples - np.round(samples)).max(initial=0.0) < NEAR
+    if whole and (SLOWEST <= rate <= FASTEST or len(samples) < 2):
+        first = math.ceil(begin)
+        # Where no whole frame is between them, the next one shows what the last time code does.
+        return Timing(stage, first, max(first, math.floor(end)), rate)
+    frames = _frame_rate(samples, rate, frame_rate if 0.0 < frame_rate < math.inf else USUAL_RATE)
+    begin = float(samples[0]) if len(samples) else begin
+    count = math.floor((end - begin) / rate * frames + NEAR)
+    return Timing(_seen_through(stage, frames, -begin / rate * frames - EARLIER), 0, count, frames)
+
+
+def _range(stage: Usd.Stage, path: Path, samples: NDArray[np.float64]) -> tuple[float, float]:
+    """The first and the last time code: of the range that the stage says, what has samples; all samples where that has
+    none, or nothing is said; one where nothing moves."""
+    spans = (float(samples[0]), float(samples[-1])) if len(samples) else (0.0, 0.0)
+    if not stage.HasAuthoredTimeCodeRange():
+        return spans
+    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if not -math.inf < start <= end < math.inf:
+        raise InputError(f"{path}: its time codes go from {start:g} to {end:g}; expected finite ones, in order")
+    if len(samples) < 2:
+        only = max(start, min(end, spans[0])) if len(samples) else start
+        return only, only
+    begin, last = max(start, spans[0]), min(end, spans[1])
+    return (begin, last) if begin <= last else spans
+
+
+def _frame_rate(samples: NDArray[np.float64], rate: float, usual: float) -> float:
+    """Frames a second at which all samples are frames, as many as usual or more; the usual rate where there is none.
+
+    Args:
+        samples: time codes, ascending.
+        rate: time codes a second.
+        usual: frames a second.
+    """
+    if len(samples) < 2:
+        return usual
+    shortest = float(np.diff(samples).min())
+    steps = (samples - samples[0]) / shortest
+    own = round(rate / shortest, 9)
+    if np.abs(steps - np.round(steps)).max() > NEAR or own > FASTEST:
+        return usual
+    return own * max(1, round(usual / own)) if own < SLOWEST else own
+
+
+def _seen_through(stage: Usd.Stage, rate: float, offset: float) -> Usd.Stage:
+    """A stage with another rate of time codes and an offset in these, that has the same prims at the same seconds."""
+    root, layer = stage.GetRootLayer(), Sdf.Layer.CreateAnonymous(".usda")
+    layer.timeCodesPerSecond = layer.framesPerSecond = rate
+    layer.subLayerPaths.append(root.identifier)
+    layer.subLayerOffsets[0] = Sdf.LayerOffset(offset, 1.0)
+    layer.customLayerData = root.customLayerData
+    seen = Usd.Stage.Open(layer)
+    UsdGeom.SetStageUpAxis(seen, UsdGeom.GetStageUpAxis(stage))
+    UsdGeom.SetStageMetersPerUnit(seen, UsdGeom.GetStageMetersPerUnit(stage))
+    return seen
