@@ -1,12 +1,13 @@
 """Obstacles in scene files: that they come back as they were written, and what is said of those that are wrong."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
 
-from balloon_warp import InputError, Obstacle, PolygonMesh, Scene, load_scene, run_batch
+from balloon_warp import InputError, Obstacle, PolygonMesh, Scene, Simulator, load_scene, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
 from balloon_warp.provenance import describe_simulation, hash_of_file, without_folders
@@ -152,6 +153,20 @@ def test_sheets_and_fixed_particles_have_nothing_inside():
     starts(Obstacle(mesh=grid(2, 2), position=(-0.5, 0.0, 0.0)))
     held = Balloon(mesh=quad_sphere(3, 0.5), fixed=list(range(quad_sphere(3).vertex_count)))
     starts(Obstacle(), balloon=[held])
+
+
+def test_a_mesh_that_winds_inward_is_a_room(device: str):
+    """A ball stays within, a wall that winds outward does not take it in."""
+    walls = cube()
+    room = replace(walls, points=4.0 * (walls.points - 0.5), face_vertex_indices=walls.face_vertex_indices[::-1].copy())
+    ball = Balloon(mesh=quad_sphere(2, 0.3), velocity=(4.0, 1.0, 2.0), damping=0.0)
+    simulator = Simulator(Scene(balloon=[ball], obstacle=[Obstacle(mesh=room)], frames=90), device)
+    for frame in simulator.run():
+        assert np.abs(frame.points[0]).max() < 2.0
+    assert np.ptp(frame.points[0], axis=0).max() > 0.3
+    solid = replace(room, face_vertex_indices=walls.face_vertex_indices)
+    with pytest.raises(InputError, match="starts .* deep inside obstacle 0"):
+        plan_model(Scene(balloon=[ball], obstacle=[Obstacle(mesh=solid)]))
 
 
 def test_every_world_is_looked_at():

@@ -15,6 +15,7 @@ from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Scene, Stiffness, String
 from balloon_warp.scene.load import scene_name
 from balloon_warp.scene.overrides import parse_override
+from balloon_warp.scene.schema.fields import missed_between_frames
 
 SCENE = """
 description = "a box and two balls"
@@ -275,3 +276,17 @@ def test_a_mesh_is_placed_by_scale_rotation_and_position():
     points = build_model(Scene(balloon=[Balloon(mesh=z_up)]), "cpu").initial_points.numpy()
     np.testing.assert_allclose(points[:, 1], 0.01 * mesh.points[:, 2], atol=1e-6)
     np.testing.assert_allclose(points[:, 2], -0.01 * mesh.points[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", bundled_scenes())
+def test_every_bundled_scene_takes_the_rate_that_blender_plays(name: str):
+    assert load_scene(name, {"frames_per_second": 24.0}).frames_per_second == 24.0
+
+
+def test_keyframes_closer_than_a_frame_are_taken_where_little_is_missed():
+    """A pump that stops within a frame gives what it gives, to a part that is told: a frame is linear from its start to
+    its end. A puff between two frames would not be there at all."""
+    assert missed_between_frames([(0.0, 3.3), (0.06, 3.3), (0.065, 0.0)], 1.0 / 24.0) < 0.01
+    assert missed_between_frames([(0.0, 1.0), (1.0, 2.0)], 0.5) == pytest.approx(0.0)
+    assert missed_between_frames([(0.51, 0.0), (0.52, 1.0), (0.53, 0.0)], 0.5) == pytest.approx(1.0)
+    assert missed_between_frames([(0.0, 0.0), (0.01, 0.0)], 0.5) == 0.0

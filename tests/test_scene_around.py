@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from meshes import cube, grid, quad_sphere
 from pxr import Usd, UsdGeom
 
@@ -12,9 +13,12 @@ from balloon_warp import Simulator, load_scene
 from balloon_warp.cli import main
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Scene
+from balloon_warp.model import build_model, plan_model
+from balloon_warp.model.obstacles import shape_obstacle
+from balloon_warp.scene import Balloon, Obstacle, Scene
 from balloon_warp.scene.overrides import parse_override
+
+Y_IS_UP = ". The file names no up axis, so Y is up; --up Z turns it"
 
 
 def load_with(path: Path, *overrides: str) -> Scene:
@@ -71,6 +75,20 @@ def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much
     assert np.ptp(amounts("balloon.inflation.amount=160")) == 0.0
 
 
+@pytest.mark.parametrize(
+    "said", ["litres=200", "breaths=3", "moles=5", "pump_curve=[[0, 1], [500, 0]]", "fill_to_pressure=50", "pump=0.5"]
+)
+def test_a_mesh_by_itself_takes_gas_as_one_says_it(tmp_path: Path, said: str):
+    """With or without its kind, and with no pump beside it."""
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    for kind in ([], ["balloon.inflation.kind=gas"]):
+        scene = load_with(tmp_path / "ball.obj", f"balloon.inflation.{said}", *kind)
+        inflation = scene.balloon[0].inflation
+        assert inflation.kind == "gas"
+        assert inflation.pump == (0.5 if said == "pump=0.5" else 0.0)
+        plan_model(scene)
+
+
 @pytest.mark.parametrize("kind", ["normal_force", "pressure", "gas"])
 @pytest.mark.parametrize("scale", [1e-6, 1e8])
 def test_a_mesh_of_any_size_gets_a_scene(tmp_path: Path, scale: float, kind: str):
@@ -112,7 +130,7 @@ def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, kind: str):
             2.0 * 1.81 * size, rel=1e-5
         )  # six digits
         assert np.ptp(build_model(scene, "cpu").shapes[0].mesh.points[:, 1]) == pytest.approx(size)
-        assert scene.description == f"ball.obj, {size:.3g} m large, inflates above a floor"
+        assert scene.description == f"ball.obj, {size:.3g} m large, inflates above a floor{Y_IS_UP}"
 
 
 def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path):
@@ -123,9 +141,9 @@ def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path
     assert said.gravity == 1685.36
     assert said.description == (
         "cow.obj inflates above a floor. Its unit is not known, so gravity is 1685.4 m/s2, which suits its size of "
-        "171.8. --unit m, cm, mm, km, in or ft gives it true size and gravity"
+        "171.8. --unit m, cm, mm, km, in or ft gives it true size and gravity" + Y_IS_UP
     )
-    assert load_with(tmp_path / "cow.obj", "gravity=0").description == "cow.obj inflates above a floor"
+    assert load_with(tmp_path / "cow.obj", "gravity=0").description == "cow.obj inflates above a floor" + Y_IS_UP
 
 
 @pytest.mark.parametrize(("said", "gravity"), [(True, 9.81), (False, 0.0981)])
@@ -171,3 +189,21 @@ def test_a_closed_mesh_wound_inward_is_turned_outward(tmp_path: Path):
     assert shape.mesh.warnings == (
         "1 closed component winds inward; it has face 1, counting from 1. Such a component is turned outward.",
     )
+
+
+def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
+    """A cone along Z stands once that is said, in any world; a file that names its axis needs no word."""
+    cone = trimesh.creation.cone(radius=0.3, height=1.2)
+    cone.export(tmp_path / "cone.stl")
+    for world, up_axis in (("Y", 1), ("Z", 2)):
+        for told, height in ((["balloon.up=Z"], 1.2), ([], 0.6)):
+            scene = load_with(tmp_path / "cone.stl", f"up_axis={world}", *told)
+            points = plan_model(scene).shapes[0].mesh.points
+            assert np.ptp(points[:, up_axis]) == pytest.approx(height, rel=0.02)  # of 32 corners
+            assert scene.description.endswith("so Y is up; --up Z turns it") == (not told)
+            obstacle = Obstacle(mesh=tmp_path / "cone.stl", up="Z" if told else None)
+            shape = shape_obstacle(0, obstacle, scene)
+            assert shape.mesh
+            assert np.ptp(shape.mesh.points[:, up_axis]) == pytest.approx(height, rel=0.02)
+    trimesh.Scene(cone).export(tmp_path / "cone.glb")
+    assert load_scene(tmp_path / "cone.glb").description == "cone.glb, 1.2 m large, inflates above a floor"

@@ -27,6 +27,7 @@ from balloon_warp.cli.options import (
     Seconds,
     Set,
     UnitOption,
+    UpOption,
     Weld,
 )
 from balloon_warp.cli.progress import frame_progress
@@ -133,6 +134,7 @@ def batch(
     weld: Weld = False,
     unit: UnitOption = None,
     prim: PrimOption = None,
+    up: UpOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
@@ -147,7 +149,7 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, weld, unit=unit, prim=prim, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, unit=unit, prim=prim, up=up, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:

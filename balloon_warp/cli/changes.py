@@ -19,6 +19,7 @@ class Changes:
         weld: whether `--weld` is given.
         unit: of `--unit`.
         prim: of `--prim`.
+        up: of `--up`.
         fps: of `--fps` [1/s].
         frames: of `--frames`.
         seconds: of `--seconds`, of simulated time.
@@ -34,6 +35,7 @@ class Changes:
         *,
         unit: str | None = None,
         prim: str | None = None,
+        up: str | None = None,
         fps: float | None = None,
         frames: int | None = None,
         seconds: float | None = None,
@@ -53,6 +55,7 @@ class Changes:
             ("--weld", "balloon.weld", weld or None),
             (f"--unit {unit}", "balloon.unit", unit),
             (f"--prim {prim}", "balloon.prim", prim),
+            (f"--up {up}", "balloon.up", up),
             ("" if fps is None else f"--fps {fps:g}", "frames_per_second", fps),
             (f"--frames {frames}", "frames", frames),
         ):

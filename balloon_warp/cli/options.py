@@ -54,6 +54,15 @@ PrimOption = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
+UpOption = Annotated[
+    str | None,
+    typer.Option(
+        "--up",
+        metavar="Y|Z",
+        help="The axis of the mesh's file that points up. CAD, scans and many STL files have Z.",
+        rich_help_panel=SCENE,
+    ),
+]
 FramesPerSecond = Annotated[
     float | None,
     typer.Option("--fps", metavar="RATE", help="How many frames a second has, such as 24.", rich_help_panel=SCENE),

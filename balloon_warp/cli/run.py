@@ -38,6 +38,7 @@ from balloon_warp.cli.options import (
     Seconds,
     Set,
     UnitOption,
+    UpOption,
     Weld,
 )
 from balloon_warp.cli.progress import frame_progress
@@ -138,6 +139,7 @@ def run(
     weld: Weld = False,
     unit: UnitOption = None,
     prim: PrimOption = None,
+    up: UpOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "stop",
@@ -153,7 +155,7 @@ def run(
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
         raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
-    loaded = Changes(overrides, weld, unit=unit, prim=prim, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, unit=unit, prim=prim, up=up, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     begin_driver(device)

@@ -32,13 +32,13 @@ def read_gltf(path: Path | str) -> PolygonMesh:
     try:
         tree, rest = _parts(path)
     except (ValueError, KeyError, struct.error, OSError):  # trimesh says what is wrong
-        return replace(read_triangles(path, joined=True), unit_known=True)
+        return replace(read_triangles(path, joined=True), unit_known=True, up_known=True)
     required = tree.get("extensionsRequired", [])
     if unknown := [name for name in _texts(required) if not _is_decoded(name)]:
         helps = "; pip install DracoPy, or export without compression" if unknown == [COMPRESSED] else ""
         raise InputError(f"{path}: requires the extension {', '.join(unknown)}, which is not decoded here{helps}")
     source = BytesIO(_file_of(tree, rest)) if _scale_normalized(tree) else None
-    return replace(read_triangles(path, joined=True, source=source), unit_known=True)
+    return replace(read_triangles(path, joined=True, source=source), unit_known=True, up_known=True)
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes | None]:

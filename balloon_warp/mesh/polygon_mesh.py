@@ -21,6 +21,8 @@ class PolygonMesh:
     """what the file or the prim is called"""
     up_axis: str = "Y"
     """the axis that points up in the file: "Y" or "Z" """
+    up_known: bool = False
+    """whether that is said, by the file or by whoever gives it; else it is a guess"""
     meters_per_unit: float = 1.0
     """metres in one unit of `points`"""
     unit_known: bool = False

@@ -156,6 +156,7 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str) -> PolygonMesh:
         face_vertex_indices=indices,
         name=prim.GetName(),
         up_axis=str(UsdGeom.GetStageUpAxis(stage)),
+        up_known=bool(stage.GetRootLayer().pseudoRoot.HasInfo("upAxis")),
         meters_per_unit=float(unit),
         unit_known=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
     )

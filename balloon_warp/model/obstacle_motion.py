@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import axes_matrix, rotation_matrix
-from balloon_warp.mesh.units import in_unit
+from balloon_warp.mesh.units import as_told
 from balloon_warp.mesh.usd import LOADERS as STAGES
 from balloon_warp.scene import Obstacle, Scene
 
@@ -56,7 +56,7 @@ class Sampled:
     """The motion that a USD stage has, beside the obstacle's own place and turn, which come after it."""
 
     def __init__(self, obstacle: Obstacle, scene: Scene, motion: Any):
-        mesh = in_unit(load_mesh(motion.path, obstacle.prim), obstacle.unit)
+        mesh = as_told(load_mesh(motion.path, obstacle.prim), obstacle.unit, obstacle.up)
         self._motion, self.seconds = motion, motion.seconds
         self._size = obstacle.scale * mesh.meters_per_unit
         self._axes = axes_matrix(mesh.up_axis, scene.up_axis)

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.check import check_mesh
-from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.mesh.geometry import signed_volume, triangulate
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import is_closed, mesh_edges
-from balloon_warp.mesh.units import in_unit
+from balloon_warp.mesh.units import as_told
 from balloon_warp.scene import Body, Obstacle, Scene
 
 SHEET = 1.0e-3
@@ -32,7 +32,7 @@ class ObstacleShape:
     mesh: PolygonMesh | None
     """in meters, the scene's up axis up"""
     closed: bool
-    """whether the mesh has an inside"""
+    """whether the mesh has an inside; one that winds inward is a room, whose walls are sheets"""
     thickness: float
     """how far from the surface particles are held [m]"""
     reach: float
@@ -65,9 +65,10 @@ def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> Obst
         mesh = load_mesh(obstacle.mesh, obstacle.prim)
         check_mesh(mesh, source)
         remarks = tuple(f"{source}: {warning}" for warning in mesh.warnings)
+        winds_inward = signed_volume(mesh) < 0.0
         mesh = prepared(mesh, source, Treatment(holes="keep", parts="free"))
-        mesh = place_mesh(in_unit(mesh, obstacle.unit), scene.up_axis, obstacle.scale)
-        closed = is_closed(mesh_edges(mesh))
+        mesh = place_mesh(as_told(mesh, obstacle.unit, obstacle.up), scene.up_axis, obstacle.scale)
+        closed = is_closed(mesh_edges(mesh)) and not (winds_inward and isinstance(obstacle, Obstacle))
         used = mesh.points[np.unique(mesh.face_vertex_indices)]
         reach = float(np.linalg.norm(used, axis=1).max())
         if np.ptp(used, axis=0).max() == 0.0:

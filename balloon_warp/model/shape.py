@@ -17,7 +17,7 @@ from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
-from balloon_warp.mesh.units import in_unit
+from balloon_warp.mesh.units import as_told
 from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
@@ -93,7 +93,9 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
             particle is not in it, or its weights are not as many as its vertices.
     """
     mesh, source = _mesh_of(balloon)
-    placed = place_mesh(in_unit(mesh, balloon.unit), scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
+    placed = place_mesh(
+        as_told(mesh, balloon.unit, balloon.up), scene.up_axis, balloon.scale, balloon.rotation, balloon.position
+    )
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
     material = balloon.material

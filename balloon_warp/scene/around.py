@@ -12,7 +12,7 @@ from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
-from balloon_warp.mesh.units import METERS, in_unit
+from balloon_warp.mesh.units import METERS, as_told
 from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.scene.schema import Balloon, Inflation
 
@@ -47,7 +47,7 @@ def scene_table_around(
         InputError: the mesh cannot be read, has no face or no size, or its size or place is too much for float32.
     """
     label = source.name if isinstance(source, PolygonMesh) else source
-    mesh = in_unit(prepared(load_mesh(source, balloon.prim), label, balloon.treatment), balloon.unit)
+    mesh = as_told(prepared(load_mesh(source, balloon.prim), label, balloon.treatment), balloon.unit, balloon.up)
     up_axis = up_axis or mesh.up_axis
     placed = place_mesh(mesh, up_axis, balloon.scale, balloon.rotation, balloon.position)
     points = placed.points[placed.face_vertex_indices]
@@ -62,7 +62,7 @@ def scene_table_around(
     growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
     mass = _short(2.0 * size / growth)
     return {
-        "description": _description(source.name, mesh.unit_known, size, fall * growth if gravity is None else None),
+        "description": _description(source.name, mesh, size, fall * growth if gravity is None else None),
         "up_axis": up_axis,
         "gravity": _short(fall * growth),
         "frames": 120,
@@ -83,21 +83,22 @@ def scene_table_around(
     }
 
 
-def _description(name: str, unit_known: bool, size: float, gravity: float | None) -> str:
+def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | None) -> str:
     """What is shown, and what of it is a guess.
 
     Args:
         size: of the mesh [m].
         gravity: that was chosen for it [m/s^2], if it was.
     """
-    if unit_known:
-        return f"{name}, {size:.3g} m large, inflates above a floor"
+    up = "" if mesh.up_known else f". The file names no up axis, so {mesh.up_axis} is up; --up Z turns it"
+    if mesh.unit_known:
+        return f"{name}, {size:.3g} m large, inflates above a floor{up}"
     if gravity is None:
-        return f"{name} inflates above a floor"
+        return f"{name} inflates above a floor{up}"
     *units, last = METERS
     return (
         f"{name} inflates above a floor. Its unit is not known, so gravity is {gravity:.5g} m/s2, which suits its size "
-        f"of {size:.5g}. --unit {', '.join(units)} or {last} gives it true size and gravity"
+        f"of {size:.5g}. --unit {', '.join(units)} or {last} gives it true size and gravity{up}"
     )
 
 
@@ -108,7 +109,7 @@ def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str,
         return {}
     if inflation.kind == "normal_force":
         return {"k_normal": [[0.2, 0.0], [1.5, _short(4.0 * size)]]}
-    if inflation.amount is not None or inflation.start_pressure:
+    if inflation.says_how_much:
         return {}
     flow = _short(min(0.5 * abs(signed_volume(placed)) / MOLAR_VOLUME / 1.2, MOST_FLOW))
     return {"pump": [[0.2, 0.0], [0.3, flow], [1.4, flow], [1.5, 0.0]]}

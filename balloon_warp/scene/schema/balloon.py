@@ -10,7 +10,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
-from balloon_warp.mesh.units import Unit
+from balloon_warp.mesh.units import Unit, UpAxis
 from balloon_warp.scene.pinned import pinned_by, pins_of, weighed_by
 from balloon_warp.scene.schema.fields import (
     Color,
@@ -90,6 +90,9 @@ class Balloon(Table):
     """of the whole balloon at the start [m/s]"""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
     """at the start, about its center of mass, along the axes of the scene [rad/s]"""
+    up: UpAxis | None = None
+    """the axis of the mesh's file that points up; if missing, the one that the file names, else "Y". The mesh is turned
+    so that it points up in the scene"""
     scale: Positive = 1.0
     """factor on the mesh's size, before `rotation`"""
     mass: float = field_of("mass")

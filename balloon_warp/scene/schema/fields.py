@@ -1,6 +1,7 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +22,9 @@ Keyframe = tuple[NonNegative, Real]
 """a time [s] and the value at that time"""
 Keyframed = Real | Annotated[list[Keyframe], Field(min_length=1)]
 """a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last;
-at least a frame apart"""
+at least a frame apart, or nearly linear from frame to frame"""
+MOST_MISSED = 0.05
+"""of what is keyframed, between frames"""
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Index = Annotated[int, Field(ge=0)]
 """from 0, as in lists of the scene and vertices of a file"""
@@ -57,6 +60,17 @@ def _bounds(row: Parameter) -> dict[str, Any]:
 
 def _description(row: Parameter) -> str:
     return f"{row.meaning} [{row.unit}]".strip()
+
+
+def missed_between_frames(keyframes: Sequence[Keyframe], frame_seconds: float) -> float:
+    """How much of what is keyframed is missed where it is taken as linear from frame to frame, as a part of all of it
+    until the frame after the last keyframe: of a pump, of what it gives."""
+    times, values = np.array(keyframes).T
+    frames = frame_seconds * np.arange(math.floor(times[0] / frame_seconds), math.ceil(times[-1] / frame_seconds) + 1)
+    every = np.union1d(frames, times)
+    true, taken = np.interp(every, times, values), np.interp(every, frames, np.interp(frames, times, values))
+    missed, whole = (0.5 * np.sum((v[1:] + v[:-1]) * np.diff(every)) for v in (true - taken, np.abs(true)))
+    return float(abs(missed) / whole) if whole else 0.0
 
 
 class Table(BaseModel):

@@ -76,6 +76,11 @@ class Inflation(Table):
         return self.kind == "pressure" and self.pressure == "auto"
 
     @property
+    def says_how_much(self) -> bool:
+        """whether it says how much gas there is, or comes"""
+        return any(getattr(self, field) not in (None, 0.0, []) for field in (*MUCH, *FAST, "start_pressure"))
+
+    @property
     def keyframes(self) -> list[Keyframe]:
         """That field as keyframes; a plain number is one keyframe, and NaN a pressure that is left to us."""
         if self.is_automatic:

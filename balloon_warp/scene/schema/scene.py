@@ -8,7 +8,17 @@ from pydantic import Field, model_validator
 
 from balloon_warp.scene.schema.balloon import Balloon
 from balloon_warp.scene.schema.bodies import Sphere, String
-from balloon_warp.scene.schema.fields import Index, LawTables, NonNegative, Positive, Table, Vector, field_of
+from balloon_warp.scene.schema.fields import (
+    MOST_MISSED,
+    Index,
+    LawTables,
+    NonNegative,
+    Positive,
+    Table,
+    Vector,
+    field_of,
+    missed_between_frames,
+)
 from balloon_warp.scene.schema.obstacles import Obstacle
 from balloon_warp.scene.schema.rigid import Body
 from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Picture, Water
@@ -126,10 +136,11 @@ class Scene(Table):
             inflation = balloon.inflation
             times = [time for time, _ in inflation.keyframes] if inflation.has_keyframes else []
             shortest = min((later - earlier for earlier, later in itertools.pairwise(times)), default=math.inf)
-            if shortest * self.frames_per_second < 1.0 - 1e-6:
+            too_close = shortest * self.frames_per_second < 1.0 - 1e-6
+            if too_close and missed_between_frames(inflation.keyframes, 1.0 / self.frames_per_second) > MOST_MISSED:
                 raise ValueError(
                     f"balloon.{number}.inflation.{inflation.keyframed}: keyframes must be at least a frame apart, "
-                    f"{1.0 / self.frames_per_second:g} s (got {shortest:g} s)"
+                    f"{1.0 / self.frames_per_second:g} s, or change little within one (got {shortest:g} s)"
                 )
             if inflation.kind == "gas" and balloon.helium:
                 raise ValueError(f"balloon.{number}.helium: must be 0, its gas lifts it (got {balloon.helium:g})")

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, InstanceOf, model_validator
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
-from balloon_warp.mesh.units import Unit
+from balloon_warp.mesh.units import Unit, UpAxis
 from balloon_warp.scene.schema.fields import NonNegative, Positive, Prim, Table, Vector
 
 ShapeKind = Literal["box", "capsule", "plane", "mesh"]
@@ -15,7 +15,7 @@ FIELDS_OF_SHAPES: dict[ShapeKind, tuple[str, ...]] = {
     "box": ("size",),
     "capsule": ("radius", "length"),
     "plane": (),
-    "mesh": ("mesh", "prim", "unit", "scale"),
+    "mesh": ("mesh", "prim", "unit", "up", "scale"),
 }
 """the fields that only some shapes have"""
 
@@ -30,7 +30,8 @@ class Solid(Table):
 
     shape: ShapeKind = "box"
     """when left out, the one that has the fields that are given. A "plane" fills all that is below it; a "capsule"
-    stands along the up axis, as a plane's normal does; a "mesh" that is not closed is a thin sheet"""
+    stands along the up axis, as a plane's normal does; a "mesh" that is not closed is a thin sheet, and so
+    is that of an obstacle whose faces look inward: a room"""
     size: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
     """edges of a box [m]"""
     radius: Positive = 0.1
@@ -45,6 +46,9 @@ class Solid(Table):
     such paths. When missing, all meshes that are visible and of purpose "default" or "render" """
     unit: Unit | None = None
     """unit of the mesh's numbers; if missing, the one that its file names, else the meter"""
+    up: UpAxis | None = None
+    """the axis of the mesh's file that points up; if missing, the one that the file names, else "Y". The mesh is turned
+    so that it points up in the scene"""
     scale: Positive = 1.0
     """factor on the mesh's size"""
     position: Vector = (0.0, 0.0, 0.0)
