@@ -165,7 +165,7 @@ def test_a_mesh_that_winds_inward_is_a_room(device: str):
         assert np.abs(frame.points[0]).max() < 2.0
     assert np.ptp(frame.points[0], axis=0).max() > 0.3
     solid = replace(room, face_vertex_indices=walls.face_vertex_indices)
-    with pytest.raises(InputError, match="starts .* deep inside obstacle 0"):
+    with pytest.raises(InputError, match=r"starts .* deep inside obstacle 0"):
         plan_model(Scene(balloon=[ball], obstacle=[Obstacle(mesh=solid)]))
 
 
