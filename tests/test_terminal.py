@@ -1,5 +1,6 @@
 """The command line on a terminal, and which package a process of its own runs."""
 
+import io
 import os
 import re
 import subprocess
@@ -8,8 +9,10 @@ from pathlib import Path
 
 import pytest
 from meshes import quad_sphere
+from rich.console import Console
 
 import balloon_warp
+from balloon_warp.cli.progress import FrameProgress
 from balloon_warp.mesh.obj import write_obj
 
 
@@ -48,3 +51,20 @@ def test_a_run_on_a_terminal_shows_frames_a_second(tmp_path: Path):
     assert [line.partition(":")[0] for line in printed.splitlines()[1:]] == ["wrote ball.usdc"]
     assert "40/40" in shown
     assert any(int(rate) > 0 for rate in re.findall(r"(\d+) frames/s", shown))
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
+    """How far it is, how fast, and how long it will take, once half a minute has gone."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    log = io.StringIO()
+    with FrameProgress(Console(file=log)) as progress:
+        progress.get_time = lambda: now[0]
+        task = progress.add_task("squirrel", total=1200)
+        for frame in range(0, 1200, 10):
+            now[0] += 1.0
+            progress.update(task, completed=frame)
+    lines = log.getvalue().splitlines()
+    assert lines[0] == "squirrel: frame 290 of 1,200, 9.67 frames/s, 94 s left"
+    assert len(lines) == 4  # of two minutes
+    assert log.getvalue().isascii()

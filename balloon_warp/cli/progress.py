@@ -1,13 +1,27 @@
-"""How far a run is."""
+"""How far a run is: a bar on a terminal, a line now and then in a log."""
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 from balloon_warp.errors import StoppedError
+
+LOG_SECONDS = 30.0
+"""between lines of a log"""
 
 
 class _FrameRate(ProgressColumn):
@@ -17,24 +31,39 @@ class _FrameRate(ProgressColumn):
         return Text(f"{task.speed:.0f} frames/s" if task.speed else "")
 
 
+class FrameProgress(Progress):
+    """A bar with frames a second and the time left; where the console is no terminal, a line of that every
+    `LOG_SECONDS`."""
+
+    def __init__(self, console: Console):
+        self._logs, self._said = not console.is_terminal, time.monotonic()
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _FrameRate())
+        super().__init__(*columns, TimeRemainingColumn(), console=console, disable=self._logs, transient=True)
+
+    def update(self, task_id: TaskID, **fields: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Note how far a task is."""
+        super().update(task_id, **fields)
+        if self._logs and time.monotonic() - self._said >= LOG_SECONDS:
+            self._said = time.monotonic()
+            self.console.print(self._line(self._tasks[task_id]), markup=False, highlight=False, soft_wrap=True)
+
+    def _line(self, task: Task) -> str:
+        """Such as "squirrel: frame 120 of 600, 4.1 frames/s, 117 s left"."""
+        total = f" of {task.total:,.0f}" if task.total else ""
+        rate = task.completed / task.elapsed if task.elapsed else 0.0
+        speed = f", {rate:.3g} frames/s" if rate else ""
+        left = f", {(task.total - task.completed) / rate:,.0f} s left" if rate and task.total else ""
+        return f"{task.description}: frame {task.completed:,.0f}{total}{speed}{left}"
+
+
 @contextmanager
-def frame_progress() -> Iterator[Progress]:
-    """A bar with frames a second and the time left, on a terminal; nothing in a pipe.
+def frame_progress() -> Iterator[FrameProgress]:
+    """Show how far the tasks are that are added to it.
 
     Raises:
         StoppedError: what is in the `with` block was stopped, and how far it was.
     """
-    console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        _FrameRate(),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not console.is_terminal,
-        transient=True,
-    ) as progress:
+    with FrameProgress(Console(stderr=True)) as progress:
         try:
             yield progress
         except KeyboardInterrupt as stop:
