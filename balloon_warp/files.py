@@ -11,6 +11,11 @@ from balloon_warp.errors import InputError
 STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
 
 
+def legible(name: str) -> str:
+    """A file's name with _ for what is no Unicode, as USD and JSON take it: names are bytes, of any encoding."""
+    return "".join("_" if "\ud800" <= letter <= "\udfff" else letter for letter in name)
+
+
 def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
     """Make sure, before any work is done, that an output can be written.
 
@@ -23,6 +28,8 @@ def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
             f"{path}: cannot write {path.suffix or 'a file without a suffix'}; expected {', '.join(suffixes)}"
             + ("; `balloon-warp render` makes pictures and films of these" if is_picture else "")
         )
+    if legible(str(path.absolute())) != str(path.absolute()):
+        raise InputError(f"{legible(str(path))}: its name or its folder's is not UTF-8; expected one that is, by -o")
     if ":SDF_FORMAT_ARGS:" in str(path):
         raise InputError(f"{path}: USD takes :SDF_FORMAT_ARGS: for the start of options; expected a name without it")
     try:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from balloon_warp.files import legible
 from balloon_warp.kernels.laws import Law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
@@ -106,4 +107,4 @@ def hash_of_mesh(mesh: str | Path | PolygonMesh) -> str:
 
 def mesh_label(mesh: str | Path | PolygonMesh) -> str:
     """Its file, or the name of one that came from Python."""
-    return mesh.name if isinstance(mesh, PolygonMesh) else str(mesh)
+    return mesh.name if isinstance(mesh, PolygonMesh) else legible(str(mesh))

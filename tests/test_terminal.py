@@ -1,6 +1,7 @@
 """The command line on a terminal, and which package a process of its own runs."""
 
 import io
+import json
 import os
 import re
 import subprocess
@@ -68,3 +69,23 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
     assert lines[0] == "squirrel: frame 290 of 1,200, 9.67 frames/s, 94 s left"
     assert len(lines) == 4  # of two minutes
     assert log.getvalue().isascii()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are no bytes")
+def test_names_and_logs_that_are_not_utf8_cost_no_work(tmp_path: Path):
+    """A mesh with a Latin-1 name is simulated under a name that USD takes, and said in a log of any encoding."""
+    mesh = os.fsdecode(b"b\xe9.obj")
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    os.rename(tmp_path / "ball.obj", tmp_path / mesh)
+    command = [sys.executable, "-m", "balloon_warp", "run", mesh, "--device", "cpu", "--frames", "1", "--json"]
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["output"] == "b_.usdc"
+    assert (tmp_path / "b_.usdc").exists()
+    folder = tmp_path / os.fsdecode(b"f\xe9")
+    folder.mkdir()
+    os.rename(tmp_path / mesh, folder / "ball.obj")
+    done = subprocess.run([*command[:4], "ball.obj"], cwd=folder, env=environment, capture_output=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr == b"error: ball.usdc: its name or its folder's is not UTF-8; expected one that is, by -o\n"

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import whole_file
+from balloon_warp.files import legible, whole_file
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
 from balloon_warp.mesh.obj_groups import ObjGroups
 from balloon_warp.mesh.obj_textures import ObjTextures
@@ -68,7 +68,7 @@ def read_obj(path: Path | str) -> PolygonMesh:
         points=np.frombuffer(coordinates).reshape(-1, 3),
         face_vertex_counts=counts,
         face_vertex_indices=indices,
-        name=path.stem,
+        name=legible(path.stem),
         texture_coordinates=textures.of_corners(),
         groups=groups.of_vertices(counts, indices),
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import legible
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -46,7 +47,7 @@ def read_triangles(path: Path | str, joined: bool = False, source: BytesIO | Non
         points=points.reshape(-1, 3),
         face_vertex_counts=np.full(len(triangles), 3, dtype=np.int32),
         face_vertex_indices=triangles.ravel().astype(np.int32),
-        name=path.stem,
+        name=legible(path.stem),
     )
     check_mesh(mesh, str(path))
     return mesh

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pxr import Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import legible
 from balloon_warp.meant import did_you_mean
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.corners import backward_corners, with_corners
@@ -37,6 +38,8 @@ def open_stage(path: Path | str) -> Usd.Stage:
     Raises:
         InputError: it is none.
     """
+    if legible(str(path)) != str(path):
+        raise InputError(f"{legible(str(path))}: its name is not UTF-8, which USD needs; expected another name")
     _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
     try:
         return Usd.Stage.Open(str(path))

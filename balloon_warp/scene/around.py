@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import legible
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
@@ -62,7 +63,7 @@ def scene_table_around(
     growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
     mass = _short(2.0 * size / growth)
     return {
-        "description": _description(source.name, mesh, size, fall * growth if gravity is None else None),
+        "description": _description(legible(source.name), mesh, size, fall * growth if gravity is None else None),
         "up_axis": up_axis,
         "gravity": _short(fall * growth),
         "frames": 120,

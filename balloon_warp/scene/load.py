@@ -10,6 +10,7 @@ from typing import Any, TypeAlias, TypeVar, cast
 from pydantic import ValidationError
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import legible
 from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike, is_mesh
@@ -38,7 +39,7 @@ def bundled_scenes() -> dict[str, Path]:
 
 def scene_name(source: str | Path) -> str:
     """What outputs of this scene are called: the bundled name, or the file's name without its suffix."""
-    return Path(source).stem
+    return legible(Path(source).stem)
 
 
 def find_mesh(name: str, source: str | Path) -> Path:

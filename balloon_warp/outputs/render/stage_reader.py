@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import legible
 from balloon_warp.meant import did_you_mean_file
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.moment import Moment
@@ -50,6 +51,8 @@ class RenderStage:
         if not path.is_file():
             hint = did_you_mean_file(path, STAGE_SUFFIXES)
             raise InputError(f"{path}: no such file; expected a USD stage{hint}")
+        if legible(str(path)) != str(path):
+            raise InputError(f"{legible(str(path))}: its name is not UTF-8, which USD needs; expected another name")
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
         try:
             self._stage = Usd.Stage.Open(str(path))
