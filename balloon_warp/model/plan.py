@@ -16,6 +16,7 @@ from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
+from balloon_warp.model.body_steps import substeps_of_solids
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.materials import settle_masses
@@ -138,6 +139,9 @@ def plan_model(
         require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
     changes = list(turns(scene, rows))
     network = Network(shapes, held, (*LAWS, *laws))
+    substeps = _substeps(scene, network, parameters, changes, start_velocities(shapes, parameters))
+    if scene.substeps == "auto":
+        substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
     return ModelPlan(
         scene=scene,
         world_count=world_count,
@@ -147,7 +151,7 @@ def plan_model(
         held=held,
         own_laws=tuple(laws),
         parameters=parameters,
-        substeps=_substeps(scene, network, parameters, changes, start_velocities(shapes, parameters)),
+        substeps=substeps,
         turns=changes,
     )
 

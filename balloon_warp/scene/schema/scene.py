@@ -53,7 +53,7 @@ class Scene(Table):
     frames_per_second: Positive = 60.0
     """[1/s]"""
     substeps: Annotated[int, Field(ge=1, le=100_000)] | Literal["auto"] = "auto"
-    """integration steps in a frame; "auto" takes as many as stability asks"""
+    """integration steps in a frame; "auto" takes as many as stability asks, and bodies and spheres"""
     solver: Literal["symplectic_euler", "forward_euler", "projective"] = "symplectic_euler"
     """how a step goes on: v += h a, then x += h v (the paper's listing); or x += h v, then v += h a; or, stable at any
     step, backward Euler by local and global steps (Liu et al. 2013)"""
