@@ -45,6 +45,10 @@ class FixtureTable:
     frictions: wp.array2d[float]
     restitutions: wp.array2d[float]
     """of spheres"""
+    samples: wp.array[wp.vec4]
+    """centers of balls in them that free bodies are held out of [m], and their radii [m]; empty where there are none"""
+    sample_ends: wp.array[wp.vec2i]
+    """where each obstacle's begin and end"""
     fastest: float
     """how fast a point of any of them may move [m/s]"""
     looks: wp.array2d[wp.vec4]
@@ -67,9 +71,9 @@ class BodyTable:
     eases: wp.array[wp.mat33]
     """their inverses [1/m^2]"""
     samples: wp.array[wp.vec4]
-    """points that are held out of what is in the way [m], and how far from each a body begins [m]"""
-    sample_offsets: wp.array[wp.int32]
-    """where each body's samples begin, and after the last, where they end"""
+    """centers of balls in them that are held out of what is in the way [m], and their radii [m]"""
+    sample_ends: wp.array[wp.vec4i]
+    """where each body's samples begin, and where those end that count on the ground, at bodies, and at obstacles"""
 
 
 @wp.struct

@@ -244,6 +244,8 @@ class WorldState:
     body_turns: wp.array2d[wp.quat]
     body_velocities: wp.array2d[wp.vec3]
     body_momenta: wp.array2d[wp.vec3]
+    body_touches: wp.array2d[wp.int32]
+    body_impulses: wp.array2d[wp.vec3]
     first_bad: wp.array[wp.int32]
 
 

@@ -11,7 +11,7 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.schedules.frame import place_balloons
 from balloon_warp.launching import launch
 from balloon_warp.mesh.placement import rotation_matrix
-from balloon_warp.model.bodies import initial_centers, initial_turns
+from balloon_warp.model.bodies import initial_centers, initial_turns, most_touches
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 
@@ -93,6 +93,11 @@ class State:
     """[m/s], shape (world_count, body_count), vec3"""
     body_momenta: wp.array
     """angular, about their centers of mass [kg m^2/s], shape (world_count, body_count), vec3"""
+    body_touches: wp.array
+    """which of their points touched what in the last substep, in ascending order until the first -1, see
+    `kernels.loops.holding`, shape (world_count, most_touches), int32"""
+    body_impulses: wp.array
+    """by which they were held out of it, and by friction [N s], of that shape, vec3"""
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
@@ -115,6 +120,7 @@ def new_state(model: Model, room: Room) -> State:
     particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
     touching = (worlds, model.particle_count if model.scene.touches else 0)
     balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
+    touches = (worlds, most_touches(model.bodies))
     softening = (worlds, model.triangle_count if model.softens else 0)
     bursting = (worlds, model.balloon_count if model.bursts else 0)
     return State(
@@ -146,6 +152,8 @@ def new_state(model: Model, room: Room) -> State:
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),
         body_momenta=room.array(bodies, wp.vec3),
+        body_touches=room.array(touches, wp.int32),
+        body_impulses=room.array(touches, wp.vec3),
         first_bad=room.array(worlds, wp.int32),
     )
 
@@ -179,6 +187,7 @@ def initial_state(model: Model) -> State:
     state.bursts.fill_(wp.vec4(-1.0, 0.0, 0.0, 0.0))
     if model.bodies:
         _place_bodies(model, state)
+    state.body_touches.fill_(-1)
     state.first_bad.fill_(HEALTHY)
     return state
 

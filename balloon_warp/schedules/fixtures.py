@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SolidTable
 from balloon_warp.kernels.laws.fixture import SHAPES
 from balloon_warp.model import Model
+from balloon_warp.model.body_samples import sample
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.model.obstacles import ObstacleShape
 
@@ -41,6 +42,8 @@ def fixture_table(model: Model) -> Any:
     table.positions = model.parameters["obstacle_position"]
     table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
+    if model.bodies and model.obstacles:
+        _put_samples(table, model)
     table.fastest = fastest(_floats(model.obstacle_motion), _floats(table.solids.reaches), model.frame_seconds)
     table.looks, table.nearest = look_arrays(model, Allocating(model.device))
     return table
@@ -62,6 +65,14 @@ def solid_table(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None
     return table
 
 
+def _put_samples(table: Any, model: Model) -> None:
+    up = np.array(model.scene.up)
+    points = [sample(shape, up).points for shape in model.obstacles]
+    ends = np.cumsum([0, *(len(its) for its in points)])
+    table.samples = wp.array(np.concatenate(points), dtype=wp.vec4, device=model.device)
+    table.sample_ends = wp.array(np.stack([ends[:-1], ends[1:]], axis=1), dtype=wp.vec2i, device=model.device)
+
+
 def body_table(model: Model) -> Any:
     """The free bodies of a model; empty where there are none."""
     table = BodyTable()
@@ -74,9 +85,15 @@ def body_table(model: Model) -> Any:
     table.restitution = parameters["body_restitution"]
     table.inertias = wp.array(inertias, dtype=wp.mat33, device=model.device)
     table.eases = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
-    table.samples = wp.array(np.concatenate([shape.samples for shape in shapes]), dtype=wp.vec4, device=model.device)
-    offsets = np.cumsum([0, *(len(shape.samples) for shape in shapes)])
-    table.sample_offsets = wp.array(offsets, dtype=wp.int32, device=model.device)
+    samples = [shape.samples for shape in shapes]
+    firsts = np.cumsum([0, *(len(its.points) for its in samples)])
+    ends = [
+        (first, first + its.outermost, first + its.at_edges, first + len(its.points))
+        for first, its in zip(firsts, samples, strict=False)
+    ]
+    points = np.concatenate([its.points for its in samples])
+    table.samples = wp.array(points, dtype=wp.vec4, device=model.device)
+    table.sample_ends = wp.array(ends, dtype=wp.vec4i, device=model.device)
     return table
 
 

@@ -49,10 +49,7 @@ def tumble_kernel(traits: Traits) -> Any:
     ):
         """A thread a world."""
         world = wp.tid()
-        tumble(
-            t, state, working.grips, working.body_starts, working.body_start_turns, working.sphere_starts, world,
-            end_of_step(t, state.frame, time_in_frame) - t.step_seconds,
-        )  # fmt: skip
+        tumble(t, state, working, world, end_of_step(t, state.frame, time_in_frame) - t.step_seconds)
 
     return tumble_bodies
 

@@ -1,0 +1,119 @@
+"""Impulses at all points at which free bodies touch, from sweep to sweep until they agree, see `laws.grip`.
+
+They act on how bodies move in working memory: as fast as they are, or as far as they are to be moved out of overlaps in
+a step of one second. A light body between heavy ones gets large impulses from both sides, of which little is left: so
+that is kept in float64."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.grip import Grip, going_on, grip_impulse, has_agreed
+from balloon_warp.kernels.loops.bodies import body_mass
+from balloon_warp.kernels.tables import Tables
+
+
+@wp.func
+def ease_of(t: Tables, working: Any, world: wp.int32, body: wp.int32, arm: wp.vec3, direction: wp.vec3):
+    """How much faster a body's point becomes along a unit vector by 1 N s [1/kg]."""
+    torque = wp.vec3d(wp.cross(arm, direction))
+    return 1.0 / body_mass(t, world, body) + float(wp.dot(torque, working.body_eases[world, body] * torque))
+
+
+@wp.func
+def ease_at(t: Tables, working: Any, world: wp.int32, grip: Grip, direction: wp.vec3):
+    """The same of a point beside what it meets [1/kg]."""
+    ease = ease_of(t, working, world, grip.body, grip.arm, direction)
+    if grip.other >= 0:
+        ease += ease_of(t, working, world, grip.other, grip.other_arm, direction)
+    return ease
+
+
+@wp.func
+def speed_at(working: Any, world: wp.int32, body: wp.int32, arm: wp.vec3):
+    """Of a body's point [m/s]."""
+    spin = working.body_eases[world, body] * working.body_turning[world, body]
+    return working.body_going[world, body] + wp.cross(spin, wp.vec3d(arm))
+
+
+@wp.func
+def beside_at(working: Any, world: wp.int32, grip: Grip):
+    """How fast a point moves beside what it meets [m/s]."""
+    speed = speed_at(working, world, grip.body, grip.arm) - wp.vec3d(grip.moving)
+    if grip.other >= 0:
+        speed -= speed_at(working, world, grip.other, grip.other_arm)
+    return wp.vec3(speed)
+
+
+@wp.func
+def push(t: Tables, working: Any, world: wp.int32, body: wp.int32, arm: wp.vec3, impulse: wp.vec3):
+    """A body's point [N s]."""
+    whole = wp.vec3d(impulse)
+    mass = wp.float64(body_mass(t, world, body))
+    working.body_going[world, body] = working.body_going[world, body] + whole / mass
+    working.body_turning[world, body] = working.body_turning[world, body] + wp.cross(wp.vec3d(arm), whole)
+
+
+@wp.func
+def push_apart(t: Tables, working: Any, world: wp.int32, grip: Grip, impulse: wp.vec3):
+    """By an impulse on the point, and the opposite on what it meets [N s]."""
+    push(t, working, world, grip.body, grip.arm, impulse)
+    if grip.other >= 0:
+        push(t, working, world, grip.other, grip.other_arm, -impulse)
+
+
+@wp.func
+def added_at(t: Tables, working: Any, world: wp.int32, grip: Grip, rubs: bool):
+    """What a point's impulse is to gain, as it is now [N s]."""
+    beside = beside_at(working, world, grip)
+    if not rubs:
+        return grip_impulse(grip, beside, grip.ease, 0.0)
+    sliding = beside - wp.dot(beside, grip.normal) * grip.normal
+    across = grip.ease
+    if wp.length_sq(sliding) > 0.0:
+        across = ease_at(t, working, world, grip, wp.normalize(sliding))
+    return grip_impulse(grip, beside, across, grip.friction)
+
+
+@wp.func
+def settle(t: Tables, working: Any, world: wp.int32, count: wp.int32, rubs: bool, allowed: float, most: wp.int32):
+    """Let the first points of the list push until they agree; how many sweeps it took.
+
+    Args:
+        rubs: whether there is friction.
+        allowed: by how much a sweep may still change a speed then [m/s].
+        most: sweeps.
+    """
+    for number in range(count):
+        grip = working.grips[world, number]
+        push_apart(t, working, world, grip, grip.impulse)
+        grip.ahead = wp.vec3()
+        working.grips[world, number] = grip
+    sweeps = wp.int32(0)
+    age = float(0.0)
+    before = float(wp.inf)
+    agreed = bool(False)
+    while not agreed and sweeps < most:
+        agreed = bool(True)
+        along = float(0.0)
+        changed = float(0.0)
+        for number in range(count):
+            grip = working.grips[world, number]
+            grip.added = added_at(t, working, world, grip, rubs)
+            grip.impulse += grip.added
+            push_apart(t, working, world, grip, grip.added)
+            agreed = agreed and has_agreed(grip, allowed)
+            along += grip.ease * wp.dot(grip.added, grip.ahead + grip.added)
+            changed += grip.ease * wp.length_sq(grip.added)
+            working.grips[world, number] = grip
+        sweeps += 1
+        age = wp.where(along < 0.0 or changed > 2.0 * before, 0.0, age + 1.0)
+        before = changed
+        if not agreed and sweeps < most:
+            for number in range(count):
+                grip = working.grips[world, number]
+                grip.ahead = going_on(age) * (grip.ahead + grip.added)
+                grip.impulse += grip.ahead
+                push_apart(t, working, world, grip, grip.ahead)
+                working.grips[world, number] = grip
+    return sweeps
