@@ -77,14 +77,15 @@ class State:
     """of triangles of rubber that softens: the greatest energy density that each has had [Pa], shape (world_count,
     triangle_count), float32, or (world_count, 0) where none softens"""
     torn: wp.array
-    """of faces: how far a tear may have run from there, at rest [m], large where it has gone on, and negative where the
-    face is whole, shape (world_count, face_count), float32, or (world_count, 0) where none may tear"""
+    """of faces: how far a tear may have run from there, at rest [m], negative where the face is whole, shape
+    (world_count, face_count), float32, or (world_count, 0) where none may tear"""
     bursts: wp.array
-    """of balloons: when each burst [s], or negative; its pressure since then [Pa], how soft what is in there is, see
-    `laws.tearing.softness_of_gas`, and the stress at which it burst [Pa], shape (world_count,
-    balloon_count), vec4, or (world_count, 0)"""
-    hole_areas: wp.array
-    """of balloons that burst, in square micrometers, which add up alike in any order, of that shape, int64"""
+    """of balloons: when each burst [s], or negative; the area of its hole [m^2], or negative once nothing encloses its
+    gas any more; the face where it burst, and the stress there [Pa]; shape (world_count, balloon_count), vec4, or
+    (world_count, 0)"""
+    tear_planes: wp.array
+    """of torn faces, the planes along which their tears run, see `laws.tearing`: unit normal and distance from the
+    origin [m] on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
     body_positions: wp.array
     """centers of mass [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -147,7 +148,7 @@ def new_state(model: Model, room: Room) -> State:
         peaks=room.array(softening, wp.float32),
         torn=room.array((worlds, model.face_count if model.bursts else 0), wp.float32),
         bursts=room.array(bursting, wp.vec4),
-        hole_areas=room.array(bursting, wp.int64),
+        tear_planes=room.array((worlds, model.face_count if model.bursts else 0), wp.vec4),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),

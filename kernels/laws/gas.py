@@ -125,6 +125,13 @@ def volume_at(free_volume: float, pressure: float, gamma: float):
 
 
 @wp.func
+def free_volume_of(volume: float, pressure: float, gamma: float, warmth: float):
+    """Of a gas that has a volume at a pressure in full [m^3], where the air is warmer than at height 0 by a factor."""
+    free_volume = volume * wp.pow(pressure / STANDARD_PRESSURE, 1.0 / gamma)
+    return wp.where(gamma == 1.0, free_volume / warmth, free_volume)
+
+
+@wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
     """Of a gas and the air around it [J], whose negative slope by the volume is the pressure above the air's; 0 where
     both are in balance."""

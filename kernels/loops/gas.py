@@ -18,7 +18,7 @@ from balloon_warp.kernels.laws.gas import (
     volume_at,
 )
 from balloon_warp.kernels.laws.inflation import GAS
-from balloon_warp.kernels.laws.orifice import thrust, vent_flow
+from balloon_warp.kernels.laws.orifice import SHARP_EDGE, thrust, vent_flow
 from balloon_warp.kernels.loops.airs import air_function, warmth_function
 from balloon_warp.kernels.loops.jets import opening_function
 from balloon_warp.kernels.own import numbers_reader
@@ -40,6 +40,21 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
     """Into a balloon."""
     state.gas_amounts[world, balloon] = gas[0]
     state.free_volumes[world, balloon] = gas[1]
+
+
+@cache
+def holding_function(traits: Traits) -> Any:
+    """The function that says whether a balloon has gas of its own: one that has burst does, until it is open."""
+
+    @wp.func
+    def holds_gas(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
+        holds = t.inflation_kind[balloon] == GAS
+        if wp.static(traits.bursts):
+            burst = state.bursts[world, balloon]
+            holds = burst[1] >= 0.0 and (holds or burst[0] >= 0.0)
+        return holds
+
+    return holds_gas
 
 
 @cache
@@ -108,6 +123,7 @@ def pump_function(traits: Traits) -> Any:
     temperature_column = columns.places["air_temperature"] - columns.balloon_width
     air_at = air_function(traits)
     fill = fill_function(traits) if traits.fills else None
+    holds_gas = holding_function(traits)
 
     @wp.func
     def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
@@ -115,7 +131,7 @@ def pump_function(traits: Traits) -> Any:
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         of_world = row_of_world(world, t.world_numbers.shape[0])
         for balloon in range(t.inflation_kind.shape[0]):
-            if t.inflation_kind[balloon] == GAS:
+            if t.inflation_kind[balloon] == GAS and holds_gas(t, state, world, balloon):
                 ramp = state.inflation_ramp[world, balloon]
                 moles = t.step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * t.step_seconds))
                 if wp.static(fill is not None):
@@ -160,12 +176,14 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
     def find_vent(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
         """By the pressure at the end of the substep, which changes by that."""
         n = read_numbers(t, world, balloon)
+        opening = opening_of_neck(time, n) + n[leak_column]
+        if wp.static(traits.bursts):
+            opening += SHARP_EDGE * wp.max(state.bursts[world, balloon][1], 0.0)
         air = air_at(t, state, world, balloon)
         a_mole = as_warm_there(t, world, balloon, molar_free_volume(gas_in(state, world, balloon)), air)
         flow_and_more = flow_of_vent(
             state.vent_flows[world, balloon], state.pressures[world, balloon], a_mole,
-            state.pressure_slopes[world, balloon], t.step_seconds, opening_of_neck(time, n) + n[leak_column],
-            air[0], air[1], air[2], n,
+            state.pressure_slopes[world, balloon], t.step_seconds, opening, air[0], air[1], air[2], n,
         )  # fmt: skip
         state.vent_flows[world, balloon] = flow_and_more[0]
         raise_pressure(state, world, balloon, -t.step_seconds * flow_and_more[1])
@@ -192,6 +210,7 @@ def flows_function(traits: Traits) -> Any:
     gamma_column = columns.places["gamma"]
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
     find_vent, take_vented = vent_function(traits) if traits.vents else (None, None)
+    holds_gas = holding_function(traits)
 
     @wp.func
     def find_flow(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32, tube: wp.int32):
@@ -225,7 +244,7 @@ def flows_function(traits: Traits) -> Any:
                 find_flow(t, state, world, row_of_world(world, t.tubes.conductance.shape[0]), tube)
             if wp.static(traits.vents):
                 for balloon in range(t.inflation_kind.shape[0]):
-                    if t.inflation_kind[balloon] == GAS:
+                    if holds_gas(t, state, world, balloon):
                         find_vent(t, state, world, balloon, time)
 
     @wp.func
@@ -247,7 +266,7 @@ def flows_function(traits: Traits) -> Any:
             put_gas(state, world, sink, gained)
         if wp.static(traits.vents):
             for balloon in range(t.inflation_kind.shape[0]):
-                if t.inflation_kind[balloon] == GAS:
+                if holds_gas(t, state, world, balloon):
                     take_vented(t, state, world, balloon, time)
 
     return let_gases_flow
@@ -262,6 +281,8 @@ def gas_mass_function(traits: Traits) -> Any:
     def gas_mass(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
         """[kg]; it moves along with the balloon."""
         amount = float(state.gas_amounts[world, balloon])
+        if wp.static(traits.bursts):  # air in a balloon that had a pressure until it burst is not weighed before either
+            amount = wp.where(t.inflation_kind[balloon] == GAS, amount, 0.0)
         gas = amount * t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, column]
         if wp.static(traits.takes_air_along):
             gas += state.air_along[world, balloon]

@@ -139,12 +139,8 @@ def add_area_vectors(
     # out
     area_vectors: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, face): its parts of its particles' area vectors; none where it is torn."""
+    """A thread a (world, face): its parts of its particles' area vectors."""
     world, face = wp.tid()
-    gone = t.membranes.wear.tears.gone
-    if gone.shape[1] > 0:
-        if gone[world, face] == wp.int8(1):
-            return
     begin = t.faces.offsets[face]
     end = t.faces.offsets[face + 1]
     count = end - begin

@@ -66,7 +66,7 @@ class Material(Table):
     """the true stress at which it tears and the balloon bursts, force over what is left of the section [Pa]; when
     missing, it never does"""
     tear_strength: Positive | None = None
-    """of `strength`: the stress at the tip of a tear that it needs to run on [Pa]; a tenth of it when missing"""
+    """of `strength`: the stress ahead of the tip of a tear that it needs to run on [Pa]; 0.3 of it when missing"""
     branching_stress: Positive | None = None
     """of `strength`: a balloon that bursts at a higher stress does not open along one tear, but in pieces [Pa]; half of
     it when missing"""
