@@ -146,6 +146,8 @@ class FaceTable:
     """where each balloon's faces begin, and after the last, where they end"""
     volume_origins: wp.array[wp.int32]
     """the particle of each balloon about which its volume is taken: one of a face"""
+    volumes: wp.array[float]
+    """that each balloon's mesh encloses [m^3]"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
 

@@ -22,6 +22,12 @@ STANDARD_PRESSURE = 101325.0
 """p_0, one atmosphere [Pa]"""
 THINNEST = 1.0e-3
 """to how little of itself a pressure may fall at once, which bounds what follows from it"""
+COLLAPSING = wp.constant(0.5)
+"""part of its volume that a balloon has left at the end of a step, below which the step is no first order's"""
+EMPTY = wp.constant(0.02)
+"""part of what a mesh encloses that is left to a balloon when it is flat, which no pump or opening takes out"""
+EMPTIEST = wp.constant(1.0e-6)
+"""part of a volume that stands for none"""
 PARAMETERS = (
     Parameter(
         "gamma",
@@ -150,6 +156,26 @@ def free_volume_there(free_volume: float, gamma: float, warmth: float):
 
 
 @wp.func
+def end_of_collapse(volume: float, held: float, air_pressure: float):
+    """The volume at the end of a step [m^3] of what would lose most of it in the step.
+
+    There the pressure is p_a (V_a / x - 1) at the volume x of the end, V_a that at the air's pressure, and K the rise
+    of the volume in the step with a pressure [m^3/Pa]: x = B + K p_a (V_a / x - 1). The larger root is never below 0,
+    whatever is in there.
+
+    Args:
+        volume: B, as it would be at the end without any pressure [m^3].
+        held: K p_a V_a [m^6].
+        air_pressure: K p_a [m^3].
+    """
+    half = 0.5 * (volume - air_pressure)
+    root = wp.sqrt(half * half + held)
+    if half > 0.0:
+        return half + root
+    return held / wp.max(root - half, 1.0e-30)  # the same, to the last digit
+
+
+@wp.func
 def gas_load(
     swelling: Swelling,
     amount: float,
@@ -197,8 +223,17 @@ def gas_load(
     yielding = 1.0 + pull * swelling[RESPONSE]
     pressure = (explicit - pull * rate) / yielding
     thin = THINNEST * wp.vec2(STANDARD_PRESSURE, volume)
-    slope = gamma * wp.max(air[0] + explicit, thin[0]) / wp.max(there, thin[1])
-    return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope / yielding)
+    slope = gamma * wp.max(air[0] + explicit, thin[0]) / wp.max(there, thin[1]) / yielding
+    added = step_seconds * swelling[RESPONSE]
+    without = swelling[VOLUME] + step_seconds * rate
+    if added > 0.0 and without + added * pressure < COLLAPSING * volume:
+        # so close to empty p(V) is no line
+        full = added * air[0]
+        held = full * volume_at(there, air[0], gamma)
+        end = wp.max(end_of_collapse(without, held, full), EMPTIEST * volume)
+        pressure = (end - without) / added
+        slope = end * air[0] / (end * end + held)
+    return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope)
 
 
 @wp.func
@@ -214,15 +249,21 @@ def throttled(molar_free_volume: float, pressure: float, pressure_beyond: float,
 
 @wp.func
 def pumped_gas(
-    gas: wp.vec2d, moles: float, pressure: float, gamma: float, air_temperature: float, temperature_here: float
+    gas: wp.vec2d,
+    moles: float,
+    least: float,
+    pressure: float,
+    gamma: float,
+    air_temperature: float,
+    temperature_here: float,
 ):
     """Amount [mol] and free volume [m^3] of a gas when so much is pumped in, or if negative let out.
 
     What comes in is as warm as the air here, and goes through a valve to the `pressure` in there, in full [Pa]; what
-    leaves takes its part of the free volume along. Where heat passes, that is told as at height 0, see
-    `free_volume_there`.
+    leaves takes its part of the free volume along, as long as there is more than `least` [mol]. Where heat passes, that
+    is told as at height 0, see `free_volume_there`.
     """
-    amount = wp.max(gas[0] + wp.float64(moles), wp.float64(0.0))
+    amount = wp.max(gas[0] + wp.float64(moles), wp.min(gas[0], wp.float64(least)))
     free_volume = gas[1]
     if gamma == 1.0:
         free_volume = amount * wp.float64(molar_volume(STANDARD_PRESSURE, air_temperature))
@@ -232,6 +273,12 @@ def pumped_gas(
     elif moles < 0.0:
         free_volume *= amount / wp.max(gas[0], wp.float64(1.0e-20))
     return wp.vec2d(amount, free_volume)
+
+
+@wp.func
+def amount_when_flat(mesh_volume: float, air: wp.vec3):
+    """What is left in a balloon whose walls lie on each other [mol], in air of a pressure and temperature."""
+    return EMPTY * wp.max(mesh_volume, 0.0) / molar_volume(air[0], air[1])
 
 
 @wp.func

@@ -11,6 +11,7 @@ from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
 from balloon_warp.kernels.laws.gas import (
     STANDARD_PRESSURE,
     THINNEST,
+    amount_when_flat,
     gas_through_tube,
     molar_free_volume,
     pumped_gas,
@@ -40,6 +41,13 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
     """Into a balloon."""
     state.gas_amounts[world, balloon] = gas[0]
     state.free_volumes[world, balloon] = gas[1]
+
+
+@wp.func
+def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
+    """A balloon's gas in a substep, before it is flat [mol/s]."""
+    spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.volumes[balloon], air)
+    return wp.max(spare, 0.0) / t.step_seconds
 
 
 @cache
@@ -137,8 +145,9 @@ def pump_function(traits: Traits) -> Any:
                 if wp.static(fill is not None):
                     moles = fill(t, state, world, balloon, moles, time)
                 air = air_at(t, state, world, balloon)
+                least = amount_when_flat(t.faces.volumes[balloon], air)
                 gas = pumped_gas(
-                    gas_in(state, world, balloon), moles, air[0] + state.pressures[world, balloon],
+                    gas_in(state, world, balloon), moles, least, air[0] + state.pressures[world, balloon],
                     t.balloon_numbers[of_balloons, balloon, gamma_column],
                     t.world_numbers[of_world, temperature_column], air[1],
                 )  # fmt: skip
@@ -166,7 +175,8 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
     )
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
     read_numbers, opening_of_neck = numbers_reader(columns), opening_function(columns)
-    given = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", *(row.name for row in STATE_OF_AIR)]
+    told = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", "most"]
+    given = [*told, *(row.name for row in STATE_OF_AIR)]
     arguments = ", ".join([*(f"{name}: float" for name in given), "n: Any"])
     call = call_of(vent_flow, "vent_flow", given, columns)
     source = f"def flow_of_vent({arguments}):\n    return {call}\n"
@@ -181,9 +191,11 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
             opening += SHARP_EDGE * wp.max(state.bursts[world, balloon][1], 0.0)
         air = air_at(t, state, world, balloon)
         a_mole = as_warm_there(t, world, balloon, molar_free_volume(gas_in(state, world, balloon)), air)
+        most = most_that_leaves(t, state, world, balloon, air)
         flow_and_more = flow_of_vent(
             state.vent_flows[world, balloon], state.pressures[world, balloon], a_mole,
-            state.pressure_slopes[world, balloon], t.step_seconds, opening, air[0], air[1], air[2], n,
+            state.pressure_slopes[world, balloon], t.step_seconds, opening, most,
+            air[0], air[1], air[2], n,
         )  # fmt: skip
         state.vent_flows[world, balloon] = flow_and_more[0]
         raise_pressure(state, world, balloon, -t.step_seconds * flow_and_more[1])
@@ -195,7 +207,7 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
         air = air_at(t, state, world, balloon)
         state.thrusts[world, balloon] = thrust(opening_of_neck(time, n), state.pressures[world, balloon])
         gas = pumped_gas(
-            gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon],
+            gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon], 0.0,
             air[0] + state.pressures[world, balloon], n[gamma_column], n[temperature_column], air[1],
         )  # fmt: skip
         put_gas(state, world, balloon, gas)
@@ -225,6 +237,9 @@ def flows_function(traits: Traits) -> Any:
         softness = of_first * state.pressure_slopes[world, first] + of_second * state.pressure_slopes[world, second]
         flow = state.tube_flows[world, tube]
         more = tube_flow(t.tubes.conductance[conductances, tube], flow, difference, softness, t.step_seconds)
+        out_of_first = most_that_leaves(t, state, world, first, air_at(t, state, world, first))
+        out_of_second = most_that_leaves(t, state, world, second, air_at(t, state, world, second))
+        more = wp.clamp(flow + more, -out_of_second, out_of_first) - flow
         state.tube_flows[world, tube] = flow + more
         raise_pressure(state, world, first, -t.step_seconds * more * of_first)
         raise_pressure(state, world, second, t.step_seconds * more * of_second)

@@ -121,7 +121,7 @@ def scalar_loops(
         if wp.static(traits.has("hinge")):
             force += sum_hinges(t.hinges, points, own.number, own.n)
         if wp.static(traits.has("face")):
-            force += sum_faces(t, points, velocities, own.number, own.n, time)
+            force += sum_faces(t, points, velocities, own.world, own.number, own.n, time)
         if wp.static(sum_membrane is not None):
             force += sum_membrane(
                 t.membranes, points, velocities, own.world, own.number, own.balloon, point, velocity, own.n

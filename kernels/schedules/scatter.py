@@ -89,7 +89,7 @@ def force_kernel(traits: Traits) -> Any:
     def add_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
         """Its force, shared by its corners."""
         n = read_numbers(t, world, t.faces.balloon[face])
-        share = push_at_corner(t, points, velocities, face, n, time)
+        share = push_at_corner(t, points, velocities, world, face, n, time)
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
             wp.atomic_add(forces, t.faces.particles[corner], share)
 
