@@ -99,6 +99,12 @@ class State:
     `kernels.loops.holding`, shape (world_count, most_touches), int32"""
     body_impulses: wp.array
     """by which they were held out of it, and by friction [N s], of that shape, vec3"""
+    unsettled: wp.array
+    """of the projective solver: the frame whose iterations were the farthest from settled of those that are worth
+    telling, 0 if there is none, and how much the last one changed of what springs moved, shape (world_count,), vec2"""
+    overstretched: wp.array
+    """of rubber that locks: the first frame, 0 if there is none, after which a face was stretched beyond its
+    `most_stretch`, shape (world_count,), int32"""
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
@@ -155,6 +161,8 @@ def new_state(model: Model, room: Room) -> State:
         body_momenta=room.array(bodies, wp.vec3),
         body_touches=room.array(touches, wp.int32),
         body_impulses=room.array(touches, wp.vec3),
+        unsettled=room.array(worlds, wp.vec2),
+        overstretched=room.array(worlds, wp.int32),
         first_bad=room.array(worlds, wp.int32),
     )
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.laws.membrane import MOST_STRETCH, OGDEN_EXPONENTS
+from balloon_warp.kernels.laws.membrane import OGDEN_EXPONENTS
 from balloon_warp.kernels.laws.tearing import NEVER
 from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema.fields import NonNegative, Positive, Rule, Table, Vector, optional_field_of
@@ -23,8 +23,9 @@ FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "ogden": (*OF_ALL, "ogden_moduli", "ogden_exponents"),
     "gent": (*OF_ALL, "shear_modulus", "gent_limit"),
 }
-NEARLY_LOCKED = 0.9
-"""of the stretch at which a Gent material locks is the most that the step is made for, where nobody says it"""
+NEARLY_LOCKED = 0.96
+"""of the stretch at which a Gent material locks is the most that the law holds to, and the step is made for, where
+nobody says it: 1 / (1 - 0.96^2) = 13 times as stiff as at rest against what changes the shape"""
 
 
 class Material(Table):
@@ -104,7 +105,7 @@ class Material(Table):
         if said is None and self.preset:
             said = PRESETS[self.preset].get(field)
         if said is None and field == "most_stretch" and (lock := self.locking_stretch) < FAR:
-            return max(min(MOST_STRETCH.default, NEARLY_LOCKED * lock), 1.0)
+            return max(NEARLY_LOCKED * lock, 1.0)
         return said
 
     @property

@@ -57,8 +57,8 @@ class Scene(Table):
     solver: Literal["symplectic_euler", "forward_euler", "projective"] = "symplectic_euler"
     """how a step goes on: v += h a, then x += h v (the paper's listing); or x += h v, then v += h a; or, stable at any
     step, backward Euler by local and global steps (Liu et al. 2013)"""
-    solver_iterations: Annotated[int, Field(ge=1, le=10_000)] = 10
-    """how many iterations "projective" makes in each substep"""
+    solver_iterations: Annotated[int, Field(ge=1, le=10_000)] | Literal["auto"] = "auto"
+    """how many iterations "projective" makes in each substep; "auto" makes 10 to 200, until they change little"""
     correction: Literal["none", "provot", "tarantino"] = "none"
     """after a step, "provot" shortens springs that are longer than (1 + correction_limit) times their rest length to
     that (Provot 1995); with "tarantino" they do not pull there either, as in the paper"""
