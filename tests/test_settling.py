@@ -1,5 +1,5 @@
-"""The iterations of the `projective` solver, left to it: stiff balloons have the size that they should have, and what has
-not settled is told."""
+"""The iterations of the `projective` solver, left to it: stiff balloons have the size that they should have, and what
+has not settled is told."""
 
 from pathlib import Path
 
@@ -37,6 +37,7 @@ def radii(simulator: Simulator) -> np.ndarray:
     return np.linalg.norm(points - points.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
 
 
+PARTS = {"structural": 1.0, "shear": 0.5, "flexion": 0.1}
 STIFF = [(20.0, 2.0), (200.0, 4.0), (2000.0, 1.0), (2000.0, 20.0), (10_000.0, 0.5)]
 
 
@@ -46,9 +47,6 @@ def stiff_balls() -> Simulator:
     vary = {f"balloon.stiffness.{kind}": [part * k for k, _ in STIFF] for kind, part in PARTS.items()}
     vary["balloon.inflation.k_normal"] = [push for _, push in STIFF]
     return after(Simulator(ball(20.0, 1.0), "cpu", len(STIFF), vary), 60)
-
-
-PARTS = {"structural": 1.0, "shear": 0.5, "flexion": 0.1}
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -88,8 +86,8 @@ def test_a_step_that_has_settled_is_newtons():
 
 
 def test_what_has_not_settled_is_told():
-    """Three iterations are too few for stiff springs, and it is said in which world and frame; a world without springs has
-    nothing to settle. Two hundred may be too few, too."""
+    """Three iterations are too few for stiff springs, and it is said in which world and frame; a world without springs
+    has nothing to settle. Two hundred may be too few, too."""
     vary = {f"balloon.stiffness.{kind}": [0.0, part * 2000.0] for kind, part in PARTS.items()}
     few = after(Simulator(ball(2.0, 0.1, solver_iterations=3), "cpu", 2, vary), 6)
     (sentence,) = few.warnings
