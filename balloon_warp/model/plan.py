@@ -19,6 +19,7 @@ from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
+from balloon_warp.model.limit_points import pressures_too_high
 from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters, parameters_at
@@ -82,10 +83,11 @@ class ModelPlan:
 
     @property
     def warnings(self) -> list[str]:
-        """what is odd about the meshes, and what became of it; which spheres may come through, and which strings start
-        overstretched"""
+        """what is odd about the meshes, and what became of it; which spheres may come through, which pressures rubber
+        does not bear, and which strings start overstretched"""
         step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
         passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
+        passing += pressures_too_high(self.scene, self.shapes, self.parameters)
         return passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
 
     @property

@@ -42,11 +42,14 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
         if balloon.inflation.is_automatic:
             if law := law_of(scene, number):
                 told = numbers_of(parameters, number)
-                pressures = np.zeros((1, 1)) if shape.flies_off else _pressures_of_membrane(shape, law, told)
+                pressures = np.zeros((1, 1))
+                if not shape.flies_off:
+                    pressures = np.minimum(pressures_of_membrane(shape, law, told, np.array([STRETCH])), MOST_OF_FILM)
                 values = _with_settled(values, number, pressures)
                 continue
             constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
-            pressures = np.zeros((1, 1)) if shape.flies_off else constants @ _pressures(shape)[:, None]
+            for_each = PRESSURE * pressures_of_springs(shape)[:, None]
+            pressures = np.zeros((1, 1)) if shape.flies_off else constants @ for_each
             values = _with_settled(values, number, pressures)
     return values
 
@@ -59,16 +62,16 @@ def _with_settled(values: NDArray[np.float64], number: int, pressures: NDArray[n
     return values
 
 
-def _pressures_of_membrane(
-    shape: BalloonShape, law: Law, told: Mapping[str, NDArray[np.float64]]
+def pressures_of_membrane(
+    shape: BalloonShape, law: Law, told: Mapping[str, NDArray[np.float64]], stretches: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """That stretch a round balloon of the same area as much [Pa], shape (W, 1): 2 h dW/dl / (l^2 R), by virtual
+    """That stretch a round balloon of the same area so [Pa], shape (W, stretch_count): 2 h dW/dl / (l^2 R), by virtual
     work."""
     area = total_area(shape.mesh)
     radius = np.sqrt(area / ((4.0 if shape.closed else 2.0) * np.pi))
     thickness = told["thickness"] * shape.membrane.areas.sum() / area
-    slope, _ = slopes_by_stretches(law, told, np.array(STRETCH), np.array(STRETCH))
-    return np.minimum(2.0 * thickness * slope / (STRETCH**2 * radius), MOST_OF_FILM)
+    slope, _ = slopes_by_stretches(law, told, stretches, stretches)
+    return 2.0 * thickness * slope / (stretches**2 * radius)
 
 
 def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
@@ -83,8 +86,8 @@ def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
     return scene.model_copy(update={"balloon": balloons})
 
 
-def _pressures(shape: BalloonShape) -> NDArray[np.float64]:
-    """Pressure [Pa] for each N/m of the three kinds of springs, shape (3,).
+def pressures_of_springs(shape: BalloonShape) -> NDArray[np.float64]:
+    """Pressure [Pa] for each N/m of the three kinds of springs, shape (3,), over (s - 1) / s^2.
 
     Of several parts the largest counts. Springs between parts hold no surface. A surface with a border may become half
     a sphere.
@@ -99,7 +102,7 @@ def _pressures(shape: BalloonShape) -> NDArray[np.float64]:
     within = parts[springs.pairs[:, 0]] == parts[springs.pairs[:, 1]]
     weights = shape.stiffness_scale / shape.softness * springs.rest_lengths**2 * within
     tension = np.bincount(springs.kind, weights, len(KINDS)) / (2.0 * areas.sum())
-    return PRESSURE * 2.0 * _evenness(shape, within) * tension / radius
+    return 2.0 * _evenness(shape, within) * tension / radius
 
 
 def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:

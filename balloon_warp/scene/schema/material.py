@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.laws.membrane import OGDEN_EXPONENTS
+from balloon_warp.kernels.laws.membrane import GENT_LIMIT, OGDEN_EXPONENTS
 from balloon_warp.kernels.laws.tearing import NEVER
 from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema.fields import NonNegative, Positive, Rule, Table, Vector, optional_field_of
@@ -111,8 +111,8 @@ class Material(Table):
     @property
     def locking_stretch(self) -> float:
         """both ways, at which a Gent material's chains are straight"""
-        limit = self.value("gent_limit")
-        return FAR if self.law != "gent" or limit is None else (0.5 * (limit + 3.0)) ** 0.5
+        limit = self.value("gent_limit") or GENT_LIMIT.default
+        return FAR if self.law != "gent" else (0.5 * (limit + 3.0)) ** 0.5
 
     @model_validator(mode="after")
     def _fields_of_its_kind(self) -> Self:

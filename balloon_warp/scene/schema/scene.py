@@ -119,6 +119,13 @@ class Scene(Table):
                     f"string.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
                     f"(got {string.balloon})"
                 )
+        if self.correction != "none" and not any(
+            not balloon.material.is_membrane or balloon.material.springs for balloon in self.balloon
+        ):
+            raise ValueError(
+                f'correction: "{self.correction}" shortens springs, and no balloon has any; expected "none", or a '
+                'material with `springs`, or kind = "springs"'
+            )
         times = [change.time for change in self.change]
         if any(later < earlier for earlier, later in itertools.pairwise(times)):
             raise ValueError(f"change: times must not decrease (got {times})")
