@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from meshes import mesh_of, moebius, prism, quad_sphere
+from scipy.spatial import ConvexHull
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -189,23 +190,35 @@ def test_with_tarantino_a_spring_at_its_limit_does_not_pull(device):
         np.testing.assert_allclose(scatter.forces.numpy()[0, :, 0], [expected, -expected], atol=1e-5)
 
 
+def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
+    """Triangles of many sizes, the hull of points that are spread a little."""
+    points = np.random.default_rng(1).normal(size=(count, 3))
+    for _ in range(5):
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+        moved = points.copy()
+        for triangle in ConvexHull(points).simplices:
+            moved[triangle] += 0.2 * points[triangle].mean(axis=0)
+        points = moved
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    triangles = [each if np.linalg.det(points[each]) > 0.0 else each[::-1] for each in ConvexHull(points).simplices]
+    return mesh_of(radius * points, [triangle.tolist() for triangle in triangles])
+
+
 @pytest.mark.parametrize("limit", [0.1, 0.25])
 def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
     """Uneven springs, many of them at their limit: in another order of sums particles are at the same places after half
-    a second, but for what rounding makes of itself. Where pull ended at once, they were 5 mm and more apart."""
-    mesh = quad_sphere(5, radius=0.5)
-    mesh = replace(mesh, points=mesh.points + np.random.default_rng(4).normal(scale=0.02, size=mesh.points.shape))
-    strong = Inflation(k_normal=60.0 * limit)
+    a second, but for what rounding makes of itself. Where their pull ended at once, they were 7 and 76 mm apart."""
+    ball, strong = uneven_ball(), Inflation(k_normal=40.0 * limit)
     fields = {"inflation": strong, "damping": 0.3, "stiffness": Stiffness(), "correction_limit": limit}
-    scene = scene_of(mesh, "tarantino", **fields | {"substeps": "auto"})
+    scene = scene_of(ball, "tarantino", **fields | {"substeps": "auto"})
     ends = []
     for schedule in ("scatter", "octets"):
         simulator = Simulator(scene, "cpu", schedule=schedule)
         for _ in range(30):
             simulator.advance()
         ends.append(simulator.state.points.numpy()[0])
-    assert np.mean(stretches(simulator.model, ends[0]) > 1.0 + 0.99 * limit) > 0.2
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-4)
+    assert np.mean(stretches(simulator.model, ends[0]) > 1.0 + 0.9 * limit) > 0.1
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=3e-4)
 
 
 def test_correction_without_a_spring_is_refused():

@@ -153,11 +153,7 @@ def run_batch(
     names = [*TABLE_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
-    for sentence in [
-        *ending_sentences(outcome.bad_endings),
-        *remark_sentences(outcome.remarks),
-        *crowding_remarks(outcome.crowded),
-    ]:
+    for sentence in _remarks(outcome):
         on_warning(sentence)
     return _summary(task, outcome, name)
 
@@ -187,6 +183,12 @@ def _simulate(
     from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
 
     return distribute_batch(task, cluster, device, checkpoints, on_frame)
+
+
+def _remarks(outcome: Outcome) -> list[str]:
+    """What is to be said at the end."""
+    ends, worlds = ending_sentences(outcome.bad_endings), remark_sentences(outcome.remarks)
+    return [*ends, *worlds, *crowding_remarks(outcome.crowded)]
 
 
 def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:

@@ -9,7 +9,7 @@ from balloon_warp.kernels.laws.law import Law, Parameter
 
 NEVER_YIELDS = 1.0e9
 """the stretch at which springs yield that do not yield: 1 - 1 / stretch is 1 in float32"""
-GIVING_WAY = wp.constant(0.005)
+GIVING_WAY = wp.constant(0.008)
 """of its longest, over which a spring's pull comes to its end"""
 NEVER_ZERO = wp.constant(1.0e-30)
 """[N/m], below all spring constants that count, so that it can be divided by"""
