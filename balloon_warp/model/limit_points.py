@@ -1,6 +1,6 @@
 """The most pressure that a round balloon bears: beyond its limit point it swells without end, whatever the step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ def passed_limit_point(
     shape: BalloonShape,
     parameters: Parameters,
     given: float,
-    points: NDArray[np.floating] | None = None,
+    points: NDArray[np.float64] | None = None,
 ) -> LimitPoint | None:
     """The limit point that a balloon under a given pressure is past; None if it is not, or its gas goes by its volume.
 
@@ -87,7 +87,7 @@ def passed_limit_point(
     past = given > pressures.max() / CLOSE
     if points is not None:
         past = given > CLOSE * pressures[peak]
-        area = total_area(shape.mesh.__class__(points, shape.mesh.face_vertex_counts, shape.mesh.face_vertex_indices))
+        area = total_area(replace(shape.mesh, points=points))
         stretch = np.sqrt(area / total_area(shape.mesh))
         past = past or bool(stretch > stretches[peak] and given > np.interp(stretch, stretches, pressures))
     if not past:

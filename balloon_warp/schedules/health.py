@@ -80,11 +80,10 @@ def _locking_triangles(model: Model) -> tuple[wp.array, wp.array] | None:
     locks = np.array([balloon.material.law == "gent" for balloon in model.scene.balloon])
     if not locks.any():
         return None
-    balloons = model.particle_balloon.numpy()[model.membrane_corners.numpy()[:, 0]]
-    triangles = np.flatnonzero(locks[balloons])
-    return tuple(
-        wp.array(numbers, dtype=wp.int32, device=model.device) for numbers in (triangles, model.triangle_faces)
-    )
+    firsts = np.asarray(model.membrane_corners.numpy(), dtype=np.int64).reshape(-1, 3)[:, 0]
+    balloons = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)[firsts]
+    triangles = wp.array(np.flatnonzero(locks[balloons]), dtype=wp.int32, device=model.device)
+    return triangles, wp.array(model.triangle_faces, dtype=wp.int32, device=model.device)
 
 
 def health_table(model: Model) -> Any:
