@@ -8,11 +8,13 @@ import pytest
 from meshes import quad_sphere
 from rubber_theory import sphere_pressure
 
+from balloon_warp.job import animate
 from balloon_warp.kernels.laws.membrane import MEMBRANES
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.materials import numbers_of, slopes_by_stretches
 from balloon_warp.model.plan import plan_model
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
+from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 
@@ -107,6 +109,13 @@ def test_beyond_the_most_stretch_the_tension_goes_on_as_it_is_there(most: float)
         assert np.all(np.diff(pressures[beyond & (stretches < 1.5 * LOCK)]) > 0.0)
     rise = np.diff(tension(stretches)) / np.diff(stretches)
     assert rise[beyond[1:]].max() <= slopes[0] * 1.01
+
+
+def test_a_run_tells_that_it_was_stretched_further(tmp_path: Path):
+    told: list[str] = []
+    scene = override_scene(ball(most_stretch=1.5), [("balloon.inflation.moles", 0.2), ("frames", 30)])
+    animate(scene, tmp_path / "ball.usda", device="cpu", on_warning=told.append)
+    assert any(each.startswith("material.most_stretch: in frame") for each in told)
 
 
 def test_a_batch_tells_who_stretched_it(tmp_path: Path):
