@@ -99,9 +99,10 @@ def slowest_rebound(gravity: float, step_seconds: float):
 
 @wp.func
 def clear_gap(gap: float, reach: float, place: wp.vec3):
-    """A gap without what is too small to count, so that what rests is not moved by how places are rounded [m]."""
+    """A gap, or none where it is too small to count, so that what rests is not moved by how places are rounded [m].
+    What is larger closes all the way, and does not stay at the edge of that."""
     blurred = BLURRED_SIZE * reach + BLURRED_PLACE * wp.length(place)
-    return gap - wp.clamp(gap, -blurred, blurred)
+    return wp.where(wp.abs(gap) <= blurred, 0.0, gap)
 
 
 @wp.func
