@@ -32,6 +32,8 @@ class SolidTable:
     """how far from the surface particles are held [m]"""
     reaches: wp.array[float]
     """of the farthest point from the origin [m]"""
+    blurs: wp.array[float]
+    """of a mesh, over its mean edge: by how much more two of its places are away from a point, if float32 tells"""
 
 
 @wp.struct

@@ -62,6 +62,7 @@ def solid_table(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None
     table.closed = array([shape.closed for shape in shapes], wp.int32)
     table.thicknesses = array([shape.thickness for shape in shapes], float)
     table.reaches = array([min(shape.reach, NOWHERE) for shape in shapes], float)
+    table.blurs = array([shape.blur for shape in shapes], float)
     return table
 
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.impulse import FREE, way_apart
 from balloon_warp.kernels.laws.rigid import spin_of, turned
-from balloon_warp.kernels.loops.solids import way_function
+from balloon_warp.kernels.loops.ways import way_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 

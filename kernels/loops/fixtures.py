@@ -9,7 +9,8 @@ from balloon_warp.kernels.laws.contact import friction_on, stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixture_looks import SURELY, look_functions
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
-from balloon_warp.kernels.loops.solids import surface_function, way_function
+from balloon_warp.kernels.loops.solids import surface_function
+from balloon_warp.kernels.loops.ways import way_function
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
