@@ -18,6 +18,12 @@ FAR_AWAY = wp.constant(1.0e30)
 """distance of a mesh that was not found within what was asked for [m]"""
 MOST_LOOKS = wp.constant(32)
 """at a way that may come into something"""
+BALL_LOOKS = wp.constant(256)
+"""the same, of a ball beside a mesh"""
+MOST_TURNS = wp.constant(4)
+"""of all that is in a way, in a step, of which one moves the end of that into another"""
+SETTLED = wp.constant(1.0e-3)
+"""of a way: what moves its end by less is next to nothing"""
 MOST_SLIDES = wp.constant(3)
 """of a particle along a mesh in a step, each from where the one before comes to the mesh again"""
 UNSEEN = wp.constant(0.02)
@@ -26,6 +32,12 @@ BLURRED = wp.constant(3.0e-5)
 """of a mesh's reach: nearer to its surface, float32 does not tell in which direction that is"""
 LEAST_STEP = wp.constant(2.0e-6)
 """on a way, over its length: what float32 tells apart"""
+
+
+@wp.func
+def is_settled(start: wp.vec3, end: wp.vec3, point: wp.vec3):
+    """Whether what is in a way has hardly moved its end, to a point."""
+    return wp.length(point - end) <= SETTLED * wp.length(end - start) + LEAST_STEP * wp.length(point)
 
 
 @wp.func

@@ -108,8 +108,9 @@ def stop_function(traits: Traits) -> Any:
                 wp.quat_rotate_inv(rigid.end_turn, arm), radius,
             )  # fmt: skip
             if wp.length_sq(outward) > 0.0:
+                back = wp.quat_rotate(rigid.end_turn, let) - arm
+                depth = wp.length(back)
                 stop.normal = wp.quat_rotate(rigid.end_turn, outward)
-                depth = wp.max(wp.dot(wp.quat_rotate(rigid.end_turn, let) - arm, stop.normal), 0.0)
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm)
                 stop.excess = wp.min(depth / t.step_seconds, -wp.dot(beside, stop.normal))
                 stop.out = way_apart(t.step_seconds * wp.max(stop.excess, 0.0) - depth, t.step_seconds)

@@ -35,7 +35,7 @@ class Meeting:
     normal: wp.vec3  # there, zero if it is not in the way
     moving: wp.vec3  # how fast its surface moves there [m/s]
     free: float  # how far from the end of the way there is nothing for sure [m]
-    part: float  # of the way that it lets the particle go
+    part: float  # of the step in which the particle slides along it
 
 
 @cache
@@ -120,9 +120,15 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     begin_look, look_at, note_look = look_functions(traits.several_fixtures)
 
     @wp.func
-    def leave_fixtures(t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3):
-        """A particle's point and velocity outside of all of them, at the end of a step."""
-        start = point - t.step_seconds * velocity
+    def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3):
+        """A particle's point and velocity outside of all of them, at the end of a step; then whether one has moved it,
+        and whether more than that one may be in its way.
+
+        Args:
+            start: where it was before the step.
+        """
+        moved = bool(False)
+        crowded = bool(False)
         look = begin_look(t, around.world, around.particle, around.time, start, point)
         if look.first < look.last:
             end = point
@@ -135,8 +141,12 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                     stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
                     velocity = slowed
+                    moved = True
             note_look(t, around.world, around.particle, around.time, look, end, point)
-        return point, velocity
+            if wp.static(traits.several_fixtures):
+                if look.last - look.first == t.fixtures.solids.kinds.shape[0]:
+                    crowded = SURELY * look.beyond < wp.length(end - start) + wp.length(point - end)
+        return point, velocity, moved, crowded
 
     @wp.func
     def out_of_fixtures(

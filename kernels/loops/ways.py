@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import SolidTable
-from balloon_warp.kernels.laws.fixture import LEAST_STEP, MESH, MOST_LOOKS, MOST_SLIDES, UNSEEN, toward
+from balloon_warp.kernels.laws.fixture import BALL_LOOKS, LEAST_STEP, MESH, MOST_LOOKS, MOST_SLIDES, UNSEEN, toward
 from balloon_warp.kernels.loops.solids import surface_function
 
 SAME_SIDE, SAME_FACE = wp.constant(0.1), wp.constant(0.9999)
@@ -101,14 +101,15 @@ def touch_function(meshes: bool) -> Any:
             inside = first + skin < -near or (ray.result and wp.dot(ray.normal, ahead) > 0.0)
             if first + skin <= near and not ray.result:  # it is on the surface, as float32 sees it
                 last, _normal = surface_at(shapes, up, number, start + way * ahead, radius, farthest)
-                inside = inside or last + skin < -near
+                inside = inside or last + skin < 0.0
         if inside:
             touch.normal = facing
             touch.place = start - first * facing
             touch.clear = start
         else:
             unseen = near + UNSEEN * skin - wp.min(first, 0.0)
-            step = wp.max(0.5 * skin, way / float(MOST_LOOKS))
+            looks = wp.where(radius > 0.0, BALL_LOOKS, MOST_LOOKS)  # a ray tells all of a particle, not of a ball
+            step = wp.max(0.5 * skin, way / float(looks))
             before = float(0.0)
             gone = wp.max(first, step)
             while skin > 0.0 and gone < passing:
