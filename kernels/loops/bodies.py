@@ -11,6 +11,9 @@ from balloon_warp.kernels.loops.ways import way_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
+STRAIGHT = wp.constant(0.99)
+"""product of two unit vectors along one line, but for rounding"""
+
 
 @wp.struct
 class Rigid:
@@ -111,6 +114,8 @@ def stop_function(traits: Traits) -> Any:
                 back = wp.quat_rotate(rigid.end_turn, let) - arm
                 depth = wp.length(back)
                 stop.normal = wp.quat_rotate(rigid.end_turn, outward)
+                if wp.dot(back, stop.normal) < STRAIGHT * depth:  # it slid off more than one side of the body
+                    stop.normal = wp.normalize(back)
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm)
                 stop.excess = wp.min(depth / t.step_seconds, -wp.dot(beside, stop.normal))
                 stop.out = way_apart(t.step_seconds * wp.max(stop.excess, 0.0) - depth, t.step_seconds)

@@ -38,6 +38,14 @@ def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, end: wp
     return gone_since(t, seen, time, end) < seen[3]
 
 
+@wp.func
+def forget_look(t: Tables, world: wp.int32, particle: wp.int32):
+    """What a particle saw, before another way in the same step."""
+    t.fixtures.looks[world, particle] = wp.vec4()
+    if t.fixtures.nearest.shape[1] > 0:
+        t.fixtures.nearest[world, particle] = wp.vec2()
+
+
 @cache
 def look_functions(several: bool) -> tuple[Any, Any, Any]:
     """The functions that say which obstacles are looked at, that look at one, and that note what was seen.

@@ -13,7 +13,7 @@ from balloon_warp.kernels.laws.contact import (
     penalty_force,
 )
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
-from balloon_warp.kernels.loops.fixture_looks import is_free
+from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
 from balloon_warp.kernels.traits import Traits
@@ -102,12 +102,17 @@ def standing_function(traits: Traits) -> Any:
                     point = stood
                     velocity = after
                     if wp.static(traits.stands_on_fixtures):
-                        again = not is_free(t, around.world, around.particle, around.time, point)
+                        again = not (
+                            is_free(t, around.world, around.particle, around.time, start)
+                            and is_free(t, around.world, around.particle, around.time, point)
+                        )
             if not again or is_settled(start, end, point):
                 turns = MOST_TURNS
-            elif wp.static(not traits.fixtures_move):
-                if turns == MOST_TURNS:
-                    point = start
+            elif wp.static(traits.stands_on_fixtures):
+                forget_look(t, around.world, around.particle)
+                if wp.static(not traits.fixtures_move):
+                    if turns == MOST_TURNS:
+                        point = start
         return point, velocity
 
     return stand

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import SolidTable
+from balloon_warp.kernels.laws.contact import without_approach
 from balloon_warp.kernels.laws.fixture import BALL_LOOKS, LEAST_STEP, MESH, MOST_LOOKS, MOST_SLIDES, UNSEEN, toward
 from balloon_warp.kernels.loops.solids import surface_function
 
@@ -27,6 +28,16 @@ class Touch:
 def raised(end: wp.vec3, touch: Touch, lift: float):
     """The end of a way that slides on from where it touches, a little above the surface there [m]."""
     return end + wp.max(wp.dot(touch.place - end, touch.normal) + lift, 0.0) * touch.normal
+
+
+@wp.func
+def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
+    """What is left of a course beside a surface; along the crease, where that goes into the one before, too."""
+    aside = without_approach(course, wp.vec3(), normal)
+    if wp.dot(aside, before) < 0.0:
+        crease = wp.normalize(wp.cross(before, normal))
+        aside = wp.dot(course, crease) * crease
+    return aside
 
 
 @wp.func
@@ -193,28 +204,27 @@ def slide_function(meshes: bool) -> Any:
                 lift = LEAST_STEP * (wp.length(end - start) + shapes.reaches[number])
                 clear = touch.clear + lift * touch.normal
                 let = raised(end, touch, lift)
+                course = along_both(end - start, touch.normal, wp.vec3())
                 slides = wp.int32(1)
-                bent = bool(False)
                 while slides > 0:
                     distance, normal = surface_at(shapes, up, number, let, radius, farthest)
                     if distance < -lift:
                         let -= distance * normal
-                        bent = True
+                        course = along_both(course, normal, wp.vec3())
                     again = touch_at(shapes, up, number, clear, let, radius, farthest)
                     slides += 1
                     if wp.length_sq(again.normal) == 0.0:
                         slides = 0
                     else:
-                        bent = True
                         part = 0.0
+                        course = along_both(course, again.normal, touch.normal)
                         clear = again.clear + lift * again.normal
                         let = beside_both(clear, let, again, touch, lift)
                         touch = again
                         if slides > MOST_SLIDES:
                             let = again.clear
                             slides = 0
-                if bent and wp.length_sq(let - end) > 0.0:
-                    outward = wp.normalize(let - end)
+                outward = toward(course - (end - start), outward)
         return let, outward, part
 
     return slide
