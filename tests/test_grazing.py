@@ -81,7 +81,7 @@ def test_no_particle_passes_a_wall_at_any_angle(kind: str, friction: float, sche
             expected = expected_end(-1.0, gap, into, along, friction, number * FRAME)
             if kind != "plane" and expected > HALF - 0.2:
                 break  # it has left the wall
-            # what comes within a skin is seen at most half a skin on; a plane rubs for the whole step, as the ground does
+            # a skin is seen at most half of it on; a plane rubs for the whole step, as the ground does
             slack = 2e-3 + (friction * into * FRAME if kind == "plane" else 0.0)
             assert place[:, 1].mean() == pytest.approx(expected, abs=slack)
 
