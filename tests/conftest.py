@@ -38,9 +38,7 @@ LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 """schedules that tests of physics leave out on a CPU"""
 
 BRIEF = (
-    *("atmosphere", "collision", "contact", "diagnosis", "empty", "euler", "free_frames", "gas", "gas_heat", "health"),
-    *("law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "tubes", "water"),
-    *("atmosphere", "collision", "contact", "diagnosis", "euler", "free_frames", "gas", "gas_heat", "grazing"),
+    *("atmosphere", "collision", "contact", "diagnosis", "empty", "euler", "free_frames", "gas", "gas_heat", "grazing"),
     *("health", "law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "tubes", "water"),
 )
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
