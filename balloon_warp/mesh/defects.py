@@ -48,7 +48,7 @@ def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held
             _faces_without_area(mesh),
             "has no area",
             "have no area",
-            "Such a face has springs, and is inflated once it opens.",
+            "Such a face has springs, and is inflated once it opens, unless it is a fin.",
         ),
         _about_faces(
             _duplicates(mesh, kept),
@@ -80,14 +80,14 @@ def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held
             edges_left,
             "is on an open border",
             "are on open borders",
-            "An open balloon is inflated, but cannot hold gas.",
+            "What is open is inflated where its border is held, and carried along where it is not; it holds no gas.",
         ),
         _about_edges(
             non_manifold_edges(edges),
             edges,
             "has more than two faces",
             "have more than two faces",
-            "Each face is inflated to the side that it winds to, and gas is refused.",
+            "A pressure pushes what is between inside and outside, and no walls or fins; gas is refused.",
         ),
         _about_opposite_winding(distinct, edges),
         _about_inward_components(distinct, edges, kept),
@@ -127,7 +127,7 @@ def _about_opposite_winding(mesh: PolygonMesh, edges: MeshEdges) -> str | None:
         return None
     left = _turned_edges(mesh_edges(wound_alike(mesh)))
     policy = (
-        "No winding fits all, as on a Moebius strip: there inflation pushes to both sides."
+        "No winding fits all, as on a Moebius strip: what is so has no inside, and is carried along."
         if len(left)
         else "Faces are turned until all wind alike."
     )

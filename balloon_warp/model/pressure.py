@@ -35,7 +35,7 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
     largest, a balloon would swell without end. R is that of a sphere of the balloon's area, since no shape of that area
     can become larger.
 
-    A balloon that is open, and free to fly, gets none: like one that is let go, it would shoot away.
+    A balloon of which nothing has an inside, and whose borders are free, gets none: it would shoot away.
     """
     values = parameters["keyframe_values"]
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):

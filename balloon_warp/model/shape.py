@@ -14,10 +14,12 @@ from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
+from balloon_warp.mesh.shells import pushed_outward, there_and_back
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
-from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.mesh.units import in_unit
+from balloon_warp.model.about_slack import about_slack
 from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
@@ -25,11 +27,6 @@ from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
 from balloon_warp.springs.membrane import Membrane, build_membrane, no_membrane
 from balloon_warp.springs.ties import balloon_springs
-
-SHOOTS_AWAY = (
-    "It is open and nothing holds it, so that it is not inflated: it would shoot away. Close it, hold it by `fixed`, "
-    "or say its inflation."
-)
 
 
 @dataclass(frozen=True)
@@ -49,6 +46,9 @@ class BalloonShape:
     membrane: Membrane
     """of rubber or film, as thick as the weights say, so that its areas are those of the balloon's thickness; empty
     where it is of springs"""
+    slack: NDArray[np.bool_]
+    """the faces that a pressure does not push, since both of their sides are on the same side of the balloon, or
+    nothing holds them; shape (face_count,)"""
     neck: Neck = NO_NECK
     """where it is open"""
     remarks: tuple[str, ...] = ()
@@ -74,11 +74,15 @@ class BalloonShape:
         """Whether no edge of the mesh is on a border."""
         return is_closed(mesh_edges(self.mesh))
 
-    @cached_property
+    @property
     def flies_off(self) -> bool:
-        """Whether a pressure would have a net force, and nothing holds it."""
-        balanced = self.closed and not len(inconsistent_edges(mesh_edges(self.mesh)))
-        return not balanced and bool((self.mass_share[self.mesh.face_vertex_indices] > 0.0).all())
+        """Whether a pressure would drive it away, whatever it pushes: nothing of it is around something, or held."""
+        return bool(self.slack.all())
+
+    @cached_property
+    def skin(self) -> PolygonMesh:
+        """The faces as kernels have them: those that are slack have no area, where others are not slack."""
+        return self.mesh if self.flies_off else there_and_back(self.mesh, self.slack)
 
 
 def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = False) -> BalloonShape:
@@ -96,6 +100,7 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
     placed = place_mesh(in_unit(mesh, balloon.unit), scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
+    placed, slack = _pushed(placed, balloon)
     material = balloon.material
     beside = [SpringKind[kind.upper()] for kind in material.springs] if material.is_membrane else list(SpringKind)
     springs = balloon_springs(placed, balloon.parts, beside)
@@ -113,9 +118,23 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
         softness=softness,
         mass_share=mass_share,
         membrane=membrane,
+        slack=slack,
         neck=neck_of(balloon.neck.at, placed, mass_share, np.array(scene.up)) if balloon.neck else NO_NECK,
     )
-    return replace(shape, remarks=(SHOOTS_AWAY,)) if balloon.inflation.is_automatic and shape.flies_off else shape
+    return replace(shape, remarks=about_slack(placed, slack, mass_share > 0.0))
+
+
+def _pushed(mesh: PolygonMesh, balloon: Balloon) -> tuple[PolygonMesh, NDArray[np.bool_]]:
+    """The mesh with faces outward that a pressure pushes, and which it does not push. All of them are pushed by what is
+    no pressure, by one that is said where nothing has an inside, and where holes are torn, which kernels know of."""
+    nothing = np.zeros(mesh.face_count, dtype=bool)
+    if balloon.inflation.kind != "pressure" or mesh.face_vertex_counts.max() == 2:
+        return mesh, nothing
+    held = np.zeros(mesh.vertex_count, dtype=bool)
+    held[[mesh.stand_in(particle) for particle in fixed_particles(balloon.fixed, mesh)]] = True
+    mesh, slack = pushed_outward(mesh, held)
+    pushed = not balloon.inflation.is_automatic if slack.all() else balloon.material.strength is not None
+    return mesh, nothing if pushed else slack
 
 
 def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
