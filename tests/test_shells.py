@@ -148,6 +148,17 @@ def test_open_parts_beside_closed_ones_are_named_and_carried() -> None:
     assert any("(windshield, at vertex 1603" in remark for remark in named.remarks)
 
 
+def test_what_is_advised_works() -> None:
+    """A pressure that is said pushes what is open, and what has one side; a border that is held parts its sides."""
+    for mesh in (grid(4, 4), klein()):
+        assert "--set balloon.inflation.pressure=100" in shape_of(mesh).remarks[0]
+        said = load_scene(mesh, {"balloon.inflation.pressure": 100})
+        assert not shape_balloon(said.balloon[0], said).slack.any()
+    windshield = next(remark for remark in shape_of(car()).remarks if "--parts closed" in remark)
+    assert windshield
+    assert shape_of(car(), taken="closed").remarks == ()
+
+
 def test_it_is_open_is_said_of_what_has_a_border_alone() -> None:
     said = {name: " ".join(shape_of(mesh).remarks) for name, mesh in (("bottle", klein()), ("sheet", grid(4, 4)))}
     assert "open" not in said["bottle"]

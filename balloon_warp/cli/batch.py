@@ -20,6 +20,7 @@ from balloon_warp.cli.options import (
     Frames,
     FramesPerSecond,
     Json,
+    PartsOption,
     Resume,
     SceneName,
     Schedule,
@@ -130,6 +131,7 @@ def batch(
     frames: Frames = None,
     seconds: Seconds = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
@@ -145,7 +147,7 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, parts=parts, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import Json, Set, UnitOption, Weld
+from balloon_warp.cli.options import Json, PartsOption, Set, UnitOption, Weld
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
@@ -29,11 +29,12 @@ def inspect(
     ],
     overrides: Set = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     as_json: Json = False,
 ) -> None:
     """Say what a mesh or a scene is like: faces, springs, size, what is odd about it, and the step that it allows."""
-    changes = Changes(overrides, weld, unit=unit)
+    changes = Changes(overrides, weld, parts=parts, unit=unit)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, changes.load(source), as_json)
     else:

@@ -1,9 +1,10 @@
 """What several commands take, said once."""
 
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 
+from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.units import METERS
 
 SCENE, OUTPUT, MACHINE, LONG = "The scene", "What is written", "How it runs", "If it takes long or goes wrong"
@@ -32,6 +33,16 @@ Weld = Annotated[
         "--weld",
         metavar="",
         help="Join faces wherever vertices are at exactly the same place, and not only along open seams.",
+        rich_help_panel=SCENE,
+    ),
+]
+PartsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--parts",
+        metavar="|".join(get_args(Taken)),
+        help="Which parts of the mesh the balloon is made of: all, those that are closed, without loose ribbons such "
+        "as hair, or the largest.",
         rich_help_panel=SCENE,
     ),
 ]

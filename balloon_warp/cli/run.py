@@ -31,6 +31,7 @@ from balloon_warp.cli.options import (
     Frames,
     FramesPerSecond,
     Json,
+    PartsOption,
     Resume,
     SceneName,
     Schedule,
@@ -135,6 +136,7 @@ def run(
     frames: Frames = None,
     seconds: Seconds = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     device: Device = None,
     schedule: Schedule = "auto",
@@ -151,7 +153,7 @@ def run(
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
         raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
-    loaded = Changes(overrides, weld, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, parts=parts, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     begin_driver(device)

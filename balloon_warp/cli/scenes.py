@@ -7,6 +7,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import PartsOption, UnitOption
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.scene.write import scene_toml, write_scene
@@ -21,6 +23,8 @@ def scenes(
             metavar="SCENE",
         ),
     ] = None,
+    parts: PartsOption = None,
+    unit: UnitOption = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -37,10 +41,11 @@ def scenes(
             raise InputError(f"--output {output}: expected a scene to write")
         _list_scenes()
         return
+    loaded = Changes(None, parts=parts, unit=unit).load(scene)
     if output is None:
-        print(scene_toml(load_scene(scene), Path()), end="")
+        print(scene_toml(loaded, Path()), end="")
         return
-    for path in write_scene(load_scene(scene), output):
+    for path in write_scene(loaded, output):
         Console(highlight=False, soft_wrap=True).print(f"wrote {path}", markup=False)
 
 

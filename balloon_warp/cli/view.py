@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import OUTPUT, Device, SceneName, Set, UnitOption, Weld
+from balloon_warp.cli.options import OUTPUT, Device, PartsOption, SceneName, Set, UnitOption, Weld
 from balloon_warp.cli.warn import first_line, note, warn
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
@@ -43,6 +43,7 @@ def view(
     ] = Path("."),
     overrides: Set = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     device: Device = None,
     host: Annotated[
@@ -58,7 +59,7 @@ def view(
 
     Try `balloon-warp view squirrel_tether --open`.
     """
-    loaded = Changes(overrides, weld, unit=unit).load(scene)
+    loaded = Changes(overrides, weld, parts=parts, unit=unit).load(scene)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 

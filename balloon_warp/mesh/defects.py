@@ -28,12 +28,15 @@ from balloon_warp.mesh.topology import (
 NO_AREA = 1e-9
 
 
-def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held", "free"]) -> list[str]:
+def describe_defects(
+    mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held", "free"], left_out: NDArray[np.integer]
+) -> list[str]:
     """For each kind of defect that the mesh has: how many there are, the first, and what is done about it.
 
     Args:
         whole: the mesh once repaired, which tells what stays open.
         parts: whether components are held together.
+        left_out: vertices of parts that are left out.
     """
     distinct, kept = distinct_faces(mesh)
     edges, edges_left = mesh_edges(distinct), mesh_edges(whole)
@@ -58,7 +61,7 @@ def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held
         ),
         _about_coincident_vertices(mesh),
         _about_vertices(
-            np.setdiff1d(unused_vertices(mesh), mesh.left_vertices),
+            np.setdiff1d(unused_vertices(mesh), np.concatenate([mesh.left_vertices, left_out])),
             "belongs to no face",
             "belong to no face",
             "Such a vertex keeps its number, has no mass and stays where it is.",

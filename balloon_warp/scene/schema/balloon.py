@@ -9,6 +9,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
 from balloon_warp.mesh.units import Unit
 from balloon_warp.scene.pinned import pinned_by, pins_of, weighed_by
@@ -74,6 +75,9 @@ class Balloon(Table):
     a bowl or a sleeve always stay"""
     parts: Parts = "held"
     """hold parts of the mesh that share no vertex together by springs, of the structural kind, or leave them "free" """
+    taken: Taken = "all"
+    """which parts of the mesh the balloon is made of: "all", those that are "closed", without loose ribbons such as
+    hair, or the "largest" by area"""
     unit: Unit | None = None
     """unit of the mesh's numbers; if missing, the one that its file names, else the meter"""
     name: str = ""
@@ -122,7 +126,7 @@ class Balloon(Table):
     @property
     def treatment(self) -> Treatment:
         """what becomes of the mesh's seams, holes and parts"""
-        return Treatment(self.weld, self.holes, self.parts)
+        return Treatment(self.weld, self.holes, self.parts, self.taken)
 
     @model_validator(mode="after")
     def _one_mass(self) -> Self:
