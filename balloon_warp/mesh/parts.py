@@ -32,7 +32,7 @@ def parts_taken(mesh: PolygonMesh, taken: Taken, source: object) -> tuple[NDArra
     if taken == "all":
         kept = parts
     elif taken == "largest":
-        kept = np.bincount(of_faces, face_areas(mesh), mesh.vertex_count).argmax(keepdims=True)
+        kept = parts[[np.bincount(of_faces, face_areas(mesh), mesh.vertex_count)[parts].argmax()]]
     else:
         kept = np.setdiff1d(parts, component[edges.ends[border_edges(edges), 0]])
         if not len(kept):

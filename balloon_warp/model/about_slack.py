@@ -14,8 +14,7 @@ NOTHING_HELD = (
 )
 NO_INSIDE = (
     "None of its faces is between an inside and an outside, as of a Moebius strip, so that it is not inflated. "
-    "`balloon-warp remesh` makes something of it that has an inside; or say how hard, as by "
-    "--set balloon.inflation.pressure=100."
+    "Say how hard, as by --set balloon.inflation.pressure=100, and each face is pushed as it winds."
 )
 
 
