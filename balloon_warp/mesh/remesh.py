@@ -36,8 +36,9 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
     What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
-    thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other part of the surface is there in one piece, which may take
-    more cells. `warnings` says what was done. It runs on Warp's default device.
+    thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other
+    part of the surface is there in one piece, which may take more cells. `warnings` says what was done. It runs on
+    Warp's default device.
 
     Args:
         mesh: the surface; the result keeps its name, unit and up axis.
