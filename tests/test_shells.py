@@ -159,6 +159,25 @@ def test_what_is_advised_works() -> None:
     assert shape_of(car(), taken="closed").remarks == ()
 
 
+def test_remesh_is_not_advised_for_hair() -> None:
+    """Which it refuses."""
+    for mesh in (hair(20), haired()):
+        assert not [remark for remark in shape_of(mesh).remarks if "remesh" in remark]
+    assert "remesh" in shape_of(grid(4, 4)).remarks[0]
+    assert any("remesh" in remark for remark in shape_of(car()).remarks)
+
+
+def test_a_mesh_whose_z_is_up_stands_once_it_is_turned() -> None:
+    """As MESHES.md says; one that says so itself needs no more."""
+    told = load_scene(ODD["table"]())
+    turned = load_scene(replace(ODD["table"](), up_axis="Y"), {"balloon.rotation": [-90, 0, 0]})
+    assert (told.up_axis, turned.up_axis) == ("Z", "Y")
+    for scene, axis in ((told, 2), (turned, 1)):
+        heights = shape_balloon(scene.balloon[0], scene).mesh.points[:, axis]
+        assert np.ptp(heights) == pytest.approx(0.73)
+        assert scene.ground.height == pytest.approx(heights.min() - 0.05)
+
+
 def test_it_is_open_is_said_of_what_has_a_border_alone() -> None:
     said = {name: " ".join(shape_of(mesh).remarks) for name, mesh in (("bottle", klein()), ("sheet", grid(4, 4)))}
     assert "open" not in said["bottle"]

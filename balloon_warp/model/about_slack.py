@@ -5,13 +5,16 @@ from numpy.typing import NDArray
 
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.corners import corner_faces, face_starts
+from balloon_warp.mesh.feasible import RIBBONS
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
 
 NOTHING_HELD = (
-    "It is open and its border is free, so that it is not inflated: it would shoot away. `balloon-warp remesh` closes "
-    "it; or hold the border by `fixed`, or say how hard, as by --set balloon.inflation.pressure=100."
+    "It is open and its border is free, so that it is not inflated: it would shoot away. {} "
+    "--set balloon.inflation.pressure=100."
 )
+CLOSES = "`balloon-warp remesh` closes it; or hold the border by `fixed`, or say how hard, as by"
+HOLDS = "Hold the border by `fixed`, or say how hard, as by"
 NO_INSIDE = (
     "None of its faces is between an inside and an outside, as of a Moebius strip, so that it is not inflated. "
     "Say how hard, as by --set balloon.inflation.pressure=100, and each face is pushed as it winds."
@@ -29,8 +32,11 @@ def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.b
     if not slack.any():
         return ()
     edges = mesh_edges(mesh)
+    border = edges.ends[border_edges(edges)]
+    components = vertex_components(mesh, edges)
+    ribbons = len(np.unique(components[border[:, 0]])) >= RIBBONS
     if slack.all():
-        return (NOTHING_HELD if moves[edges.ends[border_edges(edges)]].any() else NO_INSIDE,)
+        return (NOTHING_HELD.format(HOLDS if ribbons else CLOSES) if moves[border].any() else NO_INSIDE,)
     # What hangs together of slack faces, and whether a border is on it.
     faces = corner_faces(mesh)[edges.corners]
     first = np.repeat(edges.starts, edges.face_counts)
@@ -39,9 +45,10 @@ def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.b
     has_border = np.zeros(mesh.face_count, dtype=bool)
     has_border[pieces[faces[edges.starts[border_edges(edges)]]]] = True
     open_, walls = slack & has_border[pieces], slack & ~has_border[pieces]
-    component = vertex_components(mesh, edges)[mesh.face_vertex_indices[face_starts(mesh)]]
+    component = components[mesh.face_vertex_indices[face_starts(mesh)]]
     apart = not np.isin(component[open_], component[~slack]).any()
-    more = " --parts closed leaves it out; `balloon-warp remesh` makes it thick." if apart else ""
+    thick = "." if ribbons else "; `balloon-warp remesh` makes it thick."
+    more = f" --parts closed leaves it out{thick}" if apart else ""
     return (
         *_sentence(mesh, open_, "open, as a pane, and has no inside: it is carried along, and not inflated.", more),
         *_sentence(mesh, walls, "a wall with the same pressure on both sides, which does not push it.", ""),
