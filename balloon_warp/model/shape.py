@@ -22,6 +22,7 @@ from balloon_warp.mesh.units import in_unit
 from balloon_warp.model.about_slack import about_slack
 from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
+from balloon_warp.model.strung import spring_sums, strung
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -41,6 +42,10 @@ class BalloonShape:
     """each spring's constant over that of its kind, shape (spring_count,)"""
     softness: NDArray[np.float64]
     """the part of it that makes thin parts softer, shape (spring_count,); 1 elsewhere"""
+    evenness: NDArray[np.float64]
+    """the part of it that makes the skin even, shape (spring_count,); 1 where it is not"""
+    across: NDArray[np.bool_] | None
+    """which springs go across thin parts, shape (spring_count,); None where thin parts are not tied"""
     mass_share: NDArray[np.float64]
     """each particle's part of the balloon's mass, shape (particle_count,); 0 for a particle that does not move"""
     membrane: Membrane
@@ -105,17 +110,22 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
     beside = [SpringKind[kind.upper()] for kind in material.springs] if material.is_membrane else list(SpringKind)
     springs = balloon_springs(placed, balloon.parts, beside)
     membrane = _membrane(placed, material) if material.is_membrane else no_membrane()
+    springs, scale, across = strung(placed, springs, balloon)
     if balloon.stiffness.thin != "softer":
         softness = np.ones(springs.count)
     else:
         softness = np.full(springs.count, LEAST) if as_soft_as_can_be else _softness(placed, springs)
-    mass_share = _mass_shares(placed, balloon, membrane)
+    stiffness_scale = scale * softness * _stiffness_scale(placed, springs, balloon.stiffness)
+    stiffness_sums = spring_sums(placed, springs, stiffness_scale, balloon.stiffness)
+    mass_share = _mass_shares(placed, balloon, membrane, stiffness_sums)
     shape = BalloonShape(
         name=placed.name,
         mesh=placed,
         springs=springs,
-        stiffness_scale=softness * _stiffness_scale(placed, springs, balloon.stiffness),
+        stiffness_scale=stiffness_scale,
         softness=softness,
+        evenness=scale,
+        across=across,
         mass_share=mass_share,
         membrane=membrane,
         slack=slack,
@@ -208,13 +218,16 @@ def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
     return prepared(mesh, source, balloon.treatment), source
 
 
-def _mass_shares(mesh: PolygonMesh, balloon: Balloon, membrane: Membrane) -> NDArray[np.float64]:
-    """Equal shares for the particles that move: those of a face, and not fixed. Of rubber and film, the shares of its
-    volume, of which what is fixed keeps its own."""
+def _mass_shares(
+    mesh: PolygonMesh, balloon: Balloon, membrane: Membrane, stiffness_sums: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Equal shares for the particles that move: those of a face, and not fixed; or, where springs are even, in
+    proportion to what is given. Of rubber and film, the shares of its volume, of which what is fixed keeps its own."""
     moves = np.zeros(mesh.vertex_count, dtype=bool)
     moves[mesh.face_vertex_indices] = True
     for particle in fixed_particles(balloon.fixed, mesh):
         moves[mesh.stand_in(particle)] = False
     if membrane.count:
         return np.where(moves, membrane.lumps(mesh.vertex_count), 0.0) / membrane.areas.sum()
-    return moves / max(int(moves.sum()), 1)
+    shares = np.where(moves, stiffness_sums if balloon.stiffness.even else 1.0, 0.0)
+    return shares / max(shares.sum(), 1e-30)

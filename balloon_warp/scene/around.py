@@ -18,8 +18,13 @@ from balloon_warp.scene.schema import Balloon, Inflation
 
 GRAVITY = 9.81
 """[m/s^2]"""
-WEIGHT = 1.81
-"""of a balloon with its lift [N/kg]; where gravity grows with the size, for each meter of it"""
+WEIGHT = 0.4
+"""of a balloon with its lift [N/kg]; where gravity grows with the size, for each meter of it: on its own legs, it is
+its pressure that bears it"""
+WEIGHT_OF_OTHERS = 1.81
+"""the same, of one with gas, which has its own lift, or with normal forces"""
+STRETCH = 0.1
+"""of a ball's skin: faces, feet and folds are still what they were"""
 MOLAR_VOLUME = 0.02406
 """of a gas in the atmosphere that a scene has if it says nothing of it [m^3/mol]"""
 MOST_FLOW = 9e11
@@ -56,9 +61,9 @@ def scene_table_around(
     if size == 0.0:
         raise InputError(f"{label}: all its vertices stand at one place; expected a mesh with some size")
     require_size(placed, label)
-    gas = balloon.inflation.kind == "gas"
-    lift = 0.0 if gas else GRAVITY - WEIGHT  # gas has its own
-    fall = WEIGHT if gas else GRAVITY
+    kind = balloon.inflation.kind
+    weight = WEIGHT if kind == "pressure" else WEIGHT_OF_OTHERS
+    lift, fall = (0.0, weight) if kind == "gas" else (GRAVITY - weight, GRAVITY)  # gas has its own
     growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
     mass = _short(2.0 * size / growth)
     return {
@@ -72,7 +77,7 @@ def scene_table_around(
                 "mass": mass,
                 "helium": _short(lift * growth),
                 "damping": _short(10.0 * (2.0 * mass) ** 0.5),
-                "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0, "thin": "softer"},
+                "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0, "even": True, "thin": "tied"},
                 "inflation": _gentle(balloon.inflation, placed, size),
                 "fixed": pinned_at_borders(mesh, balloon.parts).tolist(),
             }
@@ -101,10 +106,10 @@ def _description(name: str, unit_known: bool, size: float, gravity: float | None
 
 
 def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str, Any]:
-    """Inflation up to 1.5 s at most: the pressure that a balloon gets by itself; or half as much gas again as fits into
+    """Inflation up to 1.5 s at most: the pressure that stretches it a little; or half as much gas again as fits into
     the mesh, unless it is said how much; or normal forces in proportion to the size."""
     if inflation.kind == "pressure":
-        return {}
+        return {"stretch": STRETCH} if inflation.is_automatic else {}
     if inflation.kind == "normal_force":
         return {"k_normal": [[0.2, 0.0], [1.5, _short(4.0 * size)]]}
     if inflation.amount is not None or inflation.start_pressure:

@@ -51,9 +51,14 @@ class Stiffness(Table):
     points, shape (n, 3), and gives the number of each, shape (n,)"""
     viscosity: float = field_of("viscosity")
     yield_stretch: float | None = optional_field_of("yield_stretch")
-    thin: Literal["alike", "softer"] = "alike"
-    """springs of thin parts: "alike" takes the same constants everywhere, so that a pressure stretches thin parts less,
-    in proportion to how thick they are; "softer" takes smaller ones there, so that all parts stretch nearly alike"""
+    even: bool = False
+    """weigh each spring by the area beside it, so that all together are as stiff everywhere and in all directions,
+    however faces divide the surface; and put the mass where springs are stiff, which makes for a long step. Else each
+    spring has the constant of its kind, and each particle the same mass"""
+    thin: Literal["alike", "softer", "tied"] = "alike"
+    """thin parts: "alike" takes the same constants everywhere, so that a pressure stretches thin parts less, in
+    proportion to how thick they are; "softer" takes smaller ones there, so that all parts stretch nearly alike; "tied"
+    has springs across them, from wall to wall, so that legs bear and thin walls do not swell into pillows"""
 
 
 def _mesh_of(given: Any) -> Any:
