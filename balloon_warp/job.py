@@ -20,6 +20,7 @@ from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, h
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.simulator import Simulator
+from balloon_warp.swelling import Swelling, sentences, swellings_of
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ class Summary:
     """why the frames end early"""
     bad_endings: list[BadEnding]
     """balloons that came apart, fell for ever, collapsed or folded over by the last frame"""
+    inflation: list[Swelling]
+    """what pressures of "auto" came to"""
     wall_seconds: float
     """of simulating and writing, without the picture"""
     particle_substeps_per_second: float
@@ -118,7 +121,7 @@ def animate(
     scene = scene_of(scene)
     check_policy(on_blowup)
     with Wanted.of(output, picture, save_points, lights, ground, view).checked(scene) as wanted:
-        simulator = _first_simulator(scene, device, schedule, laws, on_warning)
+        simulator, inflation = _begun(scene, device, schedule, laws, on_note, on_warning)
         folder, again = partial_path(wanted.output), resume and on_blowup == "restart"
         restarts = halvings_until(folder, simulator.model.substeps) if again else 0
         for _ in range(restarts):
@@ -140,7 +143,7 @@ def animate(
         seconds = time.perf_counter() - began
         endings = _look_at_the_end(simulator, blow_up, on_warning)
         wanted.draw(device)
-    return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, seconds)
+    return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, inflation, seconds)
 
 
 def _begun_again(
@@ -174,14 +177,23 @@ def _look_at_the_end(
     return endings
 
 
-def _first_simulator(
-    scene: Scene, device: str | None, schedule: str, laws: Sequence[Law], on_warning: Callable[[str], None]
-) -> Simulator:
-    """Of a scene, whose oddities are told."""
+def _begun(
+    scene: Scene,
+    device: str | None,
+    schedule: str,
+    laws: Sequence[Law],
+    on_note: Callable[[str], None],
+    on_warning: Callable[[str], None],
+) -> tuple[Simulator, list[Swelling]]:
+    """The simulator of a scene, whose oddities are told; and how far its balloons swell by pressures that are left to
+    us, which is told, too."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     for warning in simulator.model.warnings:
         on_warning(warning)
-    return simulator
+    found = swellings_of(simulator.model)
+    for sentence in sentences(found):
+        on_note(sentence)
+    return simulator, found
 
 
 def _summary(
@@ -192,6 +204,7 @@ def _summary(
     restarts: int,
     blow_up: BlowUpError | None,
     endings: list[BadEnding],
+    inflation: list[Swelling],
     seconds: float,
 ) -> Summary:
     """What `animate` hands back."""
@@ -213,6 +226,7 @@ def _summary(
         restarts=restarts,
         blow_up=str(blow_up) if blow_up else None,
         bad_endings=endings,
+        inflation=inflation,
         wall_seconds=round(seconds, 3),
         particle_substeps_per_second=round(model.particle_count * model.substeps * (frames - begin) / seconds),
     )

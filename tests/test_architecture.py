@@ -20,7 +20,7 @@ LAYERS = (
     ("mesh",),
     ("springs", "scene", "foil"),
     ("model", "provenance"),
-    ("schedules", "advice", "inspection", "solids"),
+    ("schedules", "advice", "inspection", "solids", "swelling"),
     ("solvers", "frame"),
     ("reading",),
     ("blow_ups", "outputs", "endings", "frame_reader"),

@@ -154,7 +154,8 @@ def test_command_prints_json_alone(tmp_path: Path) -> None:
     result = command(tmp_path / "sphere.obj", "--json")
     assert (result.returncode, result.stderr) == (0, "")
     report = json.loads(result.stdout)
-    step = report.pop("step")
+    step, (inflation,) = report.pop("step"), report.pop("inflation")
+    assert (inflation["balloon"], inflation["pressure"] > 0.0) == ("sphere", True)
     assert report == asdict(inspect_mesh(load_mesh(tmp_path / "sphere.obj")))
     assert step["limiting_place"] == pytest.approx(quad_sphere(9).points[step["limiting_particle"]].tolist())
 

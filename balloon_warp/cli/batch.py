@@ -19,6 +19,7 @@ from balloon_warp.cli.options import (
     Device,
     Frames,
     FramesPerSecond,
+    Inflate,
     Json,
     PartsOption,
     Resume,
@@ -133,6 +134,7 @@ def batch(
     weld: Weld = False,
     parts: PartsOption = None,
     unit: UnitOption = None,
+    inflate: Inflate = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
@@ -147,7 +149,7 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, weld, parts=parts, unit=unit, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, weld, parts=parts, unit=unit, inflate=inflate, fps=fps, frames=frames, seconds=seconds).load(scene)
     name = scene_name(scene)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:

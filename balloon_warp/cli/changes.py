@@ -35,6 +35,7 @@ class Changes:
         fps: of `--fps` [1/s].
         frames: of `--frames`.
         seconds: of `--seconds`, of simulated time.
+        inflate: of `--inflate`, how much a skin is stretched.
 
     Raises:
         InputError: an option is not of the form that it has, or stands beside one that says the same.
@@ -50,6 +51,7 @@ class Changes:
         fps: float | None = None,
         frames: int | None = None,
         seconds: float | None = None,
+        inflate: float | None = None,
     ):
         if frames is not None and seconds is not None:
             raise InputError("--frames, --seconds: expected one of them")
@@ -68,6 +70,7 @@ class Changes:
             (f"--unit {unit}", "balloon.unit", unit),
             ("" if fps is None else f"--fps {fps:g}", "frames_per_second", fps),
             (f"--frames {frames}", "frames", frames),
+            ("" if inflate is None else f"--inflate {inflate:g}", "balloon.inflation.stretch", inflate),
         ):
             if value is not None:
                 self._add(path, value, option)

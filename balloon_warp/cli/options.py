@@ -56,6 +56,16 @@ UnitOption = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
+Inflate = Annotated[
+    float | None,
+    typer.Option(
+        "--inflate",
+        metavar="STRETCH",
+        help="How much the skin of a balloon is stretched, of which nothing else says how it is inflated: 0.1 makes a "
+        "ball's radius a tenth larger, and is what a mesh by itself gets.",
+        rich_help_panel=SCENE,
+    ),
+]
 FramesPerSecond = Annotated[
     float | None,
     typer.Option("--fps", metavar="RATE", help="How many frames a second has, such as 24.", rich_help_panel=SCENE),

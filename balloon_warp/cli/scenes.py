@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import PartsOption, UnitOption
+from balloon_warp.cli.options import Inflate, PartsOption, UnitOption
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.scene.write import scene_toml, write_scene
@@ -31,17 +31,19 @@ def scenes(
             "--output", "-o", metavar="FILE", help="The scene file to write, .toml. If not given, it is printed."
         ),
     ] = None,
+    inflate: Inflate = None,
 ) -> None:
     """List the bundled scenes, or write one as a file to change.
 
     Try `balloon-warp scenes squirrel_tether -o mine.toml`, then `balloon-warp run mine.toml`.
     """
     if scene is None:
-        if output:
-            raise InputError(f"--output {output}: expected a scene to write")
+        if output or inflate is not None:
+            option = f"--output {output}" if output else f"--inflate {inflate:g}"
+            raise InputError(f"{option}: expected a scene to write")
         _list_scenes()
         return
-    loaded = Changes(None, parts=parts, unit=unit).load(scene)
+    loaded = Changes(None, parts=parts, unit=unit, inflate=inflate).load(scene)
     if output is None:
         print(scene_toml(loaded, Path()), end="")
         return

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import OUTPUT, Device, PartsOption, SceneName, Set, UnitOption, Weld
+from balloon_warp.cli.options import Device, Inflate, OUTPUT, PartsOption, SceneName, Set, UnitOption, Weld
 from balloon_warp.cli.warn import first_line, note, warn
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
@@ -45,6 +45,7 @@ def view(
     weld: Weld = False,
     parts: PartsOption = None,
     unit: UnitOption = None,
+    inflate: Inflate = None,
     device: Device = None,
     host: Annotated[
         str,
@@ -59,7 +60,7 @@ def view(
 
     Try `balloon-warp view squirrel_tether --open`.
     """
-    loaded = Changes(overrides, weld, parts=parts, unit=unit).load(scene)
+    loaded = Changes(overrides, weld, parts=parts, unit=unit, inflate=inflate).load(scene)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 

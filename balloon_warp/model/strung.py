@@ -13,7 +13,7 @@ from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.across import AT, springs_across
 from balloon_warp.springs.even import even_scales, film_tension
 
-LEAST_RADIUS = 0.25
+LEAST_RADIUS = 0.12
 """of the mean radius of a shape, over that of the sphere of its area: where it is thinner, springs across it bear the
 pressure"""
 LEAST_SUM = 0.01

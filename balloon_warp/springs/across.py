@@ -51,7 +51,8 @@ def springs_across(mesh: PolygonMesh, between_parts: bool) -> Across:
     edges, areas, normals = mesh_edges(mesh), vertex_areas(mesh), vertex_normals(mesh)
     parts = vertex_components(mesh, edges)
     borders, all_edges = (
-        np.bincount(parts[ends[:, 0]], minlength=mesh.vertex_count) for ends in (edges.ends[border_edges(edges)], edges.ends)
+        np.bincount(parts[ends[:, 0]], minlength=mesh.vertex_count)
+        for ends in (edges.ends[border_edges(edges)], edges.ends)
     )
     used = np.flatnonzero((areas > 0.0) & (borders <= OPEN * all_edges)[parts])
     if not len(used):
@@ -83,4 +84,4 @@ def springs_across(mesh: PolygonMesh, between_parts: bool) -> Across:
     pairs = np.sort(np.stack([held, opposite[held]], axis=1), axis=1)
     loads = 0.5 * areas[held] * thin[held] / (STRETCH * away[held])  # each of two ends has a spring to the other
     pairs, which = np.unique(pairs, axis=0, return_inverse=True)
-    return Across(pairs, np.bincount(which.ravel(), loads, len(pairs)))
+    return Across(pairs, np.bincount(which.ravel(), loads, len(pairs)).astype(np.float64))
