@@ -14,6 +14,7 @@ from balloon_warp.mesh.geometry import signed_volume, vertex_areas
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
+from balloon_warp.scene.overrides import override_scene
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.across import springs_across
 from balloon_warp.springs.even import even_scales, film_tension
@@ -75,8 +76,8 @@ def test_the_stretch_is_what_is_asked_for():
         sizes = np.linalg.norm(after - after.mean(axis=0), axis=1) / np.linalg.norm(before, axis=1)
         assert sizes.mean() == pytest.approx(1.0 + stretch, rel=0.01)
     assert load_scene(ball, {"balloon.inflation.pressure": 7.0}).balloon[0].inflation.pressure == 7.0
-    with pytest.raises(ValueError, match="stretch: says what a pressure"):
-        Inflation(pressure=7.0, stretch=0.1)
+    given = Scene(balloon=[Balloon(mesh=ball, inflation=Inflation(pressure=7.0))])
+    assert override_scene(given, [("balloon.inflation.stretch", 0.1)]).balloon[0].inflation.is_automatic
 
 
 def test_run_scenes_and_inspect_take_a_stretch_and_say_what_it_comes_to(tmp_path, monkeypatch, capsys):

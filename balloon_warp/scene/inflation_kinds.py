@@ -25,10 +25,8 @@ def drop_other_kinds(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]
         if not isinstance(inflation, dict):
             continue
         fields = _set_fields(number, pairs)
-        if "pressure" in fields and "stretch" not in fields:
-            inflation.pop("stretch", None)
         if "stretch" in fields and "pressure" not in fields:
-            inflation.pop("pressure", None)
+            inflation.pop("pressure", None)  # which would count instead
         if kind := _asked_kind(fields, named="kind" in inflation):
             for field in KIND_OF_FIELD:
                 if KIND_OF_FIELD[field] != kind:

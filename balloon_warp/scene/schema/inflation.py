@@ -34,7 +34,8 @@ class Inflation(Table):
     """of "pressure": above the air's [Pa]; a number or keyframes; or "auto", which rises within a second to what
     stretches the balloon as `stretch` says, or so, whatever its size, its faces and its springs"""
     stretch: UnitInterval = 0.25
-    """of the pressure "auto": how much a ball's skin is stretched, from 0 to 1; 0.1 makes its volume a third larger"""
+    """of the pressure "auto", and else without effect: how much a ball's skin is stretched; 0.1 makes its volume a
+    third larger"""
     k_normal: Keyframed = 0.2
     """of "normal_force"; a number or keyframes"""
     amount: NonNegative | None = None
@@ -100,12 +101,6 @@ class Inflation(Table):
             for field in fields if kind != self.kind else ():
                 if getattr(self, field) != type(self).model_fields[field].default:
                     raise ValueError(f'{field}: needs kind = "{kind}" (got kind = "{self.kind}")')
-        return self
-
-    @model_validator(mode="after")
-    def _one_pressure(self) -> Self:
-        if self.pressure != "auto" and self.stretch != type(self).model_fields["stretch"].default:
-            raise ValueError('stretch: says what a pressure of "auto" does; expected it or a pressure (got both)')
         return self
 
     @model_validator(mode="after")
