@@ -18,7 +18,7 @@ from balloon_warp.scene.schema import Balloon, Inflation
 
 GRAVITY = 9.81
 """[m/s^2]"""
-WEIGHT = 0.4
+WEIGHT = 0.32
 """of a balloon with its lift [N/kg]; where gravity grows with the size, for each meter of it: on its own legs, it is
 its pressure that bears it"""
 WEIGHT_OF_OTHERS = 1.81
@@ -77,7 +77,7 @@ def scene_table_around(
                 "mass": mass,
                 "helium": _short(lift * growth),
                 "damping": _short(10.0 * (2.0 * mass) ** 0.5),
-                "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0, "even": True, "thin": "tied"},
+                "stiffness": {"structural": 80.0, "shear": 40.0, "flexion": 16.0, "even": True, "thin": "tied"},
                 "inflation": _gentle(balloon.inflation, placed, size),
                 "fixed": pinned_at_borders(mesh, balloon.parts).tolist(),
             }
