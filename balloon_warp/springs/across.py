@@ -86,7 +86,7 @@ def springs_across(mesh: PolygonMesh, between_parts: bool) -> Across:
     held = np.flatnonzero(thin > 0.0)
     loads = 0.5 * areas[held] * thin[held] / (STRETCH * away[held])  # each of two ends has a spring to the other
     ends, shares = walls.corners[opposite[held]].ravel(), walls.weights[opposite[held]].ravel()
-    starts, loads, lengths = (np.repeat(each, 3) for each in (held, loads, away[held]))
+    starts, loads, lengths = np.repeat(held, 3), np.repeat(loads, 3), np.repeat(away[held], 3)
     slant = np.linalg.norm(mesh.points[starts] - mesh.points[ends], axis=1) / lengths
     kept = (shares > LEAST_SHARE) & (starts != ends) & (slant > 0.0)
     loads = (loads * shares * np.minimum(slant, MOST_SLANT) ** 2)[kept]
@@ -162,4 +162,5 @@ def _walls(mesh: PolygonMesh, used: NDArray[np.int64], spacings: NDArray[np.floa
         all_corners.append(np.repeat(corners[rows], len(shares), axis=0))
         weights.append(np.tile(shares, (len(rows), 1)))
         all_normals.append(np.repeat(normals[rows] / areas[rows, None], len(shares), axis=0))
-    return _Walls(*(np.concatenate(each) for each in (places, all_corners, weights, all_normals)))
+    joined = np.concatenate
+    return _Walls(joined(places), joined(all_corners), joined(weights), joined(all_normals))
