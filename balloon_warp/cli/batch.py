@@ -149,7 +149,9 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, weld, parts=parts, unit=unit, inflate=inflate, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(
+        overrides, weld, parts=parts, unit=unit, inflate=inflate, fps=fps, frames=frames, seconds=seconds
+    ).load(scene)
     name = scene_name(scene)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:

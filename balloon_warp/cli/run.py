@@ -155,7 +155,9 @@ def run(
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
         raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
-    loaded = Changes(overrides, weld, parts=parts, unit=unit, inflate=inflate, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(
+        overrides, weld, parts=parts, unit=unit, inflate=inflate, fps=fps, frames=frames, seconds=seconds
+    ).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     begin_driver(device)
