@@ -8,7 +8,7 @@ from meshes import quad_sphere
 from numpy.typing import NDArray
 from test_membranes import AIR, KELVIN, volumes
 
-from balloon_warp.kernels.laws.gas import end_of_collapse
+from balloon_warp.kernels.laws.empty import end_of_collapse
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Tube
 from balloon_warp.simulator import Simulator
@@ -17,7 +17,7 @@ MESH = quad_sphere(4, 0.05)
 FULL = AIR * signed_volume(MESH) / (8.314462618 * KELVIN)
 """of the air's pressure in the mesh's volume [mol]"""
 FLAT = 0.02
-"""what is left of the mesh's volume, see `laws.gas.EMPTY`"""
+"""what is left of the mesh's volume, see `laws.empty.EMPTY`"""
 LATEX: dict[str, Any] = {"material": Material(kind="neo_hookean", shear_modulus=3e5, thickness=2e-4)}
 SPRINGS: dict[str, Any] = {"mass": 0.01}
 

@@ -33,6 +33,7 @@ def test_a_hole_lets_out_what_its_area_does(schedule: str):
     stored, start = energy(simulator), volumes(simulator)[0]
     (face,) = np.flatnonzero(torn(simulator))
     own, speed, inner = start, momentum(simulator) / shell, 0.0
+    found = speed
     while volumes(simulator)[0] > 0.5 * start:
         corners = simulator.state.points.numpy()[0][mesh.face_vertex_indices.reshape(-1, 4)[face]].astype(np.float64)
         hole = 0.5 * np.cross(corners[2] - corners[0], corners[3] - corners[1])

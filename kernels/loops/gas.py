@@ -7,11 +7,11 @@ import warp as wp
 
 from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.air import STATE_OF_AIR
+from balloon_warp.kernels.laws.empty import amount_when_flat
 from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
 from balloon_warp.kernels.laws.gas import (
     STANDARD_PRESSURE,
     THINNEST,
-    amount_when_flat,
     gas_through_tube,
     molar_free_volume,
     pumped_gas,
@@ -21,6 +21,7 @@ from balloon_warp.kernels.laws.gas import (
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.laws.orifice import SHARP_EDGE, thrust, vent_flow
 from balloon_warp.kernels.loops.airs import air_function, warmth_function
+from balloon_warp.kernels.loops.emptying import holding_function, most_that_leaves
 from balloon_warp.kernels.loops.jets import opening_function
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
@@ -41,28 +42,6 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
     """Into a balloon."""
     state.gas_amounts[world, balloon] = gas[0]
     state.free_volumes[world, balloon] = gas[1]
-
-
-@wp.func
-def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
-    """A balloon's gas in a substep, before it is flat [mol/s]."""
-    spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.volumes[balloon], air)
-    return wp.max(spare, 0.0) / t.step_seconds
-
-
-@cache
-def holding_function(traits: Traits) -> Any:
-    """The function that says whether a balloon has gas of its own: one that has burst does, until it is open."""
-
-    @wp.func
-    def holds_gas(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
-        holds = t.inflation_kind[balloon] == GAS
-        if wp.static(traits.bursts):
-            burst = state.bursts[world, balloon]
-            holds = burst[1] >= 0.0 and (holds or burst[0] >= 0.0)
-        return holds
-
-    return holds_gas
 
 
 @cache
