@@ -14,17 +14,18 @@ from balloon_warp.mesh.sides import wrong_sides
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_what_faces_itself_across_a_small_gap_is_near(scale: float):
-    """A tube of radius 0.25 m grows by some 0.07 m outward; each end of a hook does."""
-    for mesh, near in [
-        (hook(0.05), True),
-        (hook(0.1), True),
-        (hook(0.6), False),  # the gap is wider than the ends grow
-        (quad_sphere(6), False),
-        (cube(), False),
-        (grid(4, 4), False),  # has no inside
+    """A tube of radius 0.25 m grows by some 0.03 m outward at a stretch of 1.1, and three times as much at 1.3; each
+    end of a hook does."""
+    for mesh, stretch, near in [
+        (hook(0.05), 0.1, True),
+        (hook(0.2), 0.1, False),  # the gap is wider than the ends grow
+        (hook(0.2), 0.5, True),
+        (quad_sphere(6), 0.1, False),
+        (cube(), 0.1, False),
+        (grid(4, 4), 0.1, False),  # has no inside
     ]:
         turned = mesh.points[:, [2, 0, 1]] * scale + 5.0 * scale
-        assert nears_itself(replace(mesh, points=turned)) == near
+        assert nears_itself(replace(mesh, points=turned), stretch) == near
 
 
 def test_a_groove_and_a_thin_wall_are_not_near_themselves():
@@ -34,8 +35,8 @@ def test_a_groove_and_a_thin_wall_are_not_near_themselves():
     across = np.abs(groove.points[:, 0])
     dented = groove.points.copy()
     dented[:, 1] -= np.where((dented[:, 1] > 0.0) & (across < 0.15), 0.5 * (0.15 - across), 0.0)
-    assert not nears_itself(replace(groove, points=dented))
-    assert not nears_itself(replace(groove, points=groove.points * np.array([1.0, 0.02, 1.0])))
+    assert not nears_itself(replace(groove, points=dented), 0.1)
+    assert not nears_itself(replace(groove, points=groove.points * np.array([1.0, 0.02, 1.0])), 0.1)
 
 
 def enclosed_part(mesh: PolygonMesh, points: np.ndarray) -> float:

@@ -66,6 +66,7 @@ def scene_table_around(
     lift, fall = (0.0, weight) if kind == "gas" else (GRAVITY - weight, GRAVITY)  # gas has its own
     growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
     mass = _short(2.0 * size / growth)
+    stretch = balloon.inflation.stretch if "stretch" in balloon.inflation.model_fields_set else STRETCH
     return {
         "description": _description(source.name, mesh.unit_known, size, fall * growth if gravity is None else None),
         "up_axis": up_axis,
@@ -83,7 +84,7 @@ def scene_table_around(
             }
         ],
         "ground": {"height": _short(float(lowest["XYZ".index(up_axis)]) - 0.05 * size, size)},
-        **({"touch": {"itself": True}} if nears_itself(placed) else {}),
+        **({"touch": {"itself": True}} if nears_itself(placed, stretch) else {}),
     }
 
 

@@ -7,8 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, PRESSURE
-from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.emptying import holding_function
+from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader, own_functions
