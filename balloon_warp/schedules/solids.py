@@ -22,6 +22,7 @@ def solid_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "body_starts": room.array((worlds, bodies), wp.vec3),
         "body_start_turns": room.array((worlds, bodies), wp.quat),
+        "body_masses": room.array((worlds, bodies), wp.float32),
         "body_eases": room.array((worlds, bodies), wp.mat33d),
         "body_going": room.array((worlds, bodies), wp.vec3d),
         "body_turning": room.array((worlds, bodies), wp.vec3d),

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact_tables import SolidTable
 from balloon_warp.kernels.laws.impulse import FREE, way_apart
 from balloon_warp.kernels.laws.rigid import spin_of, turned
 from balloon_warp.kernels.loops.ways import way_function
@@ -98,16 +99,25 @@ def stop_function(traits: Traits) -> Any:
     let_through = way_function(traits.body_meshes)
 
     @wp.func
-    def stop_at(t: Tables, rigid: Rigid, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, radius: float):
+    def stop_at(
+        solids: SolidTable,
+        up: wp.vec3,
+        step_seconds: float,
+        rigid: Rigid,
+        start: wp.vec3,
+        end: wp.vec3,
+        velocity: wp.vec3,
+        radius: float,
+    ):
         """Of a way in the step."""
         stop = Stop()
         stop.excess = float(FREE)
         stop.arm = start - rigid.start
         arm = end - rigid.end
-        way = wp.length(arm - stop.arm) + t.step_seconds * wp.length(rigid.spin) * rigid.reach
+        way = wp.length(arm - stop.arm) + step_seconds * wp.length(rigid.spin) * rigid.reach
         if wp.length(arm) - rigid.reach - radius <= way:
             let, outward, _free, _part = let_through(
-                t.bodies.solids, t.up, rigid.number, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
+                solids, up, rigid.number, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
                 wp.quat_rotate_inv(rigid.end_turn, arm), radius,
             )  # fmt: skip
             if wp.length_sq(outward) > 0.0:
@@ -117,8 +127,8 @@ def stop_function(traits: Traits) -> Any:
                 if wp.dot(back, stop.normal) < STRAIGHT * depth:  # it slid off more than one side of the body
                     stop.normal = wp.normalize(back)
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm)
-                stop.excess = wp.min(depth / t.step_seconds, -wp.dot(beside, stop.normal))
-                stop.out = way_apart(t.step_seconds * wp.max(stop.excess, 0.0) - depth, t.step_seconds)
+                stop.excess = wp.min(depth / step_seconds, -wp.dot(beside, stop.normal))
+                stop.out = way_apart(step_seconds * wp.max(stop.excess, 0.0) - depth, step_seconds)
         return stop
 
     return stop_at

@@ -11,6 +11,7 @@ from balloon_warp.kernels.laws.grip import (
     AGREED,
     APART,
     MOST_SWEEPS_OUT,
+    Grip,
     least_speed,
     most_sweeps,
     slowest_rebound,
@@ -38,51 +39,68 @@ def begin(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.
     """What a body is in the step before it moves, and that it is not to be moved out of anything yet."""
     mass = body_mass(t, world, body)
     ease = inertia_in_world(state.body_turns[world, body], t.bodies.eases[body])
+    working.body_masses[world, body] = mass
     working.body_eases[world, body] = wp.mat33d(ease / mass)
     working.body_going[world, body] = wp.vec3d()
     working.body_turning[world, body] = wp.vec3d()
 
 
 @wp.func
-def part(t: Tables, state: WorldState, working: Any, world: wp.int32, count: wp.int32):
+def part(
+    t: Tables,
+    positions: wp.array[wp.vec3],
+    turns: wp.array[wp.quat],
+    masses: wp.array[float],
+    eases: wp.array[wp.mat33d],
+    going: wp.array[wp.vec3d],
+    turning: wp.array[wp.vec3d],
+    grips: wp.array[Grip],
+    count: wp.int32,
+):
     """Move bodies that overlap apart, each by its mass and inertia, without speed; how far each gap is then."""
     deepest = float(0.0)
     for number in range(count):
-        grip = working.grips[world, number]
+        grip = grips[number]
         deepest = wp.max(deepest, -grip.gap)
         grip.least = way_out_of(grip.gap, t.step_seconds) - wp.dot(grip.normal, grip.moving)
         grip.impulse = wp.vec3()
-        working.grips[world, number] = grip
+        grips[number] = grip
     if deepest > 0.0:
-        settle(t, working, world, count, False, APART * deepest, MOST_SWEEPS_OUT)
+        settle(masses, eases, going, turning, grips, count, False, APART * deepest, MOST_SWEEPS_OUT)
         for number in range(count):
-            grip = working.grips[world, number]
-            shift = beside_at(working, world, grip) + grip.moving
+            grip = grips[number]
+            shift = beside_at(eases, going, turning, grip) + grip.moving
             grip.gap += wp.dot(grip.normal, shift)
-            working.grips[world, number] = grip
-        for body in range(state.body_positions.shape[1]):
-            twist = wp.vec3(working.body_eases[world, body] * working.body_turning[world, body])
-            state.body_positions[world, body] = state.body_positions[world, body] + wp.vec3(
-                working.body_going[world, body]
-            )
-            state.body_turns[world, body] = turned_by(state.body_turns[world, body], twist)
+            grips[number] = grip
+        for body in range(positions.shape[0]):
+            positions[body] = positions[body] + wp.vec3(going[body])
+            turns[body] = turned_by(turns[body], wp.vec3(eases[body] * turning[body]))
 
 
 @wp.func
-def aim(t: Tables, state: WorldState, working: Any, world: wp.int32, count: wp.int32, pull: float):
+def aim(
+    t: Tables,
+    impulses: wp.array[wp.vec3],
+    eases: wp.array[wp.mat33d],
+    going: wp.array[wp.vec3d],
+    turning: wp.array[wp.vec3d],
+    grips: wp.array[Grip],
+    count: wp.int32,
+    pull: float,
+):
     """Say how fast each point is to leave what it meets, from what it ended with in the step before; and the fastest
     approach, or a step of gravity [m/s]."""
     slow = slowest_rebound(pull, t.step_seconds)
     fastest = t.step_seconds * wp.abs(pull)
     for number in range(count):
-        grip = working.grips[world, number]
-        approach = -wp.dot(beside_at(working, world, grip), grip.normal)
+        grip = grips[number]
+        approach = -wp.dot(beside_at(eases, going, turning, grip), grip.normal)
         faster = float(0.0)  # two bodies fall alike
         if grip.other < 0:
             faster = pull * wp.dot(grip.normal, t.up)
         grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slow, t.step_seconds)
-        grip.impulse = state.body_impulses[world, number]
-        working.grips[world, number] = grip
+        grip.impulse = impulses[number]
+        grips[number] = grip
         fastest = wp.max(fastest, approach)
     return fastest
 
@@ -101,14 +119,14 @@ def move_body(t: Tables, state: WorldState, working: Any, world: wp.int32, body:
 
 
 @wp.func
-def remember(state: WorldState, working: Any, world: wp.int32, count: wp.int32):
+def remember(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], grips: wp.array[Grip], count: wp.int32):
     """Keep the impulses of the list for the next step; a rebound's is not one to begin with."""
     for number in range(count):
-        grip = working.grips[world, number]
-        state.body_touches[world, number] = grip.key
-        state.body_impulses[world, number] = wp.where(grip.least > 0.0, wp.vec3(), grip.impulse)
-    if count < state.body_touches.shape[1]:
-        state.body_touches[world, count] = -1
+        grip = grips[number]
+        touches[number] = grip.key
+        impulses[number] = wp.where(grip.least > 0.0, wp.vec3(), grip.impulse)
+    if count < touches.shape[0]:
+        touches[count] = -1
 
 
 @cache
@@ -164,7 +182,9 @@ def tumbling_function(traits: Traits) -> Any:
         rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
         velocity = state.sphere_velocities[world, sphere]
         end = state.sphere_positions[world, sphere]
-        stop = stop_at(t, rigid, working.sphere_starts[world, sphere], end, velocity, radius)
+        stop = stop_at(
+            t.bodies.solids, t.up, t.step_seconds, rigid, working.sphere_starts[world, sphere], end, velocity, radius
+        )  # fmt: skip
         if wp.length_sq(stop.normal) > 0.0:
             mass = sphere_mass(t.spheres, world, sphere)
             ease = 1.0 / mass + ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, stop.arm, stop.normal)
@@ -193,19 +213,23 @@ def tumbling_function(traits: Traits) -> Any:
         pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         for body in range(bodies):
             begin(t, state, working, world, body)
+        masses, eases = working.body_masses[world], working.body_eases[world]
+        going, turning = working.body_going[world], working.body_turning[world]
+        touches, impulses, grips = state.body_touches[world], state.body_impulses[world], working.grips[world]
+        positions, turns = state.body_positions[world], state.body_turns[world]
         count = take_hold(t, state, working, world, time, pull)
-        remember(state, working, world, count)
-        part(t, state, working, world, count)
+        remember(touches, impulses, grips, count)
+        part(t, positions, turns, masses, eases, going, turning, grips, count)
         for body in range(bodies):
-            working.body_starts[world, body] = state.body_positions[world, body]
-            working.body_start_turns[world, body] = state.body_turns[world, body]
-            working.body_going[world, body] = wp.vec3d(state.body_velocities[world, body])
-            working.body_turning[world, body] = wp.vec3d(state.body_momenta[world, body])
-        fastest = aim(t, state, working, world, count, pull)
+            working.body_starts[world, body] = positions[body]
+            working.body_start_turns[world, body] = turns[body]
+            going[body] = wp.vec3d(state.body_velocities[world, body])
+            turning[body] = wp.vec3d(state.body_momenta[world, body])
+        fastest = aim(t, impulses, eases, going, turning, grips, count, pull)
         for body in range(bodies):
-            working.body_going[world, body] = working.body_going[world, body] - wp.vec3d((t.step_seconds * pull) * t.up)
-        settle(t, working, world, count, True, AGREED * fastest, most_sweeps(count))
-        remember(state, working, world, count)
+            going[body] = going[body] - wp.vec3d((t.step_seconds * pull) * t.up)
+        settle(masses, eases, going, turning, grips, count, True, AGREED * fastest, most_sweeps(count))
+        remember(touches, impulses, grips, count)
         for body in range(bodies):
             move_body(t, state, working, world, body)
         for sphere in range(state.sphere_positions.shape[1]):

@@ -33,6 +33,7 @@ class Working:
     body_starts: wp.array2d[wp.vec3]
     """where free bodies were before this substep [m]; empty where there are none, as are the next six"""
     body_start_turns: wp.array2d[wp.quat]
+    body_masses: wp.array2d[float]  # [kg]
     body_eases: wp.array2d[wp.mat33d]
     """inverses of their inertia tensors in the world's axes [1/(kg m^2)]"""
     body_going: wp.array2d[wp.vec3d]
