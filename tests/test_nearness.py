@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from meshes import cube, grid, hook, quad_sphere
 
-from balloon_warp import PolygonMesh, Simulator, bundled_scenes, load_scene
+from balloon_warp import Scene, Simulator, bundled_scenes, load_scene
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.sides import wrong_sides
+from balloon_warp.scene import Balloon, Ground, Stiffness, Touch
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
@@ -39,23 +40,24 @@ def test_a_groove_and_a_thin_wall_are_not_near_themselves():
     assert not nears_itself(replace(groove, points=groove.points * np.array([1.0, 0.02, 1.0])), 0.1)
 
 
-def enclosed_part(mesh: PolygonMesh, points: np.ndarray) -> float:
-    sides = wrong_sides(replace(mesh, points=points.astype(np.float64)))
-    return float(sides.areas[sides.enclosed].sum() / sides.areas.sum())
-
-
 def test_a_mesh_by_itself_touches_itself_where_it_is_near():
-    """The strands of a knot grow and sag into each other without."""
+    """How far its skin is stretched decides."""
+    assert load_scene(hook(0.05)).touches_itself
+    assert load_scene(hook(0.2), {"balloon.inflation.stretch": 0.5}).touches_itself
+    assert load_scene(hook(0.2)).touch is None
+    assert load_scene(quad_sphere(4)).touch is None
+
+
+def test_strands_that_sag_into_each_other_are_kept_apart():
+    """Those of a knot, of the springs that a scene has by default: a mesh by itself is firmer."""
     mesh, enclosed = load_mesh(bundled_scenes()["knot"].parent / "knot.obj"), dict[bool, float]()
     for touching in (True, False):
-        scene = load_scene(mesh)
-        assert scene.touches_itself
-        if not touching:
-            scene = scene.model_copy(update={"touch": None})
+        balloon = Balloon(mesh=mesh, mass=0.1, damping=1.0, stiffness=Stiffness(thin="softer"))
+        scene = Scene(balloon=[balloon], ground=Ground(height=-0.05), touch=Touch(itself=True) if touching else None)
         simulator = Simulator(scene, "cpu")
-        for _ in range(110):  # the pressure is there after 1.5 s
+        for _ in range(110):
             simulator.advance()
-        enclosed[touching] = enclosed_part(mesh, simulator.read_frame().points[0])
+        sides = wrong_sides(replace(mesh, points=simulator.read_frame().points[0].astype(np.float64)))
+        enclosed[touching] = float(sides.areas[sides.enclosed].sum() / sides.areas.sum())
     assert enclosed[False] > 0.03
-    assert enclosed[True] < 0.1 * enclosed[False]
-    assert load_scene(quad_sphere(4)).touch is None
+    assert enclosed[True] < 0.2 * enclosed[False]

@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from balloon_warp.mesh.geometry import triangulate, vertex_normals
+from balloon_warp.mesh.geometry import face_vector_areas, triangulate, vertex_normals
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.relaxation import middles, nearer, newton_direction
 
 PROJECTIONS = 4
 """of a slab onto what it stands for"""
+RETREATS = 20
+"""of quads that fitting has folded"""
 SLIDES = 6
 """of its vertices afterwards, along the surface"""
 SKIN = 0.02
@@ -37,7 +39,24 @@ def fitted(mesh: PolygonMesh, distance: MeshDistance, surface: NDArray[np.float6
         distance: to the surface, whose thin parts are slabs.
         surface: places on it, such as its vertices, shape (n, 3).
     """
-    return with_tips(without_slabs(mesh, distance), surface)
+    return with_tips(_without_folds(mesh, without_slabs(mesh, distance)), surface)
+
+
+def _without_folds(before: PolygonMesh, after: PolygonMesh) -> PolygonMesh:
+    """Quads on the surface, where none is folded there: the corners of those that would be stay on the slab."""
+    quads = after.face_vertex_indices.reshape(-1, 4)
+    points = after.points.copy()
+    for _ in range(RETREATS):
+        mesh = replace(after, points=points)
+        facing = np.einsum("fcj,fj->fc", vertex_normals(mesh)[quads], face_vector_areas(mesh))
+        folded = (facing <= 0.0).any(axis=1)
+        if not folded.any():
+            return mesh
+        back = np.unique(quads[folded])
+        if (points[back] == before.points[back]).all():
+            back = np.unique(quads[np.isin(quads, back).any(axis=1)])  # those beside them, too
+        points[back] = before.points[back]
+    return replace(after, points=points)
 
 
 def slabs_left(mesh: PolygonMesh, distance: MeshDistance) -> bool:
