@@ -175,6 +175,7 @@ def test_a_mesh_whose_z_is_up_stands_once_it_is_turned() -> None:
     for scene, axis in ((told, 2), (turned, 1)):
         heights = shape_balloon(scene.balloon[0], scene).mesh.points[:, axis]
         assert np.ptp(heights) == pytest.approx(0.73)
+        assert scene.ground is not None
         assert scene.ground.height == pytest.approx(heights.min() - 0.05)
 
 

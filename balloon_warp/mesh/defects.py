@@ -180,7 +180,7 @@ def _about_faces(found: NDArray[np.int64], one: str, many: str, policy: str) -> 
         return _sentence(len(found), "face", one, many, f"is face {found[0] + 1}", policy)
 
 
-def _about_vertices(found: NDArray[np.int64], one: str, many: str, policy: str) -> str | None:
+def _about_vertices(found: NDArray[np.integer], one: str, many: str, policy: str) -> str | None:
     if len(found):
         return _sentence(len(found), "vertex", one, many, f"is vertex {found[0] + 1}", policy)
 

@@ -27,14 +27,14 @@ def nears_itself(mesh: PolygonMesh, stretch: float) -> bool:
     sphere of the mesh's area. Two samples are near each other where the one lies straight above the other, no farther
     than both grow, faces it, and is much farther away along the surface.
     """
-    from scipy.spatial import cKDTree  # takes long to load
+    from scipy.spatial import KDTree  # takes long to load
 
     if not is_closed(mesh_edges(mesh)) or not total_area(mesh):
         return False
     points, normals, vertices = _samples(mesh)
     grows = GROWTH * stretch * np.sqrt(total_area(mesh) / (4.0 * np.pi)) * relative_thickness(mesh)[vertices]
     spacing = np.sqrt(total_area(mesh) / len(points))
-    tree = cKDTree(points)
+    tree = KDTree(points)
     first, second = tree.query_pairs(2.0 * float(grows.max()), output_type="ndarray").T
     between = points[second] - points[first]
     above, below = (np.einsum("ij,ij->i", way, normals[at]) for way, at in ((between, first), (-between, second)))

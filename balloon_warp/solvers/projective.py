@@ -107,7 +107,7 @@ class ProjectiveSolver(LaunchedSchedule):
             )
 
 
-def _settling(model: Model, matrices: StepMatrices) -> Settling:
+def _settling(model: Model, matrices: StepMatrices) -> Any:
     """What the iterations of a model end by."""
     said = model.scene.solver_iterations
     settling = Settling()
