@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from balloon_warp import job
 from balloon_warp.cli import main
 from balloon_warp.scene import bundled_scenes
 
@@ -51,6 +52,8 @@ def test_each_command_runs(
 ):
     assert arguments[1] in bundled_scenes()
     monkeypatch.chdir(tmp_path)
+    # After two frames a balloon is amid its first swing: test_bundled_scenes sees how whole runs end.
+    monkeypatch.setattr(job, "bad_endings", lambda *_: [])
     monkeypatch.setattr(sys, "argv", ["balloon-warp", *short(arguments)])
     with pytest.raises(SystemExit) as ended:
         main()
