@@ -20,7 +20,7 @@ from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, h
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.simulator import Simulator
-from balloon_warp.swelling import Swelling, sentences, swellings_of
+from balloon_warp.swelling import Swelling, swellings_of, told_before
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,9 @@ def animate(
     scene = scene_of(scene)
     check_policy(on_blowup)
     with Wanted.of(output, picture, save_points, lights, ground, view).checked(scene) as wanted:
-        simulator, inflation = _begun(scene, device, schedule, laws, on_note, on_warning)
-        folder, again = partial_path(wanted.output), resume and on_blowup == "restart"
-        restarts = halvings_until(folder, simulator.model.substeps) if again else 0
+        simulator, inflation = _begun(scene, device, schedule, laws, on_warning)
+        on_frame, again = told_before(inflation, on_note, on_frame), resume and on_blowup == "restart"
+        restarts = halvings_until(partial_path(wanted.output), simulator.model.substeps) if again else 0
         for _ in range(restarts):
             scene = with_half_the_step(scene, simulator.model.substeps)
             simulator = Simulator(scene, device, schedule=schedule, laws=laws)
@@ -182,18 +182,14 @@ def _begun(
     device: str | None,
     schedule: str,
     laws: Sequence[Law],
-    on_note: Callable[[str], None],
     on_warning: Callable[[str], None],
 ) -> tuple[Simulator, list[Swelling]]:
     """The simulator of a scene, whose oddities are told; and how far its balloons swell by pressures that are left to
-    us, which is told, too."""
+    us."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     for warning in simulator.model.warnings:
         on_warning(warning)
-    found = swellings_of(simulator.model)
-    for sentence in sentences(found):
-        on_note(sentence)
-    return simulator, found
+    return simulator, swellings_of(simulator.model)
 
 
 def _summary(

@@ -1,6 +1,6 @@
 """How far balloons swell by the pressure that is left to us, told before anything is simulated. Host side, float64."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -76,6 +76,21 @@ def foretold_swellings(scene: Scene) -> list[Swelling]:
 def sentences(found: Sequence[Swelling]) -> list[str]:
     """In words, with the balloon's name where there are several."""
     return [f"{each.balloon}: {each}" if len(found) > 1 else str(each) for each in found]
+
+
+def told_before(
+    found: Sequence[Swelling], on_note: Callable[[str], None], on_frame: Callable[[int], None]
+) -> Callable[[int], None]:
+    """A listener to frames that notes these before the first: where no frame comes, something is wrong, and there is
+    nothing to say but that."""
+    waiting = sentences(found)
+
+    def listen(number: int) -> None:
+        while waiting:
+            on_note(waiting.pop(0))
+        on_frame(number)
+
+    return listen
 
 
 def volume_under(shape: BalloonShape, constants: NDArray[np.float64], pressure: float) -> float | None:

@@ -86,8 +86,8 @@ WARNINGS = {
     ),
     "no area": (
         mesh_of([(0, 0, 0), (1, 0, 0), (3, 0, 0), (0, 2, 0)], [[0, 1, 3], [0, 1, 2]]),
-        "1 face has no area; it is face 2, counting from 1. Such a face has springs, and is inflated once it opens, "
-        "unless it is a fin.",
+        "1 face has no area; it is face 2, counting from 1. Such a face has springs, and is inflated once it opens,"
+        " unless it is a fin.",
     ),
     "duplicate faces": (
         with_faces(prism(5), [1, 6, 5, 0], [0, 1, 2, 3, 4]),

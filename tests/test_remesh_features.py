@@ -1,14 +1,17 @@
 """What remeshing keeps of a surface: its volume, its thin parts, its tips; and what it refuses before it takes long."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from meshes import grid, joined, quad_sphere
 from odd_meshes import box, deformed
 from odd_things import car, hair, haired, head, sword
-from quads import assert_closed_quads
+from quads import assert_closed_quads, assert_none_folded
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.fit import unfolded
 from balloon_warp.mesh.geometry import signed_volume, triangulate
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.remesh import remesh
@@ -35,6 +38,7 @@ def test_a_plate_keeps_its_volume(thickness: float) -> None:
     plate = box((0.0, 0.0, 0.0), (1.0, 0.6, thickness / 24.0), (24, 12, 1))
     made = remesh(plate, 24)
     assert_closed_quads(made)
+    assert_none_folded(made)
     assert signed_volume(made) == pytest.approx(signed_volume(plate), rel=0.1)
 
 
@@ -49,8 +53,22 @@ def test_ears_and_nose_stay() -> None:
     """Thin ears lost a cell of their length."""
     made = remesh(head(), 32)
     assert_closed_quads(made)
+    assert_none_folded(made)
     assert standing_out(head(), made, 32) < 0.5
     assert signed_volume(made) == pytest.approx(signed_volume(head()), rel=0.02)
+
+
+def test_what_folds_goes_back_and_nothing_else() -> None:
+    """A vertex moved across its neighbors, beside one that only moves outward, on the other side of a ball."""
+    ball = quad_sphere(8, 0.5)
+    first, other = int(ball.points[:, 0].argmax()), int(ball.points[:, 0].argmin())
+    points = ball.points.copy()
+    points[first] += (0.0, 0.5, 0.0)
+    points[other] *= 1.1
+    made = unfolded(ball, replace(ball, points=points))
+    assert_none_folded(made)
+    np.testing.assert_array_equal(made.points[first], ball.points[first])
+    np.testing.assert_array_equal(made.points[other], points[other])
 
 
 def test_corners_of_a_box_stay() -> None:

@@ -14,8 +14,6 @@ from balloon_warp.mesh.relaxation import middles, nearer, newton_direction
 
 PROJECTIONS = 4
 """of a slab onto what it stands for"""
-RETREATS = 20
-"""of quads that fitting has folded"""
 SLIDES = 6
 """of its vertices afterwards, along the surface"""
 SKIN = 0.02
@@ -28,6 +26,8 @@ REACH = 1.3
 """that a vertex goes to one, at most"""
 UPRIGHT = 0.3
 """the cosine between normals of a quad before and after that, at least"""
+PARTS = (1.0, 0.75, 0.5, 0.25)
+"""of the way there that it goes, the first that folds nothing"""
 PASSES = 2
 
 
@@ -39,23 +39,27 @@ def fitted(mesh: PolygonMesh, distance: MeshDistance, surface: NDArray[np.float6
         distance: to the surface, whose thin parts are slabs.
         surface: places on it, such as its vertices, shape (n, 3).
     """
-    return with_tips(_without_folds(mesh, without_slabs(mesh, distance)), surface)
+    return with_tips(unfolded(mesh, without_slabs(mesh, distance)), surface)
 
 
-def _without_folds(before: PolygonMesh, after: PolygonMesh) -> PolygonMesh:
-    """Quads on the surface, where none is folded there: the corners of those that would be stay on the slab."""
-    quads = after.face_vertex_indices.reshape(-1, 4)
+def unfolded(before: PolygonMesh, after: PolygonMesh) -> PolygonMesh:
+    """The quads of `after`, with vertices back where they were before around each quad that does not look the way of
+    the normals at its corners: none is folded over that was not before."""
     points = after.points.copy()
-    for _ in range(RETREATS):
+    quads = before.face_vertex_indices.reshape(-1, 4)
+    moved = (points != before.points).any(axis=1)
+    while moved.any():
         mesh = replace(after, points=points)
-        facing = np.einsum("fcj,fj->fc", vertex_normals(mesh)[quads], face_vector_areas(mesh))
-        folded = (facing <= 0.0).any(axis=1)
-        if not folded.any():
-            return mesh
-        back = np.unique(quads[folded])
-        if (points[back] == before.points[back]).all():
-            back = np.unique(quads[np.isin(quads, back).any(axis=1)])  # those beside them, too
+        upright = np.einsum("fcj,fj->fc", vertex_normals(mesh)[quads], face_vector_areas(mesh))
+        back = np.zeros(len(points), dtype=bool)
+        back[quads[(upright <= 0.0).any(axis=1)]] = True
+        if not (back & moved).any():
+            back[quads[back[quads].any(axis=1)]] = True
+        back &= moved
+        if not back.any():
+            break
         points[back] = before.points[back]
+        moved &= ~back
     return replace(after, points=points)
 
 
@@ -102,14 +106,12 @@ def _projected(points: NDArray[np.float64], which: NDArray[np.bool_], distance: 
 
 
 def with_tips(mesh: PolygonMesh, surface: NDArray[np.float64]) -> PolygonMesh:
-    """The quads, with a vertex at each place of the surface that stands out of them the most, where no quad is turned
-    over by that."""
+    """The quads, with a vertex at each place of the surface that stands out of them the most, or on the way there: as
+    far as no quad is turned or folded over."""
     points = mesh.points.copy()
     quads = mesh.face_vertex_indices.reshape(-1, 4)
-    around = [np.zeros(0, dtype=np.int64)] * len(points)
     order = np.argsort(quads.ravel(), kind="stable")
-    parts = np.split(order // 4, np.cumsum(np.bincount(quads.ravel(), minlength=len(points)))[:-1])
-    around = parts if len(parts) == len(points) else around
+    around = np.split(order // 4, np.cumsum(np.bincount(quads.ravel(), minlength=len(points)))[:-1])
     taken = np.zeros(len(points), dtype=bool)
     for _ in range(PASSES):
         outside = MeshDistance(points, triangulate(replace(mesh, points=points))[0], thickness=0.0)(surface)
@@ -119,20 +121,48 @@ def with_tips(mesh: PolygonMesh, surface: NDArray[np.float64]) -> PolygonMesh:
         tips = tips[np.argsort(-outside[tips], kind="stable")]
         away, nearest = map(np.asarray, KDTree(points).query(surface[tips]))
         for tip, far, vertex in zip(tips.tolist(), away.tolist(), nearest.tolist(), strict=True):
-            if far > REACH or taken[vertex]:
-                continue
-            own = quads[around[vertex]]
-            before, kept = _normals(points[own]), points[vertex].copy()
-            points[vertex] = surface[tip]
-            after = _normals(points[own])
-            sizes = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-            if ((before * after).sum(axis=1) < UPRIGHT * sizes).any() or (sizes == 0.0).any():
-                points[vertex] = kept
-            else:
-                taken[vertex] = True
+            if far <= REACH and not taken[vertex]:
+                taken[vertex] = _move(points, quads, around, vertex, surface[tip])
     return replace(mesh, points=points)
 
 
+def _move(
+    points: NDArray[np.float64],
+    quads: NDArray[np.int32],
+    around: list[NDArray[np.int64]],
+    vertex: int,
+    place: NDArray[np.float64],
+) -> bool:
+    """Move a vertex to a place, or as far towards it as no quad is turned or folded over; and whether it did move.
+
+    Args:
+        around: the quads of each vertex.
+    """
+    own = quads[around[vertex]]
+    before, start = _normals(points[own]), points[vertex].copy()
+    beside = [around[corner] for corner in np.unique(own)]
+    for part in PARTS:
+        points[vertex] = start + part * (place - start)
+        after = _normals(points[own])
+        if ((before * after).sum(axis=1) >= UPRIGHT).all() and not _folded(points, quads, beside):
+            return True
+    points[vertex] = start
+    return False
+
+
+def _folded(points: NDArray[np.float64], quads: NDArray[np.int32], around: list[NDArray[np.int64]]) -> bool:
+    """Whether a quad does not look the way of the normal at a corner, the mean of its quads', for some vertices.
+
+    Args:
+        around: the quads of each of them.
+    """
+    counts = [len(own) for own in around]
+    normals = _normals(points[quads[np.concatenate(around)]])
+    at_vertices = np.add.reduceat(normals, np.cumsum([0, *counts[:-1]]))
+    return bool(((normals * np.repeat(at_vertices, counts, axis=0)).sum(axis=1) <= 0.0).any())
+
+
 def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of quads, shape (n, 4, 3): twice their vector areas."""
-    return np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    """Of quads, shape (n, 4, 3)."""
+    doubled = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return doubled / np.maximum(np.linalg.norm(doubled, axis=1, keepdims=True), 1e-12)
