@@ -255,3 +255,26 @@ def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, devic
     slid = [speed * cosine**2, 0.0, speed * sine * cosine]
     np.testing.assert_allclose(frame.velocities[0][::2], [slid] * 18, atol=2e-3 * speed)
     np.testing.assert_allclose(frame.velocities[0][1::2], [[speed, 0.0, 0.0]] * 18, atol=1e-6 * speed)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+@pytest.mark.parametrize("degrees", [0.0, 17.0])
+def test_flush_boxes_are_one_floor(degrees: float, friction: float, device: str):
+    """What slides over their seams is slowed by friction alone; without gravity, exactly along their tops, by
+    nothing."""
+    boxes = [
+        Obstacle(size=(0.3, 0.1, 0.3), position=(0.3 * i, -0.05, 0.3 * j), friction=friction)
+        for i in range(-1, 8)
+        for j in range(-1, 6)
+    ]
+    turn = np.radians(degrees)
+    velocity = (3.0 * np.cos(turn), 0.0, 3.0 * np.sin(turn))
+    flat = crowd((0.0, 0.0, 0.2), velocity).model_copy(update={"rotation": (0.0, 0.0, 90.0)})
+    for gravity in (9.81, 0.0):
+        simulator = Simulator(Scene(balloon=[flat], obstacle=boxes, gravity=gravity, frames=30), device)
+        for _ in range(30):
+            simulator.advance()
+        frame = simulator.read_frame()
+        speeds = np.linalg.norm(frame.velocities[0], axis=1)
+        np.testing.assert_allclose(speeds, 3.0 - 0.5 * friction * gravity, rtol=1e-4)  # float32, thirty steps
+        assert np.abs(frame.points[0][:, 1]).max() < 1e-5

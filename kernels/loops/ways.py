@@ -10,8 +10,10 @@ from balloon_warp.kernels.laws.contact import without_approach
 from balloon_warp.kernels.laws.fixture import BALL_LOOKS, LEAST_STEP, MESH, MOST_LOOKS, MOST_SLIDES, UNSEEN, toward
 from balloon_warp.kernels.loops.solids import surface_function
 
-SAME_SIDE, SAME_FACE = wp.constant(0.1), wp.constant(0.9999)
-"""product of the normals at both ends of a way: more on one side of a mesh, as a rule; as on one face"""
+SAME_SIDE = wp.constant(0.1)
+"""product of the normals at both ends of a way: more on one side of a mesh, as a rule"""
+DEEPER = wp.constant(4.0)
+"""times what float32 tells: as deep a way is to come in that touches, and does not slide along a side"""
 
 
 @wp.struct
@@ -65,7 +67,7 @@ def touch_function(meshes: bool) -> Any:
         shapes: SolidTable, up: wp.vec3, number: wp.int32, start: wp.vec3, way: float, ahead: wp.vec3, radius: float
     ):
         """Along a line the distance to a convex solid is a convex function. So Newton's method comes to where it first
-        vanishes, and never past that, at any angle."""
+        vanishes, and never past that, at any angle. A way that comes to an edge and goes on along a side is outside."""
         touch = Touch()
         near = LEAST_STEP * (way + wp.length(start))
         gone = float(0.0)
@@ -77,14 +79,19 @@ def touch_function(meshes: bool) -> Any:
             looks += 1
             if distance - falling * (way - gone) >= -near:  # all the rest is outside
                 looks = MOST_LOOKS
-            elif distance <= near or looks == MOST_LOOKS:
-                touch.normal = normal
-                touch.place = here - distance * normal
-                touch.clear = here
-                touch.part = gone / way
-                looks = MOST_LOOKS
-            else:
+            elif distance > near and looks < MOST_LOOKS:
                 gone += distance / falling
+            else:
+                further = wp.min(gone + (wp.max(distance, 0.0) + DEEPER * near) / falling, way)
+                depth, _normal = surface_at(shapes, up, number, start + further * ahead, radius, way)
+                if distance < -near or depth < -near or looks == MOST_LOOKS:
+                    touch.normal = normal
+                    touch.place = here - distance * normal
+                    touch.clear = here
+                    touch.part = gone / way
+                    looks = MOST_LOOKS
+                else:
+                    gone = further
         return touch
 
     @wp.func
@@ -248,14 +255,21 @@ def way_function(meshes: bool) -> Any:
         last: float,
         normal: wp.vec3,
     ):
-        """Whether a way whose ends see the same side of a solid passes nothing on the way to the surface at its end."""
-        straight = last < 0.0 and wp.dot(normal, facing) >= SAME_FACE
+        """Whether a way passes nothing on the way to the surface at its end.
+
+        Of a convex solid nothing is above the plane of a side: so where a way begins above that of its end, it passes
+        nothing, whichever side it comes in by. What slides from one box to the next, flush one, does so.
+        """
+        way = wp.length(end - start)
+        near = LEAST_STEP * (way + wp.length(start))
+        straight = last < 0.0 and wp.dot(start - end, normal) + last >= -near
         if wp.static(meshes):
             if shapes.kinds[number] == MESH:
-                way = wp.length(end - start)
                 skin = shapes.thicknesses[number] + radius
                 straight = first + skin >= 0.0 and last + skin >= 0.0 and first + last + 2.0 * skin >= way
-                if last < 0.0 and not straight and (radius == 0.0 or way <= skin):
+                straight = straight and wp.dot(normal, facing) >= SAME_SIDE
+                could = wp.dot(normal, facing) >= SAME_SIDE and (radius == 0.0 or way <= skin)
+                if last < 0.0 and not straight and could:
                     near = LEAST_STEP * (way + shapes.reaches[number])
                     above = start + near * facing
                     beside = end + (near - last) * normal - above
@@ -279,10 +293,7 @@ def way_function(meshes: bool) -> Any:
             last, normal = surface_at(shapes, up, number, end, radius, farthest)
             free = wp.min(last, farthest)
             if last < 0.0 or first + last < way:
-                straight = bool(False)
-                if wp.dot(normal, facing) >= SAME_SIDE:
-                    straight = is_straight(shapes, number, start, end, radius, first, facing, last, normal)
-                if not straight:
+                if not is_straight(shapes, number, start, end, radius, first, facing, last, normal):
                     slid, held, left = slide(shapes, up, number, start, end, radius, farthest)
                     let = slid
                     outward = held
