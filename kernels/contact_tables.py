@@ -20,19 +20,19 @@ class SphereTable:
 
 
 @wp.struct
-class SolidTable:
-    """Shapes as signed distances, see `laws.fixture`."""
+class Solid:
+    """A shape as a signed distance, see `laws.fixture`."""
 
-    kinds: wp.array[wp.int32]
-    sizes: wp.array[wp.vec3]
+    kind: wp.int32
+    size: wp.vec3
     """half the edges of a box; radius and half the length of a capsule [m]"""
-    meshes: wp.array[wp.uint64]
-    closed: wp.array[wp.int32]
-    thicknesses: wp.array[float]
+    mesh: wp.uint64
+    closed: wp.int32
+    thickness: float
     """how far from the surface particles are held [m]"""
-    reaches: wp.array[float]
+    reach: float
     """of the farthest point from the origin [m]"""
-    blurs: wp.array[float]
+    blur: float
     """of a mesh, over its mean edge: by how much more two of its places are away from a point, if float32 tells"""
 
 
@@ -40,7 +40,7 @@ class SolidTable:
 class FixtureTable:
     """Obstacles that go where they are told."""
 
-    solids: SolidTable
+    solids: wp.array[Solid]
     motion: wp.array2d[wp.transform]
     """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
@@ -64,7 +64,7 @@ class FixtureTable:
 class BodyTable:
     """Free rigid bodies about their centers of mass, see `loops.bodies`; empty where there are none."""
 
-    solids: SolidTable
+    solids: wp.array[Solid]
     mass: wp.array2d[float]
     friction: wp.array2d[float]
     restitution: wp.array2d[float]

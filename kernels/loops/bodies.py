@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import SolidTable
+from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.impulse import FREE, way_apart
 from balloon_warp.kernels.laws.rigid import spin_of, turned
 from balloon_warp.kernels.loops.ways import way_function
@@ -57,7 +57,7 @@ def body_at(
     rigid.velocity = state.body_velocities[world, body]
     rigid.momentum = state.body_momenta[world, body]
     rigid.mass = body_mass(t, world, body)
-    rigid.reach = t.bodies.solids.reaches[body]
+    rigid.reach = t.bodies.solids[body].reach
     rigid.spin = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, rigid.momentum)
     return rigid
 
@@ -100,7 +100,7 @@ def stop_function(traits: Traits) -> Any:
 
     @wp.func
     def stop_at(
-        solids: SolidTable,
+        solid: Solid,
         up: wp.vec3,
         step_seconds: float,
         rigid: Rigid,
@@ -117,7 +117,7 @@ def stop_function(traits: Traits) -> Any:
         way = wp.length(arm - stop.arm) + step_seconds * wp.length(rigid.spin) * rigid.reach
         if wp.length(arm) - rigid.reach - radius <= way:
             let, outward, _free, _part = let_through(
-                solids, up, rigid.number, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
+                solid, up, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
                 wp.quat_rotate_inv(rigid.end_turn, arm), radius,
             )  # fmt: skip
             if wp.length_sq(outward) > 0.0:

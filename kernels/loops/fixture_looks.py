@@ -58,7 +58,7 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
     def begin_look(t: Tables, world: wp.int32, particle: wp.int32, time: float, start: wp.vec3, end: wp.vec3):
         """At those that may be in a particle's way to its end; often at none."""
         look = Look()
-        look.last = t.fixtures.solids.kinds.shape[0]
+        look.last = t.fixtures.solids.shape[0]
         look.free = FAR_AWAY
         look.beyond = FAR_AWAY
         seen = four_in(t.fixtures.looks, world, particle)
@@ -94,7 +94,7 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
         free = SURELY * look.free + passes
         if wp.static(several):
             beyond = SURELY * (look.beyond - wp.length(point - end)) + passes
-            if look.last - look.first < t.fixtures.solids.kinds.shape[0]:
+            if look.last - look.first < t.fixtures.solids.shape[0]:
                 seen = t.fixtures.looks[world, particle]
                 gone = wp.length(point - wp.vec3(seen[0], seen[1], seen[2]))
                 beyond = t.fixtures.nearest[world, particle][0] - gone / SURELY

@@ -52,7 +52,7 @@ def meeting_function(traits: Traits) -> Any:
         met.let = end
         arm = end - center_at(t, world, fixture, time)
         way = wp.length(end - start) + t.step_seconds * t.fixtures.fastest
-        met.free = wp.length(arm) - t.fixtures.solids.reaches[fixture] - radius
+        met.free = wp.length(arm) - t.fixtures.solids[fixture].reach - radius
         if met.free <= way:
             pose = pose_at(t, world, fixture, time)
             before = start - pose.center
@@ -61,9 +61,8 @@ def meeting_function(traits: Traits) -> Any:
                 # where the particle would have been, had the obstacle stood already where it is now
                 before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
             place, outward, free, part = let_through(
-                t.fixtures.solids,
+                t.fixtures.solids[fixture],
                 t.up,
-                fixture,
                 wp.quat_rotate_inv(pose.turn, before),
                 wp.quat_rotate_inv(pose.turn, arm),
                 radius,
@@ -92,13 +91,13 @@ def free_ball_function(traits: Traits) -> Any:
         """No less than that [m], negative where one is in the way already; it is looked for as far as the ball is
         wide."""
         free = float(FAR_AWAY)
-        for fixture in range(t.fixtures.solids.kinds.shape[0]):
+        for fixture in range(t.fixtures.solids.shape[0]):
             pose = pose_at(t, world, fixture, time)
             place = wp.quat_rotate_inv(pose.turn, center - pose.center)
-            beyond = wp.length(place) - t.fixtures.solids.reaches[fixture] - radius
+            beyond = wp.length(place) - t.fixtures.solids[fixture].reach - radius
             if beyond < radius:
-                farthest = 3.0 * radius + t.fixtures.solids.thicknesses[fixture]
-                distance, _normal = surface_at(t.fixtures.solids, t.up, fixture, place, radius, farthest)
+                farthest = 3.0 * radius + t.fixtures.solids[fixture].thickness
+                distance, _normal = surface_at(t.fixtures.solids[fixture], t.up, place, radius, farthest)
                 beyond = wp.max(beyond, wp.min(distance, 2.0 * radius))
             free = wp.min(free, beyond)
         return SURELY * free
@@ -144,7 +143,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                     moved = True
             note_look(t, around.world, around.particle, around.time, look, end, point)
             if wp.static(traits.several_fixtures):
-                if look.last - look.first == t.fixtures.solids.kinds.shape[0]:
+                if look.last - look.first == t.fixtures.solids.shape[0]:
                     crowded = SURELY * look.beyond < wp.length(end - start) + wp.length(point - end)
         return point, velocity, moved, crowded
 

@@ -24,7 +24,7 @@ def speed_of(t: Tables, state: WorldState, ease: wp.mat33d, world: wp.int32, bod
         ease: how much spin 1 N m s gives [1/(kg m^2)].
     """
     spin = ease * wp.vec3d(state.body_momenta[world, body])
-    speed = wp.length(state.body_velocities[world, body]) + float(wp.length(spin)) * t.bodies.solids.reaches[body]
+    speed = wp.length(state.body_velocities[world, body]) + float(wp.length(spin)) * t.bodies.solids[body].reach
     return speed + t.step_seconds * wp.abs(pull)
 
 

@@ -43,7 +43,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
     def count_of(t: Tables, state: WorldState):
         count = 1 + state.body_positions.shape[1]
         if wp.static(traits.fixtures):
-            count += t.fixtures.solids.kinds.shape[0]
+            count += t.fixtures.solids.shape[0]
         return count
 
     @wp.func
@@ -54,7 +54,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
         thing.other = body
         thing.center = state.body_positions[world, body]
         thing.turn = state.body_turns[world, body]
-        thing.reach = t.bodies.solids.reaches[body]
+        thing.reach = t.bodies.solids[body].reach
         thing.friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
         thing.restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
         return thing
@@ -73,14 +73,14 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
             thing.restitution = t.world_numbers[row, ground_restitution]
         elif wp.static(traits.fixtures):
             fixture = number - 1
-            thing.other = fixture - t.fixtures.solids.kinds.shape[0]
+            thing.other = fixture - t.fixtures.solids.shape[0]
             if thing.other < 0:
                 pose = pose_at(t, world, fixture, time + t.step_seconds)  # in the frame of the step, then back
                 thing.fixture = fixture
                 thing.other = -1
                 thing.center = pose.center - t.step_seconds * pose.velocity
                 thing.turn = turned_by(pose.turn, -t.step_seconds * pose.spin)
-                thing.reach = t.fixtures.solids.reaches[fixture]
+                thing.reach = t.fixtures.solids[fixture].reach
                 thing.velocity = pose.velocity
                 thing.spin = pose.spin
                 row = row_of_world(world, t.fixtures.frictions.shape[0])
@@ -101,7 +101,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
             gap = wp.length(arm) - thing.reach - radius
             if gap < within:
                 of_body, out_of_body = body_surface(
-                    t.bodies.solids, t.up, thing.other, wp.quat_rotate_inv(thing.turn, arm), radius,
+                    t.bodies.solids[thing.other], t.up, wp.quat_rotate_inv(thing.turn, arm), radius,
                     within + radius + 0.1 * thing.reach,
                 )  # fmt: skip
                 gap = of_body
@@ -111,7 +111,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
                 gap = wp.length(arm) - thing.reach - radius
                 if gap < within:
                     of_fixture, out_of_fixture = fixture_surface(
-                        t.fixtures.solids, t.up, thing.fixture, wp.quat_rotate_inv(thing.turn, arm), radius,
+                        t.fixtures.solids[thing.fixture], t.up, wp.quat_rotate_inv(thing.turn, arm), radius,
                         within + radius + 0.1 * thing.reach,
                     )  # fmt: skip
                     gap = of_fixture

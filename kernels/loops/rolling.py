@@ -100,7 +100,7 @@ def leaving_function(traits: Traits) -> Any:
             start: where it was before the step.
         """
         radius = sphere_radius(t.spheres, world, sphere)
-        fixtures = t.fixtures.solids.kinds.shape[0]
+        fixtures = t.fixtures.solids.shape[0]
         turns = wp.int32(0)
         while turns < MOST_TURNS:
             turns += 1

@@ -8,9 +8,6 @@ import warp as wp
 
 from balloon_warp.kernels.laws.grip import Grip, going_on, grip_impulse, has_agreed
 
-# Arrays of a world are handed on one by one: tables and working memory as a whole, copied into each of these small
-# functions, take a GPU's compiler minutes.
-
 
 @wp.func
 def ease_of(masses: wp.array[float], eases: wp.array[wp.mat33d], body: wp.int32, arm: wp.vec3, direction: wp.vec3):

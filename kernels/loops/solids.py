@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import SolidTable
+from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.fixture import (
     BOX,
     CAPSULE,
@@ -25,33 +25,26 @@ def surface_function(meshes: bool) -> Any:
     """
 
     @wp.func
-    def surface_at(shapes: SolidTable, up: wp.vec3, number: wp.int32, point: wp.vec3, radius: float, farthest: float):
+    def surface_at(solid: Solid, up: wp.vec3, point: wp.vec3, radius: float, farthest: float):
         """Signed [m], less the solid's thickness and a radius, and the normal; the point is seen from the solid.
         Of a mesh, very large beyond `farthest`."""
-        kind = shapes.kinds[number]
-        size = shapes.sizes[number]
         distance = wp.dot(point, up)
         normal = up
-        if kind == BOX:
-            of_box, out_of_box = box_surface(point, size)
+        if solid.kind == BOX:
+            of_box, out_of_box = box_surface(point, solid.size)
             distance = of_box
             normal = out_of_box
-        elif kind == CAPSULE:
-            of_capsule, out_of_capsule = capsule_surface(point, size[0], size[1], up)
+        elif solid.kind == CAPSULE:
+            of_capsule, out_of_capsule = capsule_surface(point, solid.size[0], solid.size[1], up)
             distance = of_capsule
             normal = out_of_capsule
         if wp.static(meshes):
-            if kind == MESH:
+            if solid.kind == MESH:
                 of_mesh, out_of_mesh = mesh_surface(
-                    shapes.meshes[number],
-                    shapes.closed[number],
-                    point,
-                    farthest,
-                    shapes.reaches[number],
-                    shapes.blurs[number],
-                )
+                    solid.mesh, solid.closed, point, farthest, solid.reach, solid.blur
+                )  # fmt: skip
                 distance = of_mesh
                 normal = out_of_mesh
-        return distance - shapes.thicknesses[number] - radius, normal
+        return distance - solid.thickness - radius, normal
 
     return surface_at

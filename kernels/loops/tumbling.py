@@ -182,8 +182,9 @@ def tumbling_function(traits: Traits) -> Any:
         rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
         velocity = state.sphere_velocities[world, sphere]
         end = state.sphere_positions[world, sphere]
+        solid = t.bodies.solids[body]
         stop = stop_at(
-            t.bodies.solids, t.up, t.step_seconds, rigid, working.sphere_starts[world, sphere], end, velocity, radius
+            solid, t.up, t.step_seconds, rigid, working.sphere_starts[world, sphere], end, velocity, radius
         )  # fmt: skip
         if wp.length_sq(stop.normal) > 0.0:
             mass = sphere_mass(t.spheres, world, sphere)

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import SolidTable
+from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.contact import without_approach
 from balloon_warp.kernels.laws.fixture import BALL_LOOKS, LEAST_STEP, MESH, MOST_LOOKS, MOST_SLIDES, UNSEEN, toward
 from balloon_warp.kernels.loops.solids import surface_function
@@ -63,9 +63,7 @@ def touch_function(meshes: bool) -> Any:
     surface_at = surface_function(meshes)
 
     @wp.func
-    def touch_convex(
-        shapes: SolidTable, up: wp.vec3, number: wp.int32, start: wp.vec3, way: float, ahead: wp.vec3, radius: float
-    ):
+    def touch_convex(solid: Solid, up: wp.vec3, start: wp.vec3, way: float, ahead: wp.vec3, radius: float):
         """Along a line the distance to a convex solid is a convex function. So Newton's method comes to where it first
         vanishes, and never past that, at any angle. A way that comes to an edge and goes on along a side is outside."""
         touch = Touch()
@@ -74,7 +72,7 @@ def touch_function(meshes: bool) -> Any:
         looks = wp.int32(0)
         while looks < MOST_LOOKS:
             here = start + gone * ahead
-            distance, normal = surface_at(shapes, up, number, here, radius, way)
+            distance, normal = surface_at(solid, up, here, radius, way)
             falling = -wp.dot(normal, ahead)
             looks += 1
             if distance - falling * (way - gone) >= -near:  # all the rest is outside
@@ -83,7 +81,7 @@ def touch_function(meshes: bool) -> Any:
                 gone += distance / falling
             else:
                 further = wp.min(gone + (wp.max(distance, 0.0) + DEEPER * near) / falling, way)
-                depth, _normal = surface_at(shapes, up, number, start + further * ahead, radius, way)
+                depth, _normal = surface_at(solid, up, start + further * ahead, radius, way)
                 if distance < -near or depth < -near or looks == MOST_LOOKS:
                     touch.normal = normal
                     touch.place = here - distance * normal
@@ -96,9 +94,8 @@ def touch_function(meshes: bool) -> Any:
 
     @wp.func
     def touch_mesh(
-        shapes: SolidTable,
+        solid: Solid,
         up: wp.vec3,
-        number: wp.int32,
         start: wp.vec3,
         way: float,
         ahead: wp.vec3,
@@ -109,16 +106,16 @@ def touch_function(meshes: bool) -> Any:
         there looks, as far apart as the surface is away (Hart 1996, *Sphere tracing*), but at least half the skin or a
         part of the way, find where its skin comes in."""
         touch = Touch()
-        skin = shapes.thicknesses[number] + radius
-        near = LEAST_STEP * (way + shapes.reaches[number])
-        first, facing = surface_at(shapes, up, number, start, radius, farthest)
-        ray = wp.mesh_query_ray(shapes.meshes[number], start, ahead, way + near)
+        skin = solid.thickness + radius
+        near = LEAST_STEP * (way + solid.reach)
+        first, facing = surface_at(solid, up, start, radius, farthest)
+        ray = wp.mesh_query_ray(solid.mesh, start, ahead, way + near)
         passing = wp.where(ray.result, ray.t, way)
         inside = bool(False)
-        if shapes.closed[number] != 0:
+        if solid.closed != 0:
             inside = first + skin < -near or (ray.result and wp.dot(ray.normal, ahead) > 0.0)
             if first + skin <= near and not ray.result:  # it is on the surface, as float32 sees it
-                last, _normal = surface_at(shapes, up, number, start + way * ahead, radius, farthest)
+                last, _normal = surface_at(solid, up, start + way * ahead, radius, farthest)
                 inside = inside or last + skin < 0.0
         if inside:
             touch.normal = facing
@@ -132,7 +129,7 @@ def touch_function(meshes: bool) -> Any:
             gone = wp.max(first, step)
             while skin > 0.0 and gone < passing:
                 here = start + gone * ahead
-                distance, normal = surface_at(shapes, up, number, here, radius, farthest)
+                distance, normal = surface_at(solid, up, here, radius, farthest)
                 if distance < -unseen:
                     touch.normal = normal
                     touch.place = here - distance * normal
@@ -150,27 +147,19 @@ def touch_function(meshes: bool) -> Any:
         return touch
 
     @wp.func
-    def touch_at(
-        shapes: SolidTable,
-        up: wp.vec3,
-        number: wp.int32,
-        start: wp.vec3,
-        end: wp.vec3,
-        radius: float,
-        farthest: float,
-    ):
+    def touch_at(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
         """Where the way from a start to an end comes in first."""
         way = wp.length(end - start)
         touch = Touch()
         if way > 0.0:
             ahead = (end - start) / way
             if wp.static(meshes):
-                if shapes.kinds[number] == MESH:
-                    touch = touch_mesh(shapes, up, number, start, way, ahead, radius, farthest)
+                if solid.kind == MESH:
+                    touch = touch_mesh(solid, up, start, way, ahead, radius, farthest)
                 else:
-                    touch = touch_convex(shapes, up, number, start, way, ahead, radius)
+                    touch = touch_convex(solid, up, start, way, ahead, radius)
             else:
-                touch = touch_convex(shapes, up, number, start, way, ahead, radius)
+                touch = touch_convex(solid, up, start, way, ahead, radius)
         return touch
 
     return touch_at
@@ -183,15 +172,7 @@ def slide_function(meshes: bool) -> Any:
     touch_at = touch_function(meshes)
 
     @wp.func
-    def slide(
-        shapes: SolidTable,
-        up: wp.vec3,
-        number: wp.int32,
-        start: wp.vec3,
-        end: wp.vec3,
-        radius: float,
-        farthest: float,
-    ):
+    def slide(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
         """The end of its way, which slides on from where it comes in, as its speed does; then along which unit vector
         it is held back, zero if it is not; and what part of the way is left to slide.
 
@@ -201,24 +182,24 @@ def slide_function(meshes: bool) -> Any:
         let = end
         outward = wp.vec3()
         part = float(1.0)
-        touch = touch_at(shapes, up, number, start, end, radius, farthest)
+        touch = touch_at(solid, up, start, end, radius, farthest)
         if wp.length_sq(touch.normal) > 0.0:
             outward = touch.normal
             part = 1.0 - touch.part
-            if wp.static(not meshes) or shapes.kinds[number] != MESH:
+            if wp.static(not meshes) or solid.kind != MESH:
                 let = raised(end, touch, 0.0)
             else:
-                lift = LEAST_STEP * (wp.length(end - start) + shapes.reaches[number])
+                lift = LEAST_STEP * (wp.length(end - start) + solid.reach)
                 clear = touch.clear + lift * touch.normal
                 let = raised(end, touch, lift)
                 course = along_both(end - start, touch.normal, wp.vec3())
                 slides = wp.int32(1)
                 while slides > 0:
-                    distance, normal = surface_at(shapes, up, number, let, radius, farthest)
+                    distance, normal = surface_at(solid, up, let, radius, farthest)
                     if distance < -lift:
                         let -= distance * normal
                         course = along_both(course, normal, wp.vec3())
-                    again = touch_at(shapes, up, number, clear, let, radius, farthest)
+                    again = touch_at(solid, up, clear, let, radius, farthest)
                     slides += 1
                     if wp.length_sq(again.normal) == 0.0:
                         slides = 0
@@ -245,8 +226,7 @@ def way_function(meshes: bool) -> Any:
 
     @wp.func
     def is_straight(
-        shapes: SolidTable,
-        number: wp.int32,
+        solid: Solid,
         start: wp.vec3,
         end: wp.vec3,
         radius: float,
@@ -264,37 +244,36 @@ def way_function(meshes: bool) -> Any:
         near = LEAST_STEP * (way + wp.length(start))
         straight = last < 0.0 and wp.dot(start - end, normal) + last >= -near
         if wp.static(meshes):
-            if shapes.kinds[number] == MESH:
-                skin = shapes.thicknesses[number] + radius
-                straight = first + skin >= 0.0 and last + skin >= 0.0 and first + last + 2.0 * skin >= way
-                straight = straight and wp.dot(normal, facing) >= SAME_SIDE
-                could = wp.dot(normal, facing) >= SAME_SIDE and (radius == 0.0 or way <= skin)
-                if last < 0.0 and not straight and could:
-                    near = LEAST_STEP * (way + shapes.reaches[number])
+            if solid.kind == MESH:
+                skin = solid.thickness + radius
+                alike = wp.dot(normal, facing) >= SAME_SIDE
+                straight = alike and first + skin >= 0.0 and last + skin >= 0.0 and first + last + 2.0 * skin >= way
+                if last < 0.0 and not straight and alike and (radius == 0.0 or way <= skin):
+                    near = LEAST_STEP * (way + solid.reach)
                     above = start + near * facing
                     beside = end + (near - last) * normal - above
                     length = wp.length(beside)
-                    ray = wp.mesh_query_ray(shapes.meshes[number], above, toward(beside, normal), length)
+                    ray = wp.mesh_query_ray(solid.mesh, above, toward(beside, normal), length)
                     straight = not ray.result
         return straight
 
     @wp.func
-    def let_through(shapes: SolidTable, up: wp.vec3, number: wp.int32, start: wp.vec3, end: wp.vec3, radius: float):
+    def let_through(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
         """The end of a particle's way, on the surface if that is in it; then along which unit vector it is held back,
         or else zero; how far from the end there is nothing for sure; and what part of its way it may slide."""
         way = wp.length(end - start)
-        farthest = way + shapes.thicknesses[number] + radius + 0.1 * shapes.reaches[number]
+        farthest = way + solid.thickness + radius + 0.1 * solid.reach
         let = end
         outward = wp.vec3()
         part = float(1.0)
-        first, facing = surface_at(shapes, up, number, start, radius, farthest)
+        first, facing = surface_at(solid, up, start, radius, farthest)
         free = wp.min(first, farthest) - way
         if first <= way:
-            last, normal = surface_at(shapes, up, number, end, radius, farthest)
+            last, normal = surface_at(solid, up, end, radius, farthest)
             free = wp.min(last, farthest)
             if last < 0.0 or first + last < way:
-                if not is_straight(shapes, number, start, end, radius, first, facing, last, normal):
-                    slid, held, left = slide(shapes, up, number, start, end, radius, farthest)
+                if not is_straight(solid, start, end, radius, first, facing, last, normal):
+                    slid, held, left = slide(solid, up, start, end, radius, farthest)
                     let = slid
                     outward = held
                     part = left

@@ -80,11 +80,12 @@ def bodies_function(traits: Traits) -> Any:
         """How the particles that are a thread's push a body that changes as in the last pass; or they take what they
         gain by a change. One function does both, as what tells whether they meet is long."""
         part = Push()
+        solid = t.bodies.solids[rigid.number]
         for particle in range(thread, points.shape[0], wp.block_dim()):
             end = points[particle]
             velocity = velocities[particle]
             stop = stop_at(
-                t.bodies.solids, t.up, t.step_seconds, rigid, end - t.step_seconds * velocity, end, velocity, 0.0
+                solid, t.up, t.step_seconds, rigid, end - t.step_seconds * velocity, end, velocity, 0.0
             )  # fmt: skip
             pushed = wp.vec3()
             if wp.length_sq(stop.normal) > 0.0:
