@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.rigid import turned_by
 from balloon_warp.kernels.loops.fixture_poses import pose_function
 from balloon_warp.kernels.loops.solids import surface_function
@@ -21,6 +22,7 @@ class Thing:
     center: wp.vec3
     turn: wp.quat
     reach: float  # from there [m]
+    solid: Solid  # of an obstacle or a body
     velocity: wp.vec3  # if it goes where it is told [m/s]
     spin: wp.vec3  # likewise [rad/s]
     friction: float
@@ -32,8 +34,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
     """The functions that say how many things there are, what a body and what any is, and how far its surface is from a
     point."""
     pose_at = pose_function(traits) if traits.fixtures else None
-    fixture_surface = surface_function(traits.fixture_meshes) if traits.fixtures else None
-    body_surface = surface_function(traits.body_meshes)
+    surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
     split = traits.columns.balloon_width
     height, ground_friction, ground_restitution = (
         traits.columns.places[name] - split for name in ("ground_height", "ground_friction", "ground_restitution")
@@ -54,7 +55,8 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
         thing.other = body
         thing.center = state.body_positions[world, body]
         thing.turn = state.body_turns[world, body]
-        thing.reach = t.bodies.solids[body].reach
+        thing.solid = t.bodies.solids[body]
+        thing.reach = thing.solid.reach
         thing.friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
         thing.restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
         return thing
@@ -80,7 +82,8 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
                 thing.other = -1
                 thing.center = pose.center - t.step_seconds * pose.velocity
                 thing.turn = turned_by(pose.turn, -t.step_seconds * pose.spin)
-                thing.reach = t.fixtures.solids[fixture].reach
+                thing.solid = t.fixtures.solids[fixture]
+                thing.reach = thing.solid.reach
                 thing.velocity = pose.velocity
                 thing.spin = pose.spin
                 row = row_of_world(world, t.fixtures.frictions.shape[0])
@@ -97,25 +100,13 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
         arm = point - thing.center
         gap = wp.dot(arm, t.up) - radius
         normal = t.up
-        if thing.other >= 0:
+        if thing.other >= 0 or thing.fixture >= 0:
             gap = wp.length(arm) - thing.reach - radius
             if gap < within:
-                of_body, out_of_body = body_surface(
-                    t.bodies.solids[thing.other], t.up, wp.quat_rotate_inv(thing.turn, arm), radius,
-                    within + radius + 0.1 * thing.reach,
-                )  # fmt: skip
-                gap = of_body
-                normal = wp.quat_rotate(thing.turn, out_of_body)
-        elif wp.static(traits.fixtures):
-            if thing.fixture >= 0:
-                gap = wp.length(arm) - thing.reach - radius
-                if gap < within:
-                    of_fixture, out_of_fixture = fixture_surface(
-                        t.fixtures.solids[thing.fixture], t.up, wp.quat_rotate_inv(thing.turn, arm), radius,
-                        within + radius + 0.1 * thing.reach,
-                    )  # fmt: skip
-                    gap = of_fixture
-                    normal = wp.quat_rotate(thing.turn, out_of_fixture)
+                place, farthest = wp.quat_rotate_inv(thing.turn, arm), within + radius + 0.1 * thing.reach
+                distance, outward = surface_at(thing.solid, t.up, place, radius, farthest)
+                gap = distance
+                normal = wp.quat_rotate(thing.turn, outward)
         return gap, normal
 
     return count_of, body_in, thing_at, gap_to
