@@ -7,7 +7,7 @@ from typing import Any
 
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
-from balloon_warp.model import Model, State
+from balloon_warp.model import Model, State, remark_sentences, remarks_on
 from balloon_warp.outputs.snapshot import snapshot
 
 NOTEBOOK_SIZE = (480, 270)
@@ -32,8 +32,9 @@ class Displayed(ABC):
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd about the meshes, and what became of it, a sentence each."""
-        return self.model.warnings
+        """What is odd about the meshes, what became of it, and where numbers until now are not what was asked for, a
+        sentence each."""
+        return self.model.warnings + remark_sentences(remarks_on(self.model, self.state))
 
     def picture(self, world: int = 0, size: tuple[int, int] = (640, 360), samples: int = 4) -> bytes:
         """A picture of one world as it is now, as a PNG file has it: `Path("now.png").write_bytes(picture)`.

@@ -31,10 +31,9 @@ LEAST_VOLUME, LEAST_AREA, LEAST_RADIUS = 0.25, 0.25, 0.5
 """of the mesh's; the radius is the root mean square distance from the center"""
 LEAST_INFLATED_VOLUME, LEAST_HEIGHT = 0.9, 0.8
 """of the mesh's, of a balloon that is left to itself under the pressure that we chose: it was to grow, and to stand"""
-MOST_VOLUME, MOST_SPRING_VOLUME = 2.5, 8.0
-"""of the mesh's: under the pressure that we chose; and of springs under any, which are then past a stretch of 2, where
-their pressure is largest"""
-MOST_WRONG_SIDED = 0.02
+MOST_SWOLLEN = 1.6
+"""volume under the pressure that we chose, over that of a ball which is stretched as was asked"""
+MOST_WRONG_SIDED = 0.05
 """of the area, beyond what is so in the mesh: enclosed by other parts, or turned inside out"""
 COMPACT = 0.005
 """volume over area to the power of 3/2, of a mesh whose volume says something: 0.094 of a ball, 0.048 of a pillow"""
@@ -207,10 +206,12 @@ def _misshapen(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, nu
 
 def _wrong_size(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, number: int) -> BadEnding | None:
     balloon, name = model.scene.balloon[number], rest.name
-    automatic, grown = balloon.inflation.is_automatic, signed_volume(end) / signed_volume(rest)
-    if grown > (MOST_VOLUME if automatic else MOST_SPRING_VOLUME if not balloon.material.is_membrane else np.inf):
+    if not balloon.inflation.is_automatic:
+        return None
+    grown = signed_volume(end) / signed_volume(rest)
+    if grown > MOST_SWOLLEN * (1.0 + balloon.inflation.stretch) ** 3:
         return BadEnding("swollen", name, grown, f"{name} swelled to {grown:.1f} times its volume; less pressure helps")
-    if not automatic or not _is_left_to_itself(model):
+    if not _is_left_to_itself(model):
         return None
     if grown < LEAST_INFLATED_VOLUME:
         sentence = f"{name} crumpled: it has {grown:.0%} of the volume of its mesh; less weight or more pressure helps"

@@ -56,7 +56,8 @@ class Frame:
 
     @property
     def volumes(self) -> NDArray[np.float64]:
-        """of the balloons [m^3], shape (balloon_count,): what a closed one encloses; 0 of one that burst"""
+        """of the balloons [m^3], shape (balloon_count,): what a closed one encloses; 0 of one that burst, once it is
+        open"""
         return self._volumes_and_areas[:, 0]
 
     @property
@@ -73,12 +74,12 @@ class Frame:
     @cached_property
     def _volumes_and_areas(self) -> NDArray[np.float64]:
         pairs = zip(self.meshes, self.points, strict=True)
-        now = [
-            replace(mesh, points=points.astype(np.float64), face_vertex_indices=self.corners(number))
-            for number, (mesh, points) in enumerate(pairs)
-        ]
-        measures = np.array([volume_and_area(mesh) for mesh in now]).reshape(-1, 2)
-        measures[[torn.any() for torn in self.torn] if self.torn else slice(0), 0] = 0.0
+        closed = [replace(mesh, points=points.astype(np.float64)) for mesh, points in pairs]
+        measures = np.array([volume_and_area(mesh) for mesh in closed]).reshape(-1, 2)
+        for number, torn in enumerate(self.torn):
+            if torn.any():
+                left = replace(closed[number], face_vertex_indices=self.corners(number))
+                measures[number] = measures[number, 0] * (self.gas_amounts[number] > 0.0), volume_and_area(left)[1]
         return measures
 
     def corners(self, number: int) -> NDArray[np.int32]:

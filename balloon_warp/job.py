@@ -11,6 +11,7 @@ from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
 from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
+from balloon_warp.model import remark_sentences, remarks_on
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.wanted import Wanted
@@ -19,6 +20,7 @@ from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, h
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.simulator import Simulator
+from balloon_warp.swelling import Swelling, swellings_of, told_before
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class Summary:
     """why the frames end early"""
     bad_endings: list[BadEnding]
     """balloons that came apart, fell for ever, collapsed or folded over by the last frame"""
+    inflation: list[Swelling]
+    """what pressures of "auto" came to"""
     wall_seconds: float
     """of simulating and writing, without the picture"""
     particle_substeps_per_second: float
@@ -117,9 +121,9 @@ def animate(
     scene = scene_of(scene)
     check_policy(on_blowup)
     with Wanted.of(output, picture, save_points, lights, ground, view).checked(scene) as wanted:
-        simulator = _first_simulator(scene, device, schedule, laws, on_warning)
-        folder, again = partial_path(wanted.output), resume and on_blowup == "restart"
-        restarts = halvings_until(folder, simulator.model.substeps) if again else 0
+        simulator, inflation = _begun(scene, device, schedule, laws, on_warning)
+        on_frame, again = told_before(inflation, on_note, on_frame), resume and on_blowup == "restart"
+        restarts = halvings_until(partial_path(wanted.output), simulator.model.substeps) if again else 0
         for _ in range(restarts):
             scene = with_half_the_step(scene, simulator.model.substeps)
             simulator = Simulator(scene, device, schedule=schedule, laws=laws)
@@ -139,7 +143,7 @@ def animate(
         seconds = time.perf_counter() - began
         endings = _look_at_the_end(simulator, blow_up, on_warning)
         wanted.draw(device)
-    return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, seconds)
+    return _summary(simulator, name, wanted, begin, restarts, blow_up, endings, inflation, seconds)
 
 
 def _begun_again(
@@ -167,19 +171,25 @@ def _look_at_the_end(
     endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
     for sentence in ending_sentences(endings):
         on_warning(sentence)
-    for sentence in crowding_remarks(simulator.schedule.crowded):
+    remarks = remark_sentences(remarks_on(simulator.model, simulator.state))
+    for sentence in [*remarks, *crowding_remarks(simulator.schedule.crowded)]:
         on_warning(sentence)
     return endings
 
 
-def _first_simulator(
-    scene: Scene, device: str | None, schedule: str, laws: Sequence[Law], on_warning: Callable[[str], None]
-) -> Simulator:
-    """Of a scene, whose oddities are told."""
+def _begun(
+    scene: Scene,
+    device: str | None,
+    schedule: str,
+    laws: Sequence[Law],
+    on_warning: Callable[[str], None],
+) -> tuple[Simulator, list[Swelling]]:
+    """The simulator of a scene, whose oddities are told; and how far its balloons swell by pressures that are left to
+    us."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     for warning in simulator.model.warnings:
         on_warning(warning)
-    return simulator
+    return simulator, swellings_of(simulator.model)
 
 
 def _summary(
@@ -190,6 +200,7 @@ def _summary(
     restarts: int,
     blow_up: BlowUpError | None,
     endings: list[BadEnding],
+    inflation: list[Swelling],
     seconds: float,
 ) -> Summary:
     """What `animate` hands back."""
@@ -211,6 +222,7 @@ def _summary(
         restarts=restarts,
         blow_up=str(blow_up) if blow_up else None,
         bad_endings=endings,
+        inflation=inflation,
         wall_seconds=round(seconds, 3),
         particle_substeps_per_second=round(model.particle_count * model.substeps * (frames - begin) / seconds),
     )

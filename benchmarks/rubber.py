@@ -35,7 +35,7 @@ class RubberCase:
     def scene(self) -> Scene:
         """Of rubber, stretched."""
         preset = "natural_rubber_treloar" if self.law == "ogden" else "latex"
-        return self._of({"material": {"preset": preset, "kind": self.law}})
+        return self._of({"material": {"preset": preset, "kind": self.law, "most_stretch": 6.0}})
 
     def without(self) -> Scene:
         """Of springs as stiff, and as heavy."""

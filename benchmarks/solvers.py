@@ -37,7 +37,7 @@ class Row(NamedTuple):
     method: str
     """schedule or solver"""
     substeps: int
-    iterations: int | None
+    iterations: int | str | None
     error: float
     """root mean square over the particles, over the balloon's radius"""
     seconds: float

@@ -20,31 +20,37 @@ class SphereTable:
 
 
 @wp.struct
-class SolidTable:
-    """Shapes as signed distances, see `laws.fixture`."""
+class Solid:
+    """A shape as a signed distance, see `laws.fixture`."""
 
-    kinds: wp.array[wp.int32]
-    sizes: wp.array[wp.vec3]
+    kind: wp.int32
+    size: wp.vec3
     """half the edges of a box; radius and half the length of a capsule [m]"""
-    meshes: wp.array[wp.uint64]
-    closed: wp.array[wp.int32]
-    thicknesses: wp.array[float]
+    mesh: wp.uint64
+    closed: wp.int32
+    thickness: float
     """how far from the surface particles are held [m]"""
-    reaches: wp.array[float]
+    reach: float
     """of the farthest point from the origin [m]"""
+    blur: float
+    """of a mesh, over its mean edge: by how much more two of its places are away from a point, if float32 tells"""
 
 
 @wp.struct
 class FixtureTable:
     """Obstacles that go where they are told."""
 
-    solids: SolidTable
+    solids: wp.array[Solid]
     motion: wp.array2d[wp.transform]
     """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
     frictions: wp.array2d[float]
     restitutions: wp.array2d[float]
     """of spheres"""
+    samples: wp.array[wp.vec4]
+    """centers of balls in them that free bodies are held out of [m], and their radii [m]; empty where there are none"""
+    sample_ends: wp.array[wp.vec2i]
+    """where each obstacle's begin and end"""
     fastest: float
     """how fast a point of any of them may move [m/s]"""
     looks: wp.array2d[wp.vec4]
@@ -58,7 +64,7 @@ class FixtureTable:
 class BodyTable:
     """Free rigid bodies about their centers of mass, see `loops.bodies`; empty where there are none."""
 
-    solids: SolidTable
+    solids: wp.array[Solid]
     mass: wp.array2d[float]
     friction: wp.array2d[float]
     restitution: wp.array2d[float]
@@ -67,9 +73,9 @@ class BodyTable:
     eases: wp.array[wp.mat33]
     """their inverses [1/m^2]"""
     samples: wp.array[wp.vec4]
-    """points that are held out of what is in the way [m], and how far from each a body begins [m]"""
-    sample_offsets: wp.array[wp.int32]
-    """where each body's samples begin, and after the last, where they end"""
+    """centers of balls in them that are held out of what is in the way [m], and their radii [m]"""
+    sample_ends: wp.array[wp.vec4i]
+    """where each body's samples begin, and where those end that count on the ground, at bodies, and at obstacles"""
 
 
 @wp.struct

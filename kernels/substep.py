@@ -245,10 +245,3 @@ def ramp_at(state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame
     """What is keyframed, such as k_normal, at a time of the frame."""
     ramp = two_in(state.inflation_ramp, world, balloon)
     return ramp[0] + ramp[1] * time_in_frame
-
-
-@wp.func
-def load_once_burst(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec2):
-    """The pressure at height 0 [Pa], and its rise with height [Pa/m], of a balloon that may have burst."""
-    burst = state.bursts[world, balloon]
-    return wp.where(burst[0] < 0.0, load, wp.vec2(burst[1], 0.0))

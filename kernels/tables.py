@@ -146,6 +146,8 @@ class FaceTable:
     """where each balloon's faces begin, and after the last, where they end"""
     volume_origins: wp.array[wp.int32]
     """the particle of each balloon about which its volume is taken: one of a face"""
+    volumes: wp.array[float]
+    """that each balloon's mesh encloses [m^3]"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
 
@@ -183,7 +185,11 @@ class CorrectionTable:
 
 @wp.struct
 class Tables:
-    """All that does not change in a frame."""
+    """All that does not change in a frame.
+
+    At most 8 KiB: of what is larger NVIDIA's compiler leaves copies in local memory wherever a function takes it, and a
+    kernel takes it minutes instead of seconds.
+    """
 
     particles: ParticleTable
     springs: SpringTable
@@ -244,6 +250,8 @@ class WorldState:
     body_turns: wp.array2d[wp.quat]
     body_velocities: wp.array2d[wp.vec3]
     body_momenta: wp.array2d[wp.vec3]
+    body_touches: wp.array2d[wp.int32]
+    body_impulses: wp.array2d[wp.vec3]
     first_bad: wp.array[wp.int32]
 
 

@@ -13,10 +13,18 @@ class TearTable:
     neighbor_offsets: wp.array[wp.int32]
     """where the faces begin that share an edge with each"""
     neighbors: wp.array[wp.int32]
-    distances: wp.array[float]
-    """from a face's center to each of those, at rest [m]"""
-    branching: wp.array[wp.int8]
-    """1 of faces where tears branch, if they do"""
+    edges: wp.array[wp.vec2i]
+    """which edge that is, by its particles"""
+    rests: wp.array[wp.vec3]
+    """particles on the unstretched skin [m]"""
+    centers: wp.array[wp.vec3]
+    """of faces there [m]"""
+    normals: wp.array[wp.vec3]
+    """and unit normals"""
+    ways: wp.array[float]
+    """of balloons: how far from where it began a tear branches, and again [m]"""
+    branchings: wp.array[wp.int32]
+    """how often it may; where it begins is the first time"""
     film_strength: wp.array2d[float]
     """of balloons, see `laws.tearing`, shape (W, balloon_count), as are the next four"""
     tear_strength: wp.array2d[float]
@@ -29,8 +37,11 @@ class TearTable:
     """1 of each face that is torn"""
     face_stresses: wp.array2d[float]
     """the mean of its triangles' [Pa]"""
-    marks: wp.array2d[wp.int8]
-    """1 of faces that tear in this substep"""
+    ahead: wp.array2d[float]
+    """of faces that tear in this substep: how far the tear has run beyond each [m], negative of others"""
+    areas: wp.array3d[wp.int64]
+    """of balloons that burst, of torn faces and of the others, in square micrometers, which add up alike in any
+    order"""
     weakest: wp.array2d[wp.int64]
     """of each balloon that is to burst, the face where, and its stress, see `schedules.launched_tears`"""
 

@@ -27,8 +27,8 @@ CROWDED = (
 machine of two cores is too slow for the clocks that people and networks go by. They also have a core before the rest"""
 
 PHYSICS = (
-    *("added_mass", "breathing", "collision", "conservation", "faces", "fills", "friction", "gas", "gas_heat"),
-    *("impulse", "impulse_energy", "membrane_motion", "necks", "obstacles", "softening", "sphere_friction"),
+    *("added_mass", "breathing", "collision", "conservation", "empty", "faces", "fills", "friction", "gas"),
+    *("gas_heat", "impulse", "impulse_energy", "membrane_motion", "necks", "obstacles", "softening", "sphere_friction"),
     *("timeline", "touch", "touch_crowds", "touch_deep", "touch_stack", "tubes", "wind"),
 )
 """files of tests of physics. On a CPU they run in `scatter` and in `octets`, which people run there, and which has what
@@ -38,8 +38,8 @@ LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 """schedules that tests of physics leave out on a CPU"""
 
 BRIEF = (
-    *("atmosphere", "collision", "contact", "diagnosis", "euler", "free_frames", "gas", "gas_heat", "health"),
-    *("law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "tubes", "water"),
+    *("atmosphere", "collision", "contact", "diagnosis", "empty", "euler", "free_frames", "gas", "gas_heat", "grazing"),
+    *("health", "law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "tubes", "water"),
 )
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
 written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and

@@ -84,3 +84,19 @@ GUST = face_law(
     neutral={"gust_density": 0.0},
     drag=gust_bound,
 )
+
+
+@wp.func
+def repelling(squared_length: float, rest_length: float, repulsion: float):
+    """What keeps ends apart [N/m]: F = -c L^8 d / |d|^8, which has a pole where they are at one place."""
+    ratio = rest_length * rest_length / squared_length
+    squared = ratio * ratio
+    return -repulsion * squared * squared
+
+
+REPELLING = spring_law(
+    repelling,
+    (Parameter("repulsion", "N/m", 0.0, least=0.0),),
+    neutral={"repulsion": 0.0},
+    stiffness=lambda repulsion: 100.0 * repulsion,
+)

@@ -16,8 +16,8 @@ SPACE: dict[str, Any] = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0)}
 
 
 def scene_of(*bodies: Body, **fields: Any) -> Scene:
-    """Bodies, and a balloon that is far away."""
-    away = Balloon(mesh=cube(), position=(0, 90.0, 0), inflation=Inflation(k_normal=0.0))
+    """Bodies, and a balloon that is far away and stays there."""
+    away = Balloon(mesh=cube(), position=(0, 90.0, 0), inflation=Inflation(k_normal=0.0), fixed=list(range(8)))
     return Scene(**{"balloon": [away], "body": list(bodies), "frames_per_second": 100.0, "substeps": 10} | fields)
 
 
@@ -52,6 +52,18 @@ def kinetic(simulator: Simulator) -> float:
     velocities, momenta = body_state(simulator, "velocities"), body_state(simulator, "momenta")
     turning = sum(float(m @ np.linalg.solve(tensor, m)) for m, tensor in zip(momenta, tensors(simulator), strict=True))
     return 0.5 * float(body_masses(simulator) @ (velocities**2).sum(axis=1)) + 0.5 * turning
+
+
+def body_energy(simulator: Simulator, gravity: float = 9.81) -> float:
+    """Of the bodies' motion and weight [J]; the y axis is up."""
+    return kinetic(simulator) + gravity * float(body_masses(simulator) @ body_state(simulator, "positions")[:, 1])
+
+
+def moved(simulator: Simulator, start: Simulator) -> tuple[float, float]:
+    """How far any body is from where it started in another [m], and how far any is turned [degrees]."""
+    ways = body_state(simulator, "positions") - body_state(start, "positions")
+    turns = Rotation.from_quat(body_state(simulator, "turns")) * Rotation.from_quat(body_state(start, "turns")).inv()
+    return float(np.linalg.norm(ways, axis=1).max()), float(np.degrees(turns.magnitude().max()))
 
 
 def whole(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -127,7 +127,8 @@ def test_commands_warn_on_standard_error(
         main()
     assert not ending.value.code
     lines = capsys.readouterr().err.splitlines()
-    warnings = [line for line in lines if not line.startswith("note: mesh.obj inflates above a floor. Its unit is not")]
+    notes = ("note: mesh.obj inflates above a floor. Its unit is not", "note: auto: ")
+    warnings = [line for line in lines if not line.startswith(notes)]
     assert len(warnings) == len(said)
     for warning, beginning in zip(warnings, said, strict=True):
         assert warning.startswith(f"warning: mesh: {beginning}")
@@ -157,7 +158,8 @@ def test_unused_vertices_have_no_mass_and_stay(tmp_path: Path) -> None:
     case = next(case for case in WARNED if case.name == "unused vertices")
     simulator = Simulator(load_scene(written(case, tmp_path)), device="cpu")
     (shape,) = simulator.model.shapes
-    assert shape.mass_share.tolist() == [0.125] * 8 + [0.0] * 2
+    # Of an even skin: in proportion to sums of springs, in another order at each corner.
+    assert shape.mass_share.tolist() == [*[pytest.approx(0.125, rel=1e-12)] * 8, 0.0, 0.0]
     for _ in range(5):
         simulator.step()
     assert simulator.read_frame().points[0][8:].tolist() == [[5, 5, 5], [6, 6, 6]]

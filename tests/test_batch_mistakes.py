@@ -106,9 +106,10 @@ def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[P
 
 
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
-    """Whatever is in its group, a world is stepped alike."""
+    """Whatever is in its group, a world is stepped alike. All are so light that stability asks for more substeps than
+    spheres do."""
     automatic = scene(substeps="auto")
-    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [0.1, 0.1, 0.02]}
+    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [1e-4, 1e-4, 2e-5]}
     alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
     groups = plan_groups(automatic, 3, vary)
     assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]

@@ -26,7 +26,7 @@ def test_a_ball_bounces_on_the_ground_by_its_restitution(restitution, device):
     for _ in range(90):
         simulator.step()
         heights.append(body_state(simulator, "positions")[0, 1] - 0.2)
-    landed = int(np.argmin(heights))
+    landed = int(np.argmin(heights[:60]))  # before it may land once more
     assert min(heights) > -1e-3
     np.testing.assert_allclose(max(heights[landed:]), restitution**2, atol=0.01)
 

@@ -1,5 +1,6 @@
 """What is seen of balloons that burst: stages, pictures, tables, and the scene that shows them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,8 @@ from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
 def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
-    """Their corners come to be at one vertex; validators take it, areas and volumes are of what is left, and pictures
-    show no more of them."""
+    """Their corners come to be at one vertex; validators take it, areas are of what is left, volumes of what
+    holds gas, and pictures show no more of them."""
     scene = scene_of(quad_sphere(4, 0.1), needle_time=1e-3, tear_strength=1e6)
     simulator = filled(scene, 2.0, device)
     path = tmp_path / "burst.usdc"
@@ -40,7 +41,10 @@ def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
     assert gone[0].sum() == 0
     assert gone[-1].sum() == frame.torn[0].sum() > 1
     np.testing.assert_array_equal(gone[-1], frame.torn[0])
-    assert frame.volumes[0] == 0.0
+    closed = replace(frame.meshes[0], points=frame.points[0].astype(np.float64))
+    assert frame.gas_amounts[0] > 0.0  # which the torn faces still bound
+    assert frame.volumes[0] == pytest.approx(signed_volume(closed), rel=1e-6)
+    assert replace(frame, gas_amounts=np.zeros(1)).volumes[0] == 0.0
     whole = simulator.model.shapes[0].mesh.face_vertex_indices.reshape(-1, 4)[~frame.torn[0]]
     left = mesh_of(frame.points[0].astype(np.float64), whole.tolist())
     assert frame.areas[0] == pytest.approx(total_area(left), rel=1e-5)
@@ -72,20 +76,20 @@ def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
 
 def test_a_batch_exports_worlds_that_burst(tmp_path: Path):
     """Two worlds, a needle in one: that goes on, and is in stage and tables as a run alone is, without faces that tore,
-    and without volume. So it is where the batch was stopped on the way."""
+    and at last without volume. So it is where the batch was stopped on the way."""
     balloon = scene_of(quad_sphere(4, 0.1), needle_time=1e9, tear_strength=1e5).balloon[0]
     balloon = balloon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=600.0), "damping": 0.5})
-    scene = Scene(balloon=[balloon], gravity=0.0, frames=6, frames_per_second=500.0)
+    scene = Scene(balloon=[balloon], gravity=0.0, frames=14, frames_per_second=500.0)
     vary, warnings = {"balloon.material.needle_time": [1e9, 4e-3]}, []
     run_batch(scene, tmp_path / "whole", 2, vary, export=[0, 1], device="cpu", on_warning=warnings.append)
     assert not warnings
     stage = Usd.Stage.Open(str(tmp_path / "whole" / STAGE_NAME))
     meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
     with np.load(tmp_path / "whole" / "table.npz") as columns:
-        table = {name: columns[name].reshape(7, 2) for name in ("volume", "area", "burst")}
+        table = {name: columns[name].reshape(15, 2) for name in ("volume", "area", "burst")}
     alone = Simulator(scene, "cpu", 1, {path: values[1:] for path, values in vary.items()}, schedule="gather")
     frame = alone.read_frame()
-    for number in range(7):
+    for number in range(15):
         whole, burst = (np.array(mesh.GetFaceVertexIndicesAttr().Get(number)) for mesh in meshes)
         np.testing.assert_array_equal(whole, frame.meshes[0].face_vertex_indices)
         np.testing.assert_array_equal(burst, frame.corners(0))
@@ -130,7 +134,6 @@ def test_the_bundled_scene_pops(device: str):
     expected = total_area(mesh) * 2e-4 * np.interp(at, stretches, slopes) / (3.0 * signed_volume(mesh) * at**2)
     assert pressure == pytest.approx(expected, rel=0.02)
     pumped, pierced = torn_faces[: len(torn_faces) // 2].mean(), torn_faces[len(torn_faces) // 2 :].mean()
-    assert 0.3 < pumped < 0.6
-    assert 0.01 < pierced < 0.25 * pumped
+    assert 0.01 < pierced < pumped < 0.1  # along two arms, or three, each a face wide
     assert (simulator.state.pressures.numpy() == 0.0).all()
     assert all(np.isfinite(array.numpy()).all() for array in vars(simulator.state).values())

@@ -8,11 +8,11 @@ from conserved import put
 from meshes import mesh_of, prism, quad_sphere
 from numpy.typing import NDArray
 from rubber_theory import ENERGIES, MATERIALS, MU, principal_stretches, slope, sphere_pressure
-from test_membranes import AIR, BALL, DENSITY, THICKNESS, amount_at, stretched, volumes
+from test_membranes import BALL, DENSITY, THICKNESS, amount_at, stretched, volumes
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Touch, Tube, Water
 from balloon_warp.schedules.choose import LAUNCHED
@@ -25,7 +25,8 @@ each_schedule = pytest.mark.parametrize("schedule", LAUNCHED)
 
 
 def scene_of(mesh: PolygonMesh = BALL, damping: float = 0.0, rate: float = 2000.0, **material: Any) -> Scene:
-    made = {"thickness": THICKNESS, "density": DENSITY, "strength": 1.0e7, "most_stretch": 4.0, **material}
+    made = {"thickness": THICKNESS, "density": DENSITY, "strength": 1.0e7, "tear_strength": 1.0e6, "most_stretch": 4.0}
+    made |= material
     own = MATERIALS["neo_hookean"].model_copy(update=made)
     balloon = Balloon(mesh=mesh, material=own, inflation=GAS, damping=damping)
     return Scene(balloon=[balloon], gravity=0.0, frames_per_second=rate)
@@ -98,33 +99,33 @@ def test_it_bursts_at_the_analytic_pressure(schedule: str, device: str):
 def test_one_tear_opens_it_at_low_tension(schedule: str, device: str):
     """A needle at a stretch of 2. Faces that tear are a line: each has two torn neighbors at most, and its
     ends one. The gas leaves; what is left keeps its momentum and gains no energy."""
-    scene = scene_of(needle_time=1e-3, branching_stress=1e9, tear_strength=1e6)
+    scene = scene_of(needle_time=1e-3, branching_stress=1e9)
     simulator = filled(scene, 2.0, device, schedule)
     simulator.step()
     before = energy(simulator)
     gas = float(simulator.state.pressures.numpy()[0, 0]) * volumes(simulator)[0]
-    energies, momenta, pressures, gone = [], [], [], torn(simulator)
-    for _ in range(30):
+    energies, momenta, amounts, gone = [], [], [], torn(simulator)
+    for _ in range(50):
         simulator.step()
         if len(energies) < 14:  # until both ends meet
             gone = torn(simulator)
         energies.append(energy(simulator))
         momenta.append(momentum(simulator))
-        pressures.append(float(simulator.state.pressures.numpy()[0, 0]))
-    pairs = neighbors_of(BALL)
+        amounts.append(float(simulator.state.gas_amounts.numpy()[0, 0]))
+    pairs = neighbors_of(BALL).faces
     beside = np.bincount(pairs[gone[pairs].all(axis=1), 0], minlength=len(gone))
     assert 8 <= gone.sum() < 24
     assert beside[gone].max() <= 2
     assert beside[gone].min() == 1
-    assert (np.diff(pressures) <= 0.0).all()
-    assert pressures[-1] == 0.0
-    free = int(np.argmax(np.array(pressures) == 0.0))
+    assert (np.diff(amounts) <= 0.0).all()
+    assert amounts[-1] == 0.0
+    assert float(simulator.state.pressures.numpy()[0, 0]) == 0.0
+    free = int(np.argmax(np.array(amounts) == 0.0))
     size = masses(simulator).sum() * np.abs(simulator.state.velocities.numpy()).max()
     last = np.broadcast_to(momenta[free], np.shape(momenta[free:]))
     np.testing.assert_allclose(momenta[free:], last, atol=1e-4 * size)
     assert max(energies) < before + gas  # and what the gas has given
     assert energies[-1] < before
-    assert float(simulator.state.gas_amounts.numpy()[0, 0]) == 0.0
     assert all(np.isfinite(array.numpy()).all() for array in vars(simulator.state).values())
 
 
@@ -143,17 +144,54 @@ def test_tears_run_no_faster_than_they_may(device: str):
 
 
 def test_it_bursts_to_pieces_above_a_stress(device: str):
-    """At twice the tension, in one piece or in several: those that faces hold together by their edges."""
+    """Along one tear, that goes all around, or with a branch: in those pieces that faces hold together by their edges,
+    which have nine tenths of the skin."""
     pieces = []
     for stress in (1e9, 1e6):
-        simulator = filled(scene_of(quad_sphere(12, 0.1), needle_time=5e-4, branching_stress=stress), 3.0, device)
-        for _ in range(40):
+        ball = quad_sphere(18, 0.1)
+        simulator = filled(scene_of(ball, needle_time=5e-4, branching_stress=stress), 3.0, device)
+        for _ in range(65):
             simulator.step()
         gone = torn(simulator)
-        pairs = neighbors_of(simulator.model.shapes[0].mesh)
+        pairs = neighbors_of(ball).faces
         pieces.append(_pieces(len(gone), pairs[~gone[pairs].any(axis=1)], ~gone))
-    assert pieces[0] <= 2
-    assert pieces[1] >= 5
+        assert _kept(simulator) > 0.9
+    assert pieces == [2, 3]
+
+
+@pytest.mark.parametrize("parts", [12, 24])
+def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
+    """A ball whose faces all bear the same, and burst by their strength: a tear is a face wide, so that nine tenths of
+    the skin are left of 864 faces, and of four times as many."""
+    scene = scene_of(quad_sphere(parts, 0.05), strength=0.9 * MU * (3.0**2 - 3.0**-4), rate=1000.0)
+    simulator = filled(scene, 3.0, device)
+    for _ in range(14):
+        simulator.step()
+    assert torn(simulator).sum() > 3 * parts
+    assert 0.9 < _kept(simulator) < 0.97
+
+
+def _kept(simulator: Simulator) -> float:
+    """What part of the skin is not torn."""
+    areas = np.linalg.norm(face_vector_areas(simulator.model.shapes[0].mesh), axis=1)
+    return float(areas[~torn(simulator)].sum() / areas.sum())
+
+
+@pytest.mark.parametrize("around", [True, False])
+def test_a_tear_runs_across_the_largest_tension(around: bool, device: str):
+    """A ball that is stretched more along one axis, or around it, tears around the axis, or along it."""
+    ball = quad_sphere(8, 0.1)
+    simulator = filled(scene_of(ball, needle_time=0.0, branching_stress=1e9), 2.0, device)
+    start = simulator.state.points.numpy()[0]
+    put(simulator, start * np.where(np.arange(3) == 1, 1.4, 1.0) if around else start * (1.4, 1.0, 1.4))
+    for _ in range(12):
+        simulator.step()
+    gone = torn(simulator)
+    assert gone.sum() > 6
+    middles = ball.points[ball.face_vertex_indices.reshape(-1, 4)[gone]].mean(axis=1)
+    extents = np.ptp(middles, axis=0)
+    across = 2.0 * ball.points[:, 0].max() * 2.0 / 8.0  # two faces
+    assert (extents[1] < across) == around
 
 
 def _pieces(count: int, pairs: NDArray[np.int64], whole: NDArray[np.bool_]) -> int:
@@ -209,35 +247,12 @@ def test_schedules_agree(device: str):
     results = []
     for schedule in LAUNCHED:
         simulator = filled(scene_of(ball, needle_time=1e-3, branching_stress=1e9), 2.5, device, schedule)
-        for _ in range(6):
+        for _ in range(10):
             simulator.step()
         results.append((torn(simulator), simulator.state.points.numpy()[0]))
     np.testing.assert_array_equal(results[0][0], results[1][0])
     np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-3)
     assert results[0][0].sum() > 2
-
-
-@pytest.mark.parametrize(("molar_mass", "gamma"), [(0.0289652, 1.0), (0.0040026, 1.667)])
-def test_gas_leaves_as_through_an_orifice(molar_mass: float, gamma: float):
-    """The root of the pressure falls by gamma p C A root(2 / rho) / 2 V in each second, rho the gas's own density:
-    helium is gone 2.7 times as soon as air. A step's flow goes by the pressure at its end, so that it is less by
-    half of what the root falls by in a step."""
-    scene = scene_of(quad_sphere(12, 0.1), needle_time=0.0, tear_strength=1e9)
-    gas = scene.balloon[0].inflation.model_copy(update={"molar_mass": molar_mass, "gamma": gamma})
-    scene = scene.model_copy(update={"balloon": [scene.balloon[0].model_copy(update={"inflation": gas})]})
-    simulator = filled(scene, 2.0)
-    mesh, volume = simulator.model.shapes[0].mesh, volumes(simulator)[0]
-    pressure = float(sphere_pressure(NEO, mesh, THICKNESS, np.array(2.0)))
-    simulator.state.pressures.fill_(pressure)
-    density = float(simulator.state.gas_amounts.numpy()[0, 0]) * molar_mass / volume
-    for _ in range(3):
-        simulator.step()
-    hole, burst = simulator.state.hole_areas.numpy()[0, 0] / 1e12, simulator.state.bursts.numpy()[0, 0]
-    assert torn(simulator).sum() == 1
-    without_heat = 1.4 if gamma == 1.0 else gamma
-    rate = 0.5 * without_heat * (AIR + pressure) / volume * np.pi / (np.pi + 2.0) * np.sqrt(2.0 / density)
-    fall, expected = np.sqrt(pressure) - np.sqrt(burst[1]), rate * hole * 3.0 / 2000.0
-    assert fall == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize(

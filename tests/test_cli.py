@@ -33,6 +33,7 @@ SUMMARY_KEYS = [
     "restarts",
     "blow_up",
     "bad_endings",
+    "inflation",
     "wall_seconds",
     "particle_substeps_per_second",
 ]
@@ -61,6 +62,8 @@ def balloon_warp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[s
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
 
+SECOND_LINE = "note: auto: 44.6 Pa, volume 1.00 -> 1.33"
+
 
 @pytest.fixture
 def ball(tmp_path: Path) -> Path:
@@ -71,8 +74,9 @@ def ball(tmp_path: Path) -> Path:
 def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "--picture", "--set", "frames=3", "--device", "cpu")
     assert done.returncode == 0, done.stderr
-    assert done.stderr.startswith(FIRST_LINE)
-    assert len(done.stderr.splitlines()) == 1  # no bar in a pipe, no word of Warp's
+    first, *others = done.stderr.splitlines()
+    assert first.startswith(FIRST_LINE)
+    assert others == [SECOND_LINE]  # no bar in a pipe, no word of Warp's
     assert done.stdout.splitlines()[1:] == [
         "wrote ball.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, or run with --fps 24",
         "wrote ball.png",
@@ -93,6 +97,8 @@ def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "-o", "out.usda", "--json", "--set", "frames=2", "--device", "cpu")
     summary = json.loads(done.stdout)
     assert list(summary) == SUMMARY_KEYS
+    (said,) = summary["inflation"]
+    assert f"auto: {said['pressure']:.4g} Pa, volume 1.00 -> {said['volume']:.2f}" in SECOND_LINE
     assert [summary[key] for key in ("output", "picture", "points", "scene")] == ["out.usda", None, None, "ball"]
     assert (summary["frames"], summary["worlds"], summary["particles"], summary["device"]) == (2, 1, 56, "cpu")
 
@@ -221,7 +227,9 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, comm
     left = r"out\.usdc\.partial/frames\.usda plays what there is, and --resume goes on from it"
     if command == "batch":
         left = r"out/partial has what there is, and --resume goes on from it"
-    assert re.fullmatch(rf"{FIRST_LINE}.*\nerror: ball was stopped after frame \d+ of 1000000; {left}\n", said[1])
+    assert re.fullmatch(
+        rf"{FIRST_LINE}.*\n(?:{SECOND_LINE}\n)?error: ball was stopped after frame \d+ of 1000000; {left}\n", said[1]
+    )
     assert said[0] == ""
     assert [path.name for path in ball.iterdir() if path.suffix != ".partial" and path.is_file()] == ["ball.obj"]
 

@@ -86,7 +86,8 @@ WARNINGS = {
     ),
     "no area": (
         mesh_of([(0, 0, 0), (1, 0, 0), (3, 0, 0), (0, 2, 0)], [[0, 1, 3], [0, 1, 2]]),
-        "1 face has no area; it is face 2, counting from 1. Such a face has springs, and is inflated once it opens.",
+        "1 face has no area; it is face 2, counting from 1. Such a face has springs, and is inflated once it opens,"
+        " unless it is a fin.",
     ),
     "duplicate faces": (
         with_faces(prism(5), [1, 6, 5, 0], [0, 1, 2, 3, 4]),
@@ -110,12 +111,12 @@ WARNINGS = {
     "open border": (
         grid(1, 1),
         "4 edges are on open borders; the first goes from vertex 1 to 2, counting from 1."
-        " An open balloon is inflated, but cannot hold gas.",
+        " What is open is inflated where its border is held, and carried along where it is not; it holds no gas.",
     ),
     "non-manifold edge": (
         mesh_of(curve(5), [[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
         "1 edge has more than two faces; it goes from vertex 1 to 2, counting from 1."
-        " Each face is inflated to the side that it winds to, and gas is refused.",
+        " A pressure pushes what is between inside and outside, and no walls or fins; gas is refused.",
     ),
     "inconsistent winding": (
         ONE_FACE_TURNED,
@@ -154,7 +155,8 @@ def test_command_prints_json_alone(tmp_path: Path) -> None:
     result = command(tmp_path / "sphere.obj", "--json")
     assert (result.returncode, result.stderr) == (0, "")
     report = json.loads(result.stdout)
-    step = report.pop("step")
+    step, (inflation,) = report.pop("step"), report.pop("inflation")
+    assert (inflation["balloon"], inflation["pressure"] > 0.0) == ("sphere", True)
     assert report == asdict(inspect_mesh(load_mesh(tmp_path / "sphere.obj")))
     assert step["limiting_place"] == pytest.approx(quad_sphere(9).points[step["limiting_particle"]].tolist())
 

@@ -2,14 +2,18 @@
 forces are between particles."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from lone_laws import TESTED, model_of_all, particle_masses, shake
+from meshes import mesh_of
 from numpy.typing import NDArray
+from own_laws import HARDENING, REPELLING
 
-from balloon_warp.kernels.laws import Law
-from balloon_warp.model import initial_state
+from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.model import Model, initial_state, lay_out, plan_model
+from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.schedules import make_schedule
 
 STEPS, STEP_SECONDS = 8, 0.02
@@ -71,3 +75,41 @@ def test_what_acts_between_particles_gives_a_body_no_momentum(law: Law, device: 
     gained = masses @ (velocities - before)
     assert np.abs(masses[:, None] * (velocities - before)).max() > 1e-4
     np.testing.assert_allclose(gained, 0.0, atol=STEPS * 6e-8 * masses.sum() * np.abs(velocities).max())
+
+
+def umbrella() -> Any:
+    """Seven triangles around an apex, and a tail: the apex has seven springs, and the tail's end two, so that the
+    others' tables are filled up."""
+    angles = 2.0 * np.pi * np.arange(7) / 7.0
+    rim = np.stack([np.cos(angles), -0.4 + 0.1 * np.cos(2.0 * angles), np.sin(angles)], axis=1)
+    points = [(0.0, 0.0, 0.0), *rim.tolist(), (1.9, -0.8, 0.5)]
+    return mesh_of(points, [[0, 1 + (k + 1) % 7, 1 + k] for k in range(7)] + [[1, 2, 8]])
+
+
+def of_umbrellas(law: Law, device: str, listed: bool, monkeypatch: pytest.MonkeyPatch) -> Model:
+    """Two worlds of an umbrella with a law of springs beside Hooke's: one's own, or as if it stood in `LAWS`."""
+    if listed:
+        for module in ("balloon_warp.model.plan", "balloon_warp.model.model"):
+            monkeypatch.setattr(f"{module}.LAWS", (*LAWS, law))
+        monkeypatch.setattr("balloon_warp.schedules.traits.LAWS", (*LAWS, law), raising=False)
+    balloon = Balloon(mesh=umbrella(), inflation=Inflation(kind="pressure", pressure=0.0))
+    plan = plan_model(Scene(balloon=[balloon], substeps=STEPS), 2, laws=() if listed else (law,))
+    plan.parameters[law.parameters[0].name][:] = 0.3
+    return lay_out(plan, device)
+
+
+@pytest.mark.parametrize("listed", [False, True])
+@pytest.mark.parametrize("law", [HARDENING, REPELLING], ids=lambda law: law.name)
+def test_springs_that_fill_up_a_table_do_nothing(
+    law: Law, listed: bool, schedule: str, device: str, monkeypatch: pytest.MonkeyPatch
+):
+    """They lead from a particle to itself, where a law may have a pole."""
+    ends = []
+    for name in (schedule, "scatter"):
+        model = of_umbrellas(law, device, listed, monkeypatch)
+        state = initial_state(model)
+        shake(state, points=0.1, velocities=1.0)
+        make_schedule(model, name).advance_frame(state)
+        ends.append(state.points.numpy())
+    assert np.isfinite(ends[0]).all()
+    np.testing.assert_allclose(ends[0], ends[1], atol=ROUNDING)

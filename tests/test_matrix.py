@@ -53,7 +53,7 @@ def test_the_scene_with_everything_has_contacts(device):
     assert state["points"][..., 1].min() == pytest.approx(0.0, abs=1e-6)
 
 
-ACTION = {"letter_slot": 24, "turtle_pillow": 40, "pop": 75, "two_latex_balloons": 10}
+ACTION = {"letter_slot": 15, "turtle_pillow": 40, "pop": 75, "two_latex_balloons": 10}
 """the frame in the thick of it, where that is not the thirtieth"""
 
 

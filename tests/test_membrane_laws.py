@@ -244,6 +244,8 @@ def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
     first[:500] = random.uniform(0.8, 1.1, 500) if not wrinkling else random.uniform(1.0, 1.1, 500)
     lowest = np.maximum(first**-0.5 if wrinkling else 0.8, first / 3.0)
     second = random.uniform(np.minimum(lowest, first), first)
+    first[500:1000] = told["most_stretch"].item()  # where chains lock
+    second[500:1000] = random.uniform(0.99, 1.0, 500) * first[500:1000]
     angles = random.uniform(0.0, 2.0 * np.pi, (3, len(first)))
     wave = np.stack([np.cos(angles[0]), np.sin(angles[0])], axis=1)
     way = np.stack([np.cos(angles[1]) * np.cos(angles[2]), np.sin(angles[1]) * np.cos(angles[2]), np.sin(angles[2])], 1)

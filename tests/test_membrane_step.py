@@ -27,7 +27,7 @@ STIFFEST = {
     "neo_hookean": (Material(kind="neo_hookean"), 1.02),
     "latex": (Material(preset="latex"), 6.0),
     "natural rubber": (Material(preset="natural_rubber_treloar"), 6.0),
-    "gent": (Material(kind="gent"), 6.0),
+    "gent": (Material(kind="gent"), 6.79),
     "squeezed": (Material(kind="neo_hookean", wrinkling=False), 0.81),
 }
 """materials, and a stretch at which each is about as stiff as it is counted"""

@@ -67,7 +67,7 @@ def test_what_is_lost_with_more_cells_too_is_refused_and_nothing_is_written(tmp_
     result = CliRunner().invoke(app, ["remesh", str(source), "-o", str(target), "--cells", "8"])
     assert isinstance(result.exception, InputError)
     assert str(result.exception).startswith("far: with 18 cells the surface near (")
-    assert str(result.exception).endswith(") is lost; expected more cells, or a surface without that")
+    assert str(result.exception).endswith(") is lost; expected --cells 36, or a surface without that")
     assert list(tmp_path.iterdir()) == [source]
 
 

@@ -8,7 +8,7 @@ from meshes import cube, quad_sphere
 
 from balloon_warp.model import Vary
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.scene import Balloon, Change, Ground, Inflation, Scene, Sphere, String, Water
+from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Scene, Sphere, String, Water
 from balloon_warp.simulator import Simulator
 
 FRAMES, SAVED_AT, WORLDS = 6, 3, 3
@@ -28,6 +28,10 @@ CHANGES = [
     Change(time=2 * SECONDS, set={"normals": "fresh"}),
     Change(time=SAVED_AT * SECONDS, set={"balloon.damping": 0.5}),
 ]
+STACK = [  # which comes down while it is saved
+    Body(size=(0.4, 0.2, 0.4), position=(2.0, 0.1, 0.0)),
+    Body(size=(0.2, 0.2, 0.2), position=(2.05, 0.302, 0.0), rotation=(0.0, 20.0, 0.0), mass=20.0),
+]
 SCENES = {
     "plain": PLAIN,
     "impulse": PLAIN.model_copy(update={"contact": "impulse"}),
@@ -37,6 +41,7 @@ SCENES = {
     "changes of solver": PLAIN.model_copy(
         update={"change": [Change(time=2 * SECONDS, set={"solver": "projective", "substeps": 4})]}
     ),
+    "bodies": PLAIN.model_copy(update={"body": STACK}),
     "limit": PLAIN.model_copy(update={"correction": "provot"}),
     "projective": PLAIN.model_copy(update={"solver": "projective"}),
 }

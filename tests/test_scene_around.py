@@ -36,7 +36,7 @@ def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float, ki
         write_obj(tmp_path / "ball.obj", mesh)
         scene = load_with(tmp_path / "ball.obj", f"balloon.inflation.kind={kind}")
         simulator = Simulator(scene, "cpu")
-        for _ in range(40):
+        for _ in range(60):
             simulator.step()
         points = simulator.read_frame().points[0]
         assert np.ptp(points, axis=0)[0] > 1.02 * np.ptp(mesh.points, axis=0)[0]  # it has begun to grow

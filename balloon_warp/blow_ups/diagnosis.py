@@ -8,6 +8,7 @@ from balloon_warp.blow_ups.replay import LastSubstep, last_substep
 from balloon_warp.blow_ups.report import BlowUp
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, State
+from balloon_warp.model.limit_points import passed_limit_point
 from balloon_warp.model.stability import Network
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.solvers.choose import PROJECTIVE
@@ -50,6 +51,7 @@ def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: 
         other=other if spring is None or other.newtons > spring.newtons else None,
         touched=tuple(pulls.touched_by(particle)),
         stable_step=_stable_step(last),
+        limit_point=_limit_point(last, particle),
     )
 
 
@@ -76,6 +78,17 @@ def _push_on(last: LastSubstep, sphere: int) -> float:
     )
     mass = float(last.model.parameters["sphere_mass"].numpy()[0, sphere])
     return float(np.linalg.norm(after - before)) * mass / last.model.step_seconds
+
+
+def _limit_point(last: LastSubstep, particle: int) -> str | None:
+    """That the balloon of a particle was past in that substep."""
+    model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
+    parameters = {name: np.array(array.numpy(), dtype=np.float64) for name, array in model.parameters.items()}
+    begin, end = model.particle_offsets[number : number + 2]
+    points = last.before.points.numpy()[0, begin:end].astype(np.float64)
+    given = float(last.before.pressures.numpy()[0, number])
+    limit = passed_limit_point(model.scene, number, model.shapes[number], parameters, given, points)
+    return str(limit) if limit else None
 
 
 def _stable_step(last: LastSubstep) -> float | None:

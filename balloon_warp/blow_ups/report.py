@@ -34,6 +34,8 @@ class BlowUp:
     """for springs, damping and speeds as they were just before [s]; None for an implicit solver, or a sphere"""
     is_sphere: bool = False
     """and no particle"""
+    limit_point: str | None = None
+    """that its balloon is past, under a pressure that is given: no step helps there"""
 
     def __str__(self) -> str:
         when = f"frame {self.frame}, world {self.world}"
@@ -53,6 +55,8 @@ class BlowUp:
     @property
     def _advice(self) -> str:
         """The step beside the stable one, and what helps."""
+        if self.limit_point:
+            return self.limit_point
         if self.is_sphere:
             return 'a heavier sphere, contact = "impulse", less inflation or more substeps help'
         if self.stable_step is None:

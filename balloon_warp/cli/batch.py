@@ -19,7 +19,9 @@ from balloon_warp.cli.options import (
     Device,
     Frames,
     FramesPerSecond,
+    Inflate,
     Json,
+    PartsOption,
     PrimOption,
     Resume,
     SceneName,
@@ -132,9 +134,11 @@ def batch(
     frames: Frames = None,
     seconds: Seconds = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     prim: PrimOption = None,
     up: UpOption = None,
+    inflate: Inflate = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
@@ -149,7 +153,18 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, weld, unit=unit, prim=prim, up=up, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(
+        overrides,
+        weld,
+        parts=parts,
+        unit=unit,
+        prim=prim,
+        up=up,
+        inflate=inflate,
+        fps=fps,
+        frames=frames,
+        seconds=seconds,
+    ).load(scene)
     name = scene_name(scene)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:

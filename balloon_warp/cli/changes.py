@@ -3,12 +3,25 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import cast, get_args
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.units import METERS
 from balloon_warp.scene.load import load_scene, mesh_balloon
 from balloon_warp.scene.overrides import Override, OverrideError, override_scene, parse_override
 from balloon_warp.scene.schema import Balloon, Scene
+
+
+def checked_parts(parts: str | None) -> Taken | None:
+    """What `--parts` says.
+
+    Raises:
+        InputError: it is none of what it may be.
+    """
+    if parts not in (None, *get_args(Taken)):
+        raise InputError(f"--parts {parts}: expected {', '.join(get_args(Taken))}")
+    return cast("Taken | None", parts)
 
 
 class Changes:
@@ -17,12 +30,14 @@ class Changes:
     Args:
         overrides: of `--set`.
         weld: whether `--weld` is given.
+        parts: of `--parts`.
         unit: of `--unit`.
         prim: of `--prim`.
         up: of `--up`.
         fps: of `--fps` [1/s].
         frames: of `--frames`.
         seconds: of `--seconds`, of simulated time.
+        inflate: of `--inflate`, how much a skin is stretched.
 
     Raises:
         InputError: an option is not of the form that it has, or stands beside one that says the same.
@@ -33,12 +48,14 @@ class Changes:
         overrides: Iterable[str] | None,
         weld: bool = False,
         *,
+        parts: str | None = None,
         unit: str | None = None,
         prim: str | None = None,
         up: str | None = None,
         fps: float | None = None,
         frames: int | None = None,
         seconds: float | None = None,
+        inflate: float | None = None,
     ):
         if frames is not None and seconds is not None:
             raise InputError("--frames, --seconds: expected one of them")
@@ -53,11 +70,13 @@ class Changes:
             self._add(*parse_override(text))
         for option, path, value in (
             ("--weld", "balloon.weld", weld or None),
+            (f"--parts {parts}", "balloon.taken", checked_parts(parts)),
             (f"--unit {unit}", "balloon.unit", unit),
             (f"--prim {prim}", "balloon.prim", prim),
             (f"--up {up}", "balloon.up", up),
             ("" if fps is None else f"--fps {fps:g}", "frames_per_second", fps),
             (f"--frames {frames}", "frames", frames),
+            ("" if inflate is None else f"--inflate {inflate:g}", "balloon.inflation.stretch", inflate),
         ):
             if value is not None:
                 self._add(path, value, option)

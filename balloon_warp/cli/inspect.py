@@ -1,6 +1,7 @@
 """`balloon-warp inspect`"""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated
@@ -11,12 +12,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import Json, PrimOption, Set, UnitOption, UpOption, Weld
+from balloon_warp.cli.options import Inflate, Json, PartsOption, PrimOption, Set, UnitOption, UpOption, Weld
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
+from balloon_warp.scene.overrides import override_scene
 
 
 def inspect(
@@ -29,13 +31,15 @@ def inspect(
     ],
     overrides: Set = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     prim: PrimOption = None,
     up: UpOption = None,
+    inflate: Inflate = None,
     as_json: Json = False,
 ) -> None:
     """Say what a mesh or a scene is like: faces, springs, size, what is odd about it, and the step that it allows."""
-    changes = Changes(overrides, weld, unit=unit, prim=prim, up=up)
+    changes = Changes(overrides, weld, parts=parts, unit=unit, prim=prim, up=up, inflate=inflate)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, changes.load(source), as_json)
     else:
@@ -47,11 +51,21 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     meshes = [(path, balloon.treatment, balloon.unit, _prims(balloon)) for path, balloon in paths]
     reports = {mesh: inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2]) for mesh in dict.fromkeys(meshes)}
     from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
+    from balloon_warp.swelling import foretold_swellings, sentences
 
-    step = asdict(advise_step(scene))
+    step, inflation = asdict(advise_step(scene)), foretold_swellings(_with_own_step(scene))
     if as_json:
         balloons = [{"mesh": str(mesh[0]), **asdict(reports[mesh])} for mesh in meshes]
-        print(json.dumps({"description": scene.description, "balloons": balloons, "step": step}))
+        print(
+            json.dumps(
+                {
+                    "description": scene.description,
+                    "balloons": balloons,
+                    "step": step,
+                    "inflation": [asdict(each) for each in inflation],
+                }
+            )
+        )
         return
     things = {
         "balloon": scene.balloon,
@@ -62,7 +76,8 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     }
     counts = [counted(len(many), name) for name, many in things.items() if many]
     console = _console()
-    console.print(_table(source, {"shows": scene.description, "holds": ", ".join(counts), **_step_rows(step)}))
+    rows = {"shows": scene.description, "holds": ", ".join(counts), **_inflation_rows(sentences(inflation))}
+    console.print(_table(source, {**rows, **_step_rows(step)}))
     for (mesh, _, unit, _), report in reports.items():
         console.print()
         _print_mesh(console, mesh.name, report, unit, {})
@@ -74,16 +89,19 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     balloon = changes.balloon_of(mesh)
     report = inspect_mesh(load_mesh(mesh, balloon.prim), mesh, balloon.treatment)
     from balloon_warp.advice import advise_step
+    from balloon_warp.swelling import foretold_swellings, sentences
 
-    step, alone, refusal = None, {}, None
+    step, inflation, alone, refusal = None, [], {}, None
     try:
         scene = changes.load(str(mesh))
         alone = {"by itself": scene.description}
         step = asdict(advise_step(scene))
+        inflation = foretold_swellings(_with_own_step(scene))
+        alone |= _inflation_rows(sentences(inflation))
     except InputError as mistake:
         refusal = mistake
     if as_json:
-        print(json.dumps({**asdict(report), "step": step}))
+        print(json.dumps({**asdict(report), "step": step, "inflation": [asdict(each) for each in inflation]}))
     else:
         _print_mesh(_console(), mesh.name, report, balloon.unit, {**alone, **(_step_rows(step) if step else {})})
     if refusal:
@@ -133,6 +151,15 @@ def _mesh_rows(mesh: Figures, unit: str | None) -> dict[str, str]:
         "volume": "-" if mesh.volume is None else f"{mesh.volume:,.6g} {cubic}",
         "area": f"{mesh.area:,.6g} {square}",
     }
+
+
+def _with_own_step(scene: Scene) -> Scene:
+    """With as many substeps as it needs, if it asks for fewer."""
+    return override_scene(scene, [("substeps", "auto")])
+
+
+def _inflation_rows(sentences: Sequence[str]) -> dict[str, str]:
+    return {"inflation": "; ".join(sentences)} if sentences else {}
 
 
 def _step_rows(step: dict) -> dict[str, str]:

@@ -1,9 +1,10 @@
 """What several commands take, said once."""
 
-from typing import Annotated
+from typing import Annotated, get_args
 
 import typer
 
+from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.units import METERS
 
 SCENE, OUTPUT, MACHINE, LONG = "The scene", "What is written", "How it runs", "If it takes long or goes wrong"
@@ -35,6 +36,16 @@ Weld = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
+PartsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--parts",
+        metavar="|".join(get_args(Taken)),
+        help="Which parts of the mesh the balloon is made of: all, those that are closed, without loose ribbons such "
+        "as hair, or the largest.",
+        rich_help_panel=SCENE,
+    ),
+]
 UnitOption = Annotated[
     str | None,
     typer.Option(
@@ -60,6 +71,16 @@ UpOption = Annotated[
         "--up",
         metavar="Y|Z",
         help="The axis of the mesh's file that points up. CAD, scans and many STL files have Z.",
+        rich_help_panel=SCENE,
+    ),
+]
+Inflate = Annotated[
+    float | None,
+    typer.Option(
+        "--inflate",
+        metavar="STRETCH",
+        help="How much the skin of a balloon is stretched, of which nothing else says how it is inflated: 0.1 makes a "
+        "ball's radius a tenth larger, and is what a mesh by itself gets.",
         rich_help_panel=SCENE,
     ),
 ]

@@ -5,13 +5,15 @@ from typing import Annotated
 
 import typer
 
-from balloon_warp.cli.options import PrimOption
+from balloon_warp.cli.changes import checked_parts
+from balloon_warp.cli.options import PartsOption, PrimOption
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import LOADERS, write_obj
 from balloon_warp.mesh.placement import in_y_up_meters
+from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.quiet import quiet_warp
 
 
@@ -21,6 +23,7 @@ def remesh(
     cells: Annotated[
         int, typer.Option(metavar="COUNT", help="About how many quads go along the longest side, 4 to 256.")
     ] = 48,
+    parts: PartsOption = None,
     prim: PrimOption = None,
 ) -> None:
     """Make a closed mesh of even quads of any surface, so that it makes a good balloon.
@@ -31,6 +34,8 @@ def remesh(
     if output.resolve() == mesh.resolve():
         raise InputError(f"{output}: is the mesh itself; expected another name, with -o")
     surface = load_mesh(mesh, prim)
+    if taken := checked_parts(parts):
+        surface = prepared(surface, mesh, Treatment(taken=taken))
     quiet_warp()
     from balloon_warp.mesh.remesh import remesh as remeshed  # loads Warp: only once there is a mesh
 

@@ -30,7 +30,9 @@ from balloon_warp.cli.options import (
     Device,
     Frames,
     FramesPerSecond,
+    Inflate,
     Json,
+    PartsOption,
     PrimOption,
     Resume,
     SceneName,
@@ -137,9 +139,11 @@ def run(
     frames: Frames = None,
     seconds: Seconds = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     prim: PrimOption = None,
     up: UpOption = None,
+    inflate: Inflate = None,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "stop",
@@ -155,7 +159,18 @@ def run(
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
         raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
-    loaded = Changes(overrides, weld, unit=unit, prim=prim, up=up, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(
+        overrides,
+        weld,
+        parts=parts,
+        unit=unit,
+        prim=prim,
+        up=up,
+        inflate=inflate,
+        fps=fps,
+        frames=frames,
+        seconds=seconds,
+    ).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     begin_driver(device)

@@ -7,6 +7,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import Inflate, PartsOption, UnitOption
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.scene.write import scene_toml, write_scene
@@ -21,26 +23,31 @@ def scenes(
             metavar="SCENE",
         ),
     ] = None,
+    parts: PartsOption = None,
+    unit: UnitOption = None,
     output: Annotated[
         Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE", help="The scene file to write, .toml. If not given, it is printed."
         ),
     ] = None,
+    inflate: Inflate = None,
 ) -> None:
     """List the bundled scenes, or write one as a file to change.
 
     Try `balloon-warp scenes squirrel_tether -o mine.toml`, then `balloon-warp run mine.toml`.
     """
     if scene is None:
-        if output:
-            raise InputError(f"--output {output}: expected a scene to write")
+        if output or inflate is not None:
+            option = f"--output {output}" if output else f"--inflate {inflate:g}"
+            raise InputError(f"{option}: expected a scene to write")
         _list_scenes()
         return
+    loaded = Changes(None, parts=parts, unit=unit, inflate=inflate).load(scene)
     if output is None:
-        print(scene_toml(load_scene(scene), Path()), end="")
+        print(scene_toml(loaded, Path()), end="")
         return
-    for path in write_scene(load_scene(scene), output):
+    for path in write_scene(loaded, output):
         Console(highlight=False, soft_wrap=True).print(f"wrote {path}", markup=False)
 
 

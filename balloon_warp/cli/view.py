@@ -10,7 +10,18 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import OUTPUT, Device, PrimOption, SceneName, Set, UnitOption, UpOption, Weld
+from balloon_warp.cli.options import (
+    OUTPUT,
+    Device,
+    Inflate,
+    PartsOption,
+    PrimOption,
+    SceneName,
+    Set,
+    UnitOption,
+    UpOption,
+    Weld,
+)
 from balloon_warp.cli.warn import first_line, note, warn
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
@@ -43,9 +54,11 @@ def view(
     ] = Path("."),
     overrides: Set = None,
     weld: Weld = False,
+    parts: PartsOption = None,
     unit: UnitOption = None,
     prim: PrimOption = None,
     up: UpOption = None,
+    inflate: Inflate = None,
     device: Device = None,
     host: Annotated[
         str,
@@ -60,7 +73,7 @@ def view(
 
     Try `balloon-warp view squirrel_tether --open`.
     """
-    loaded = Changes(overrides, weld, unit=unit, prim=prim, up=up).load(scene)
+    loaded = Changes(overrides, weld, parts=parts, unit=unit, prim=prim, up=up, inflate=inflate).load(scene)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 

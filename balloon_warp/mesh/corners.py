@@ -52,6 +52,12 @@ def backward_corners(mesh: PolygonMesh) -> NDArray[np.integer]:
     return flip_faces(mesh.face_vertex_counts, np.arange(len(mesh.face_vertex_indices)))
 
 
+def flipped(mesh: PolygonMesh, flip: NDArray[np.bool_]) -> PolygonMesh:
+    """The mesh with some faces, by a mask of shape (face_count,), run backwards."""
+    at_corners = flip[corner_faces(mesh)]
+    return with_corners(mesh, np.where(at_corners, backward_corners(mesh), np.arange(len(at_corners))))
+
+
 def flip_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> NDArray[np.integer]:
     """The corners of all faces with each face run backwards from the same first corner.
 

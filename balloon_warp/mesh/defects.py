@@ -28,12 +28,15 @@ from balloon_warp.mesh.topology import (
 NO_AREA = 1e-9
 
 
-def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held", "free"]) -> list[str]:
+def describe_defects(
+    mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held", "free"], left_out: NDArray[np.integer]
+) -> list[str]:
     """For each kind of defect that the mesh has: how many there are, the first, and what is done about it.
 
     Args:
         whole: the mesh once repaired, which tells what stays open.
         parts: whether components are held together.
+        left_out: vertices of parts that are left out.
     """
     distinct, kept = distinct_faces(mesh)
     edges, edges_left = mesh_edges(distinct), mesh_edges(whole)
@@ -48,7 +51,7 @@ def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held
             _faces_without_area(mesh),
             "has no area",
             "have no area",
-            "Such a face has springs, and is inflated once it opens.",
+            "Such a face has springs, and is inflated once it opens, unless it is a fin.",
         ),
         _about_faces(
             _duplicates(mesh, kept),
@@ -58,7 +61,7 @@ def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held
         ),
         _about_coincident_vertices(mesh),
         _about_vertices(
-            np.setdiff1d(unused_vertices(mesh), mesh.left_vertices),
+            np.setdiff1d(unused_vertices(mesh), np.concatenate([mesh.left_vertices, left_out])),
             "belongs to no face",
             "belong to no face",
             "Such a vertex keeps its number, has no mass and stays where it is.",
@@ -80,14 +83,14 @@ def describe_defects(mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held
             edges_left,
             "is on an open border",
             "are on open borders",
-            "An open balloon is inflated, but cannot hold gas.",
+            "What is open is inflated where its border is held, and carried along where it is not; it holds no gas.",
         ),
         _about_edges(
             non_manifold_edges(edges),
             edges,
             "has more than two faces",
             "have more than two faces",
-            "Each face is inflated to the side that it winds to, and gas is refused.",
+            "A pressure pushes what is between inside and outside, and no walls or fins; gas is refused.",
         ),
         _about_opposite_winding(distinct, edges),
         _about_inward_components(distinct, edges, kept),
@@ -127,7 +130,7 @@ def _about_opposite_winding(mesh: PolygonMesh, edges: MeshEdges) -> str | None:
         return None
     left = _turned_edges(mesh_edges(wound_alike(mesh)))
     policy = (
-        "No winding fits all, as on a Moebius strip: there inflation pushes to both sides."
+        "No winding fits all, as on a Moebius strip: what is so has no inside, and is carried along."
         if len(left)
         else "Faces are turned until all wind alike."
     )
@@ -177,7 +180,7 @@ def _about_faces(found: NDArray[np.int64], one: str, many: str, policy: str) -> 
         return _sentence(len(found), "face", one, many, f"is face {found[0] + 1}", policy)
 
 
-def _about_vertices(found: NDArray[np.int64], one: str, many: str, policy: str) -> str | None:
+def _about_vertices(found: NDArray[np.integer], one: str, many: str, policy: str) -> str | None:
     if len(found):
         return _sentence(len(found), "vertex", one, many, f"is vertex {found[0] + 1}", policy)
 

@@ -36,6 +36,12 @@ def total_area(mesh: PolygonMesh) -> float:
     return float(face_areas(mesh).sum())
 
 
+def vertex_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Each vertex's share of the areas of its faces, which their corners have alike; shape (vertex_count,)."""
+    shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
+    return np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count).astype(np.float64)
+
+
 def face_volumes(mesh: PolygonMesh) -> NDArray[np.float64]:
     """Signed volume of the cone from the mesh's own center to each face, center . area / 3, shape (face_count,).
 

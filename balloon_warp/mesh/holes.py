@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh.corners import face_starts, next_corners
+from balloon_warp.mesh.corners import corner_faces, face_starts, next_corners
 from balloon_warp.mesh.geometry import face_centers, face_vector_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import MeshEdges, border_edges, mesh_edges, vertex_components
@@ -16,8 +16,12 @@ PINHOLE = 2e-4
 """A hole whose lid has less than this part of the mesh's area is closed, whatever is around it."""
 LARGEST_HOLE = 0.05
 """A larger one may be closed up to this part, if the surface around it faces as its lid does: not the end of a tube."""
+A_FACE = 4
+"""or if it has so many edges at most: a face is missing, whatever is around it"""
 FACING = 0.5
 """the mean cosine between the surface around a hole and its lid"""
+UPON = 0.9
+"""the mean cosine between the ways from a rim into its faces and into its lid from which on the lid lies on them"""
 BESIDE_OPENINGS = 1.0 / 6.0
 """of the largest opening that stays: so much of it a hole has at most. An eye has less beside a neck, which has more
 beside the hem of a shirt."""
@@ -60,17 +64,46 @@ class Lid:
 
 
 def border_loops(mesh: PolygonMesh, edges: MeshEdges) -> list[NDArray[np.int64]]:
-    """The closed ways along open borders, each through a vertex once, as their faces run."""
+    """The closed ways along open borders, each through a vertex once: as their faces run, where these are wound alike,
+    or else whichever way; and ways that one edge of other faces closes."""
     begins = edges.corners[edges.starts[border_edges(edges)]]
-    ends = mesh.face_vertex_indices[next_corners(mesh)[begins]]
+    corners = mesh.face_vertex_indices.astype(np.int64)
+    pairs = np.stack([corners[begins], corners[next_corners(mesh)[begins]]], axis=1)
+    loops, _ = _walks(pairs, mesh.points)
+    in_loops = {pair for loop in loops for pair in zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)}
+    left = np.array([pair for pair in pairs.tolist() if tuple(pair) not in in_loops], dtype=np.int64).reshape(-1, 2)
+    more, ways = _walks(np.concatenate([left, left[:, ::-1]]), mesh.points, both_ways=True)
+    closing = {(min(way[0], way[-1]), max(way[0], way[-1])) for way in ways} if ways else set()
+    closing &= {(low, high) for low, high in edges.ends.tolist()} if closing else set()
+    closed = [np.array(way) for way in ways if (min(way[0], way[-1]), max(way[0], way[-1])) in closing]
+    return [*loops, *more, *closed]
+
+
+def _walks(
+    pairs: NDArray[np.int64], points: NDArray[np.float64], both_ways: bool = False
+) -> tuple[list[NDArray[np.int64]], list[list[int]]]:
+    """The closed ways from begin to end of pairs, shape (n, 2), and those that end somewhere. Of several ways on, one
+    goes the one that turns back the most, as at the end of a slit."""
     onward: dict[int, list[int]] = defaultdict(list)
-    for begin, end in zip(mesh.face_vertex_indices[begins].tolist(), ends.tolist(), strict=True):
+    for begin, end in pairs.tolist():
         onward[begin].append(end)
-    loops = []
-    for start in sorted(onward):
+
+    def leave(path: list[int]) -> int:
+        here, ends = path[-1], onward[path[-1]]
+        if len(ends) > 1 and len(path) > 1:
+            came = points[here] - points[path[-2]]
+            ends.sort(key=lambda end: -float(came @ (points[end] - points[here])) / _length(points[end] - points[here]))
+        end = ends.pop()
+        if both_ways:
+            onward[end].remove(here)
+        return end
+
+    loops, ways = [], []
+    # Ways that end somewhere begin at one of their ends.
+    for start in sorted(onward, key=lambda vertex: (both_ways and len(onward[vertex]) % 2 == 0, vertex)):
         path, place = [start], {start: 0}
-        while path and onward[path[-1]]:
-            vertex = onward[path[-1]].pop()
+        while onward[path[-1]]:
+            vertex = leave(path)
             if vertex not in place:
                 place[vertex] = len(path)
                 path.append(vertex)
@@ -80,7 +113,13 @@ def border_loops(mesh: PolygonMesh, edges: MeshEdges) -> list[NDArray[np.int64]]
             path = path[: place[vertex] + 1]
             for passed in loop[1:]:
                 del place[passed]
-    return loops
+        if len(path) > 2:
+            ways.append(path)
+    return loops, ways
+
+
+def _length(vector: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(vector)) or 1.0
 
 
 def with_lids(mesh: PolygonMesh) -> PolygonMesh:
@@ -116,6 +155,11 @@ class _Surface:
         self.area = float(self._areas.sum())
         """without which there is no surface to have holes"""
         self._of_components = np.bincount(self._of_faces, self._areas, mesh.vertex_count)
+        border = border_edges(edges)
+        faces = corner_faces(mesh)[edges.corners[edges.starts[border]]]
+        self._at_borders = {
+            (low, high): face for (low, high), face in zip(edges.ends[border].tolist(), faces.tolist(), strict=True)
+        }
 
     def lids_of_holes(self, lids: list[Lid], points: NDArray[np.float64]) -> list[Lid]:
         """The lids that close a hole in the surface, and not what is meant to be open."""
@@ -131,7 +175,23 @@ class _Surface:
         if area > min(LARGEST_HOLE * whole, LARGEST_OF_ITS_PART * self._of_components[component]):
             return False
         way = lid.vector_areas(points).sum(axis=0)
-        return area <= PINHOLE * whole or self._faces_alike(way, points[lid.loop], component)
+        if area <= PINHOLE * whole or len(lid.loop) <= A_FACE:
+            return not self._lies_on_faces(lid, points)
+        return self._faces_alike(way, points[lid.loop], component)
+
+    def _lies_on_faces(self, lid: Lid, points: NDArray[np.float64]) -> bool:
+        """Whether the faces along the rim lie where the lid does, as of a sheet that is around the lid's place."""
+        ends = np.stack([lid.loop, np.roll(lid.loop, -1)], axis=1)
+        found = [
+            (pair, self._at_borders[min(pair), max(pair)])
+            for pair in map(tuple, ends.tolist())
+            if (min(pair), max(pair)) in self._at_borders
+        ]
+        middles = np.array([points[list(pair)].mean(axis=0) for pair, _ in found])
+        ways = self._centers[[face for _, face in found]] - middles, points[lid.loop].mean(axis=0) - middles
+        sizes = np.linalg.norm(ways[0], axis=1) * np.linalg.norm(ways[1], axis=1)
+        cosines = np.divide((ways[0] * ways[1]).sum(axis=1), sizes, out=np.zeros(len(sizes)), where=sizes > 0.0)
+        return bool(cosines.mean() > UPON)
 
     def _faces_alike(self, way: NDArray[np.float64], rim: NDArray[np.float64], component: int) -> bool:
         """Whether the component's surface within a radius of the rim faces that way, or the opposite one."""

@@ -26,7 +26,8 @@ class MeshDistance:
     def __init__(self, points: NDArray[np.float64], triangles: NDArray[np.integer[Any]], thickness: float):
         """Takes points of shape (n, 3), outward triangles of shape (m, 3), and a thickness in the points' unit."""
         self._farthest = 10.0 * float(np.linalg.norm(np.ptp(points, axis=0))) + 10.0 * thickness
-        self._half_slab = 0.5 * SLAB * thickness
+        self.half_slab = 0.5 * SLAB * thickness
+        """how far the surface of a slab is from what it stands for"""
         self._mesh = _warp_mesh(points, triangles, winding_number=True)
         self._sheets = self._thin_parts(points, triangles, thickness) if thickness > 0.0 else None
 
@@ -37,10 +38,20 @@ class MeshDistance:
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distances of points of shape (n, 3), shape (n,)."""
-        distances = self._query(signed_distances, self._mesh, points)
+        distances = self.solid(points)
         if self._sheets is None:
             return distances
-        return np.minimum(distances, self._query(unsigned_distances, self._sheets, points) - self._half_slab)
+        return np.minimum(distances, self._query(unsigned_distances, self._sheets, points) - self.half_slab)
+
+    def solid(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances of points of shape (n, 3) to the mesh itself, without slabs, shape (n,)."""
+        return self._query(signed_distances, self._mesh, points)
+
+    def on_slabs(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which of the points of shape (n, 3) at the zero level are about where that of a slab is, shape (n,)."""
+        if self._sheets is None:
+            return np.zeros(len(points), dtype=bool)
+        return self._query(unsigned_distances, self._sheets, points) < 1.3 * self.half_slab
 
     def _thin_parts(
         self, points: NDArray[np.float64], triangles: NDArray[np.integer[Any]], thickness: float

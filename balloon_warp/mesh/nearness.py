@@ -10,8 +10,8 @@ from balloon_warp.mesh.topology import is_closed, mesh_edges
 
 SAMPLES = 4000
 """points of the surface that are looked at, spread evenly by area"""
-GROWTH = 0.25
-"""of the radius of a sphere: by how much a part grows outward, about what a gentle inflation gives"""
+GROWTH = 1.5
+"""by how much a part grows outward, over how far the skin is stretched and over the radius of a sphere"""
 FACING = -0.5
 """cosine between normals of surfaces that face each other: a groove that opens by less than 60 degrees has such"""
 DETOUR = 3.0
@@ -20,21 +20,21 @@ MOST_WAYS = 200
 """pairs of samples whose ways along the surface are measured"""
 
 
-def nears_itself(mesh: PolygonMesh) -> bool:
+def nears_itself(mesh: PolygonMesh, stretch: float) -> bool:
     """Return whether parts of a closed mesh face each other across a gap that inflation may close.
 
-    A part of relative thickness t is taken to grow by `GROWTH` t R, where R is the radius of a sphere of the mesh's
-    area. Two samples are near each other where the one lies straight above the other, no farther than both grow, faces
-    it, and is much farther away along the surface.
+    At a stretch of 1 + s a part of relative thickness t is taken to grow by `GROWTH` s t R, where R is the radius of a
+    sphere of the mesh's area. Two samples are near each other where the one lies straight above the other, no farther
+    than both grow, faces it, and is much farther away along the surface.
     """
-    from scipy.spatial import cKDTree  # takes long to load
+    from scipy.spatial import KDTree  # takes long to load
 
     if not is_closed(mesh_edges(mesh)) or not total_area(mesh):
         return False
     points, normals, vertices = _samples(mesh)
-    grows = GROWTH * np.sqrt(total_area(mesh) / (4.0 * np.pi)) * relative_thickness(mesh)[vertices]
+    grows = GROWTH * stretch * np.sqrt(total_area(mesh) / (4.0 * np.pi)) * relative_thickness(mesh)[vertices]
     spacing = np.sqrt(total_area(mesh) / len(points))
-    tree = cKDTree(points)
+    tree = KDTree(points)
     first, second = tree.query_pairs(2.0 * float(grows.max()), output_type="ndarray").T
     between = points[second] - points[first]
     above, below = (np.einsum("ij,ij->i", way, normals[at]) for way, at in ((between, first), (-between, second)))

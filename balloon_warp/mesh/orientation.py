@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.corners import backward_corners, corner_faces, face_starts, with_corners
+from balloon_warp.mesh.corners import corner_faces, face_starts, flipped
 from balloon_warp.mesh.geometry import face_areas, face_volumes, signed_volume
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.shells import pushed_outward
 from balloon_warp.mesh.topology import (
     MeshEdges,
     border_edges,
@@ -22,14 +23,15 @@ NO_VOLUME = 1e-12
 def oriented_outward(mesh: PolygonMesh) -> PolygonMesh:
     """The mesh with neighboring faces wound alike, and outward on the whole; as few faces are turned as it takes."""
     mesh = wound_alike(mesh)
-    return _flipped(mesh, np.ones(mesh.face_count, dtype=bool)) if signed_volume(mesh) < 0.0 else mesh
+    return flipped(mesh, np.ones(mesh.face_count, dtype=bool)) if signed_volume(mesh) < 0.0 else mesh
 
 
 def facing_outward(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with neighboring faces wound alike, and closed components outward, but for hollows in the largest."""
-    mesh = wound_alike(mesh)
+    """The mesh with neighboring faces wound alike, and closed components outward, but for hollows in the largest; and
+    where three faces or more meet, those outward that are between the inside and the outside."""
+    mesh, _ = pushed_outward(wound_alike(mesh))
     inward = inward_faces(mesh, mesh_edges(mesh))
-    return _flipped(mesh, inward) if inward.any() else mesh
+    return flipped(mesh, inward) if inward.any() else mesh
 
 
 def inward_faces(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.bool_]:
@@ -73,9 +75,4 @@ def wound_alike(mesh: PolygonMesh) -> PolygonMesh:
     as_is, as_turned = labels[: mesh.face_count], labels[mesh.face_count :]
     sizes = np.bincount(as_is, minlength=2 * mesh.face_count)
     flip = (sizes[as_turned] > sizes[as_is]) | ((sizes[as_turned] == sizes[as_is]) & (as_turned < as_is))
-    return _flipped(mesh, flip)
-
-
-def _flipped(mesh: PolygonMesh, flip: NDArray[np.bool_]) -> PolygonMesh:
-    at_corners = flip[corner_faces(mesh)]
-    return with_corners(mesh, np.where(at_corners, backward_corners(mesh), np.arange(len(at_corners))))
+    return flipped(mesh, flip)

@@ -3,7 +3,10 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from balloon_warp.mesh.defects import describe_defects
+from balloon_warp.mesh.parts import Taken, of_vertices, parts_taken
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import repaired
 from balloon_warp.mesh.seams import welded, welded_along_seams
@@ -23,6 +26,8 @@ class Treatment:
     """close holes in the surface, or keep them"""
     parts: Parts = "held"
     """hold components together, or let them part"""
+    taken: Taken = "all"
+    """all of them, those without a border, or the one of the largest area"""
 
 
 def prepared(mesh: PolygonMesh, source: object, treatment: Treatment) -> PolygonMesh:
@@ -32,11 +37,14 @@ def prepared(mesh: PolygonMesh, source: object, treatment: Treatment) -> Polygon
     A mesh of edges alone, faces of two corners, is a net of springs: it stays as it is.
 
     Raises:
-        InputError: no face is left; it names `source`.
+        InputError: no face is left, or no part of those that are to be taken; it names `source`.
     """
     if mesh.face_count and mesh.face_vertex_counts.max() == 2:
         return mesh
     if treatment.weld:
         mesh = welded_along_seams(mesh) if treatment.weld == "auto" else welded(mesh)
     whole = repaired(mesh, source, treatment.holes)
-    return replace(whole, warnings=(*whole.warnings, *describe_defects(mesh, whole, treatment.parts)))
+    kept, left_out = parts_taken(whole, treatment.taken, source)
+    whole, mesh = of_vertices(whole, kept), of_vertices(mesh, kept)
+    said = describe_defects(mesh, whole, treatment.parts, np.flatnonzero(~kept))
+    return replace(whole, warnings=(*whole.warnings, *([left_out] if left_out else []), *said))

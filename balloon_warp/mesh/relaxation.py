@@ -29,19 +29,19 @@ def relax(mesh: PolygonMesh, distance: Distance, cell: float) -> PolygonMesh:
     points, at_points = mesh.points, distance(mesh.points)
     for _ in range(SLIDES):
         normals = vertex_normals(replace(mesh, points=points))
-        slide = _middles(points, quads) - points
+        slide = middles(points, quads) - points
         # Vertices that no step brings to the zero level, where the distance jumps as across a hole, form a membrane.
         held = np.abs(at_points) < LOOSE * cell
         slide[held] -= (_dot(slide, normals)[:, None] * normals)[held]
-        points, at_points = _nearer(points + 0.5 * slide, normals, distance, cell)
+        points, at_points = nearer(points + 0.5 * slide, normals, distance, cell)
     for _ in range(PROJECTIONS):
         held = np.abs(at_points) < LOOSE * cell
-        newton = _newton_direction(points, distance, cell) * held[:, None]
-        points, at_points = _nearer(points, newton, distance, cell)
+        newton = newton_direction(points, distance, cell) * held[:, None]
+        points, at_points = nearer(points, newton, distance, cell)
     return replace(mesh, points=points)
 
 
-def _middles(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[np.float64]:
+def middles(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[np.float64]:
     """Mean of the neighbors of each vertex, the larger faces counting more."""
     corners = points[quads]
     neighbors = np.roll(corners, 1, axis=1) + np.roll(corners, -1, axis=1)
@@ -55,7 +55,7 @@ def _middles(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[n
     return sums / (2.0 * np.bincount(vertex, weights, len(points)))[:, None]
 
 
-def _newton_direction(points: NDArray[np.float64], distance: Distance, cell: float) -> NDArray[np.float64]:
+def newton_direction(points: NDArray[np.float64], distance: Distance, cell: float) -> NDArray[np.float64]:
     """Gradient of the distance over its square, by central differences."""
     step = 0.02 * cell
     offsets = step * np.concatenate([np.eye(3), -np.eye(3)])
@@ -65,7 +65,7 @@ def _newton_direction(points: NDArray[np.float64], distance: Distance, cell: flo
     return gradient / np.maximum(_dot(gradient, gradient), 0.1)[:, None]
 
 
-def _nearer(
+def nearer(
     points: NDArray[np.float64], direction: NDArray[np.float64], distance: Distance, cell: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points moved against `direction` by their distance, where that does bring them nearer to the zero level.

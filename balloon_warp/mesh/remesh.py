@@ -8,6 +8,15 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.faithful import infidelity
+from balloon_warp.mesh.feasible import (
+    MOST_BY_ITSELF,
+    MOST_QUADS,
+    quads_expected,
+    require_no_ribbons,
+    require_quads,
+    wrong_volume,
+)
+from balloon_warp.mesh.fit import fitted, slabs_left
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.orientation import oriented_outward
@@ -26,16 +35,18 @@ CRUMB = 3.0
 def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
-    What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Parts thinner than 1.5
-    cells become that thick. Crumbs are dropped. Every other part of the surface is there in one piece, which may take
-    more cells. `warnings` says what was done. It runs on Warp's default device.
+    What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
+    thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other
+    part of the surface is there in one piece, which may take more cells. `warnings` says what was done. It runs on
+    Warp's default device.
 
     Args:
         mesh: the surface; the result keeps its name, unit and up axis.
         cells: grid cells along the longest side of its bounding box, from 4 to 256. Edges are about a cell long.
 
     Raises:
-        InputError: `cells` is out of range, the mesh has no size, or more cells do not help either.
+        InputError: `cells` is out of range, the mesh has no size, it is of many ribbons, there would be too many quads,
+            or more cells do not help either.
     """
     if not MIN_CELLS <= cells <= MAX_CELLS:
         raise InputError(f"cells must be from {MIN_CELLS} to {MAX_CELLS} (got {cells})")
@@ -44,16 +55,21 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     size = float(np.ptp(used, axis=0).max())
     if size == 0.0:
         raise InputError(f"{mesh.name}: all its vertices are at one place, expected a surface")
-    tried = [min(round(cells * FINER**power), MAX_CELLS) for power in range(TRIES)]
+    require_quads(mesh, cells)
+    require_no_ribbons(mesh)
+    finer = [min(round(cells * FINER**power), MAX_CELLS) for power in range(1, TRIES)]
     number, mistake, wrong = cells, None, None
-    for number in dict.fromkeys(tried):
+    for number in dict.fromkeys([cells, *(more for more in finer if quads_expected(mesh, more) < MOST_BY_ITSELF)]):
         quads, warnings = _quads(mesh, number)
-        mistake = infidelity(mesh, quads, size / number)
+        mistake = infidelity(mesh, quads, size / number) or wrong_volume(mesh, quads)
         if mistake is None:
             more = [f"With {cells} cells {wrong}: {number} were taken."] if number > cells else []
             return replace(quads, warnings=(*mesh.warnings, *more, *warnings))
         wrong = wrong or mistake
-    raise InputError(f"{mesh.name}: with {number} cells {mistake}; expected more cells, or a surface without that")
+    more = 2 * number
+    finer_helps = more <= MAX_CELLS and quads_expected(mesh, more) < MOST_QUADS
+    expected = f"--cells {more}, or a surface without that" if finer_helps else "a surface without that"
+    raise InputError(f"{mesh.name}: with {number} cells {mistake}; expected {expected}")
 
 
 def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
@@ -72,9 +88,12 @@ def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
             f"{mesh.name}: nothing of it is as thick as a cell ({cell:.3g}), expected more than {cells} cells"
         )
     kept, warnings = _without_crumbs(nets)
-    if distance.has_thin_parts:
+    used = (used - middle) / cell
+    kept = fitted(kept, distance, used)
+    if distance.has_thin_parts and slabs_left(kept, distance):
         warnings.append(
-            f"Parts thinner than 1.5 cells ({1.5 * cell:.3g}) were made 1.5 cells thick; more cells keep them thinner."
+            f"Open parts became 1.5 cells thick ({1.5 * cell:.3g}), and thin ones where there is no room; more cells "
+            "make them thinner."
         )
     placed = replace(
         mesh,

@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.placement import rotation_matrix
+from balloon_warp.model.body_samples import Samples, sample
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.scene import Body, Scene
 
-MOST_SAMPLES = 1024
-"""points of a mesh's surface that are held out of the ground, obstacles and other bodies"""
-SIDE_SAMPLES = 5
-"""the same along an edge of a box"""
+TOUCHES_OF_SAMPLE, TOUCHES_OF_BODY = 2, 64
+"""for how many there is room"""
 PLAIN_MASS = 1.0
 """[kg] where neither mass nor density is given"""
 
@@ -31,8 +30,8 @@ class BodyShape:
     """tensor about the center of mass, of 1 kg [m^2], shape (3, 3)"""
     volume: float
     """of what it is made of [m^3]"""
-    samples: NDArray[np.float64]
-    """points that are held out of what is in the way, and how far from each it begins [m], shape (n, 4)"""
+    samples: Samples
+    """points that are held out of what is in the way"""
 
 
 def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
@@ -45,7 +44,6 @@ def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
     center, up = np.zeros(3), np.array(scene.up)
     if solid.mesh is None:
         volume, second = _moments_of_box(solid.size) if solid.kind == "box" else _moments_of_capsule(solid.size, up)
-        points = _box_points(solid.size) if solid.kind == "box" else _axis_points(solid.size, up)
     else:
         if not solid.closed and not body.thickness:
             raise InputError(
@@ -59,12 +57,14 @@ def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
         if not solid.closed:
             volume *= 2.0 * solid.thickness
         mesh = replace(solid.mesh, points=solid.mesh.points - center)
-        points = _spread(mesh.points[np.unique(mesh.face_vertex_indices)])
         reach = float(np.linalg.norm(mesh.points[mesh.face_vertex_indices], axis=1).max()) + solid.thickness
         solid = replace(solid, mesh=mesh, reach=reach)
-    radius = solid.thickness + (float(solid.size[0]) if solid.kind == "capsule" else 0.0)
-    samples = np.concatenate([points, np.full((len(points), 1), radius)], axis=1)
-    return BodyShape(solid, center, np.trace(second) * np.eye(3) - second, volume, samples)
+    return BodyShape(solid, center, np.trace(second) * np.eye(3) - second, volume, sample(solid, up))
+
+
+def most_touches(shapes: Sequence[BodyShape]) -> int:
+    """How many of their points may touch something in a step, each thing counted; no others are held out of it."""
+    return sum(TOUCHES_OF_SAMPLE * len(shape.samples.points) + TOUCHES_OF_BODY for shape in shapes)
 
 
 def settle_bodies(scene: Scene, shapes: Sequence[BodyShape], parameters: Parameters) -> Parameters:
@@ -132,28 +132,3 @@ def _moments(
     products = np.einsum("nki,nkj->nij", corners, corners) + np.einsum("ni,nj->nij", sums, sums)
     second = np.einsum("n,nij->ij", sizes, products) / (corner_count * (corner_count + 1) * whole)
     return whole, origin + middle, second - np.outer(middle, middle)
-
-
-def _box_points(half: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of its surface."""
-    steps = np.linspace(-1.0, 1.0, SIDE_SAMPLES)
-    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid[np.abs(grid).max(axis=1) == 1.0] * half
-
-
-def _axis_points(size: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of its axis, no further apart than its radius, but for very long ones."""
-    count = int(min(np.ceil(2.0 * size[1] / size[0]) + 1, 33)) if size[1] > 0.0 else 1
-    return np.outer(np.linspace(-size[1], size[1], count) if count > 1 else np.zeros(1), up)
-
-
-def _spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Some of many, each as far as can be from those before it."""
-    if len(points) <= MOST_SAMPLES:
-        return points
-    chosen = [int(np.linalg.norm(points, axis=1).argmax())]
-    distances = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < MOST_SAMPLES:
-        chosen.append(int(distances.argmax()))
-        distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return points[chosen]

@@ -68,9 +68,10 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
     def joined(parts: Sequence[ArrayLike], dtype: Any) -> Any:
         return array(np.concatenate([np.asarray(part) for part in parts]), dtype)
 
-    face_sizes = np.concatenate([shape.mesh.face_vertex_counts for shape in shapes])
+    skins = [shape.skin for shape in shapes]
+    face_sizes = np.concatenate([skin.face_vertex_counts for skin in skins])
     face_particles = np.concatenate(
-        [shape.mesh.face_vertex_indices + offset for shape, offset in zip(shapes, offsets, strict=False)]
+        [skin.face_vertex_indices + offset for skin, offset in zip(skins, offsets, strict=False)]
     )
     incidence_offsets, incident_faces = _faces_around_particles(face_sizes, face_particles, int(offsets[-1]))
     columns = columns_of(plan.laws)

@@ -77,7 +77,7 @@ def require_clear_bodies(
     ]
     ways += [(f"body {n}", solid, centers[:, n]) for n, solid in enumerate(solids) if solid]
     for number, (shape, turn) in enumerate(zip(bodies, initial_turns(scene), strict=True)):
-        arms = Rotation.from_quat(turn).apply(np.concatenate([shape.samples[:, :3], np.zeros((1, 3))]))
+        arms = Rotation.from_quat(turn).apply(np.concatenate([shape.samples.points[:, :3], np.zeros((1, 3))]))
         for world in range(len(centers)):
             points, allowed = centers[world, number] + arms, DEEP * shape.solid.reach
             found = [
@@ -88,7 +88,7 @@ def require_clear_bodies(
             if scene.ground is not None:
                 height = float(_row(parameters["ground_height"], world)[0])
                 found.append(("the ground", height - float((points @ up).min())))
-            found = [(way, deep + shape.samples[0, 3]) for way, deep in found]
+            found = [(way, deep + shape.samples.points[:, 3].min()) for way, deep in found]
             for way, deep in found:
                 _require_shallow(f"body.{number}.position: it", way, deep, allowed)
     for number, solid in enumerate(solids):

@@ -199,6 +199,13 @@ class Model:
         return self.spring_kind.shape[0]
 
     @property
+    def triangle_faces(self) -> NDArray[np.int64]:
+        """the face of each triangle of membranes, in the order of `membrane_corners`"""
+        firsts = np.cumsum([0, *(shape.mesh.face_count for shape in self.shapes)])
+        faces = (shape.membrane.faces + first for shape, first in zip(self.shapes, firsts, strict=False))
+        return np.concatenate(list(faces))
+
+    @property
     def triangle_count(self) -> int:
         """of membranes"""
         return self.membrane_corners.shape[0]

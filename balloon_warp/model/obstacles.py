@@ -20,6 +20,10 @@ from balloon_warp.scene import Body, Obstacle, Scene
 
 SHEET = 1.0e-3
 """thickness of a sheet over its size"""
+FAINT = 4.0e-6
+"""difference of two distances over a mesh's size, which float32 tells for sure"""
+BLURS = (1.0e-6, 1.0e-3)
+"""least and most, over the mean edge; the most is Warp's own"""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,15 @@ class ObstacleShape:
     def triangles(self) -> NDArray[np.int32]:
         """Of the mesh, shape (n, 3)."""
         return triangulate(self.mesh)[0] if self.mesh else np.zeros((0, 3), dtype=np.int32)
+
+    @property
+    def blur(self) -> float:
+        """By how much more two places of its mesh are away from a point, over the mean edge, if float32 tells."""
+        if self.mesh is None:
+            return 0.0
+        corners = self.mesh.points[self.triangles]
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        return float(np.clip(FAINT * self.reach / edges.mean(), *BLURS))
 
 
 def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> ObstacleShape:

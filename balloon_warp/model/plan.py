@@ -16,8 +16,10 @@ from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
+from balloon_warp.model.body_steps import substeps_of_solids
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
+from balloon_warp.model.limit_points import pressures_too_high
 from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.obstacle_motion import with_parts_apart
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
@@ -83,11 +85,12 @@ class ModelPlan:
     @property
     def warnings(self) -> list[str]:
         """what of stages was left out; what is odd about the meshes, and what became of it; which spheres may come
-        through, and which strings start overstretched"""
+        through, which pressures rubber does not bear, and which strings start overstretched"""
         step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
-        passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
         solids = [*self.obstacles, *(body.solid for body in self.bodies)]
         taken = list(dict.fromkeys(remark for solid in solids for remark in solid.remarks))
+        passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
+        passing += pressures_too_high(self.scene, self.shapes, self.parameters)
         return taken + passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
 
     @property
@@ -141,6 +144,9 @@ def plan_model(
         require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
     changes = list(turns(scene, rows))
     network = Network(shapes, held, (*LAWS, *laws))
+    substeps = _substeps(scene, network, parameters, changes, start_velocities(shapes, parameters))
+    if scene.substeps == "auto":
+        substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
     return ModelPlan(
         scene=scene,
         world_count=world_count,
@@ -150,7 +156,7 @@ def plan_model(
         held=held,
         own_laws=tuple(laws),
         parameters=parameters,
-        substeps=_substeps(scene, network, parameters, changes, start_velocities(shapes, parameters)),
+        substeps=substeps,
         turns=changes,
     )
 

@@ -7,18 +7,15 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.hooke import KINDS
-from balloon_warp.mesh.corners import corner_faces, face_starts
-from balloon_warp.mesh.geometry import face_areas, total_area, vertex_normals
+from balloon_warp.mesh.corners import face_starts
+from balloon_warp.mesh.geometry import face_areas, total_area, vertex_areas, vertex_normals
 from balloon_warp.mesh.topology import mesh_edges, vertex_components
 from balloon_warp.model.materials import law_of, numbers_of, slopes_by_stretches
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.strung import mean_radius, pressure_of_stretch
 from balloon_warp.scene import Scene
 
-STRETCH = 1.25
-"""of a round balloon at that pressure, length over rest length"""
-PRESSURE = (STRETCH - 1.0) / STRETCH**2
-"""over 2 K / R, see below"""
 MOST_OF_FILM = 4.0e3
 """[Pa] that rubber and film get: foil, which hardly stretches, is filled to about as much"""
 UNEVEN = 1.4
@@ -33,20 +30,24 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
     s^3 V: by virtual work 3 p V s^2 = sum k L^2 (s - 1). With the volume V = A R / 3 of a sphere, and the surface's
     tension K for each unit of strain, K = sum k L^2 / 2 A, that is p = 2 K (s - 1) / (s^2 R). Beyond s = 2, where p is
     largest, a balloon would swell without end. R is that of a sphere of the balloon's area, since no shape of that area
-    can become larger.
+    can become larger; or, where springs across thin parts see to that, of its own volume and area, 3 V / A.
 
-    A balloon that is open, and free to fly, gets none: like one that is let go, it would shoot away.
+    A balloon of which nothing has an inside, and whose borders are free, gets none: it would shoot away.
     """
     values = parameters["keyframe_values"]
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         if balloon.inflation.is_automatic:
             if law := law_of(scene, number):
                 told = numbers_of(parameters, number)
-                pressures = np.zeros((1, 1)) if shape.flies_off else _pressures_of_membrane(shape, law, told)
+                pressures = np.zeros((1, 1))
+                if not shape.flies_off:
+                    stretches = np.array([1.0 + balloon.inflation.stretch])
+                    pressures = np.minimum(pressures_of_membrane(shape, law, told, stretches), MOST_OF_FILM)
                 values = _with_settled(values, number, pressures)
                 continue
             constants = np.stack(np.broadcast_arrays(*(parameters[row.name][:, number] for row in KINDS)), axis=-1)
-            pressures = np.zeros((1, 1)) if shape.flies_off else constants @ _pressures(shape)[:, None]
+            each = pressures_of_springs(shape) * pressure_of_stretch(balloon.inflation.stretch)
+            pressures = np.zeros((1, 1)) if shape.flies_off else constants @ each[:, None]
             values = _with_settled(values, number, pressures)
     return values
 
@@ -59,16 +60,16 @@ def _with_settled(values: NDArray[np.float64], number: int, pressures: NDArray[n
     return values
 
 
-def _pressures_of_membrane(
-    shape: BalloonShape, law: Law, told: Mapping[str, NDArray[np.float64]]
+def pressures_of_membrane(
+    shape: BalloonShape, law: Law, told: Mapping[str, NDArray[np.float64]], stretches: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """That stretch a round balloon of the same area as much [Pa], shape (W, 1): 2 h dW/dl / (l^2 R), by virtual
+    """That stretch a round balloon of the same area so [Pa], shape (W, stretch_count): 2 h dW/dl / (l^2 R), by virtual
     work."""
     area = total_area(shape.mesh)
     radius = np.sqrt(area / ((4.0 if shape.closed else 2.0) * np.pi))
     thickness = told["thickness"] * shape.membrane.areas.sum() / area
-    slope, _ = slopes_by_stretches(law, told, np.array(STRETCH), np.array(STRETCH))
-    return np.minimum(2.0 * thickness * slope / (STRETCH**2 * radius), MOST_OF_FILM)
+    slope, _ = slopes_by_stretches(law, told, stretches, stretches)
+    return 2.0 * thickness * slope / (stretches**2 * radius)
 
 
 def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
@@ -83,11 +84,11 @@ def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
     return scene.model_copy(update={"balloon": balloons})
 
 
-def _pressures(shape: BalloonShape) -> NDArray[np.float64]:
-    """Pressure [Pa] for each N/m of the three kinds of springs, shape (3,).
+def pressures_of_springs(shape: BalloonShape) -> NDArray[np.float64]:
+    """Pressure [Pa] for each N/m of the three kinds of springs, shape (3,), over (s - 1) / s^2: 2 K / R.
 
-    Of several parts the largest counts. Springs between parts hold no surface. A surface with a border may become half
-    a sphere.
+    Of several parts the largest counts. Springs between parts, and across thin ones, hold no surface. A surface with a
+    border may become half a sphere.
     """
     mesh, springs = shape.mesh, shape.springs
     parts = vertex_components(mesh, mesh_edges(mesh))
@@ -97,9 +98,12 @@ def _pressures(shape: BalloonShape) -> NDArray[np.float64]:
     largest = np.bincount(parts[mesh.face_vertex_indices[face_starts(mesh)]], areas).max()
     radius = np.sqrt(largest / ((4.0 if shape.closed else 2.0) * np.pi))
     within = parts[springs.pairs[:, 0]] == parts[springs.pairs[:, 1]]
+    if shape.across is not None:
+        within &= ~shape.across
+        radius = mean_radius(mesh)
     weights = shape.stiffness_scale / shape.softness * springs.rest_lengths**2 * within
     tension = np.bincount(springs.kind, weights, len(KINDS)) / (2.0 * areas.sum())
-    return PRESSURE * 2.0 * _evenness(shape, within) * tension / radius
+    return 2.0 * _evenness(shape, within) * tension / radius
 
 
 def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:
@@ -111,13 +115,12 @@ def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:
     least of that across the normal. By the defaults of the constants, so that it is a property of the mesh.
 
     Args:
-        within: whether each spring is within a part, and does not hold two together.
+        within: whether each spring is in the surface, and holds no parts or walls together.
     """
     mesh, springs = shape.mesh, shape.springs
-    shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
-    areas = np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count)
+    areas = vertex_areas(mesh)
     ways = mesh.points[springs.pairs[:, 1]] - mesh.points[springs.pairs[:, 0]]
-    constants = np.array([row.default for row in KINDS])[springs.kind] * within
+    constants = np.array([row.default for row in KINDS])[springs.kind] * shape.evenness * within
     pulls = 0.5 * constants[:, None, None] * ways[:, :, None] * ways[:, None, :]
     tensors = np.zeros((mesh.vertex_count, 3, 3))
     for end in (0, 1):

@@ -14,22 +14,20 @@ from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
+from balloon_warp.mesh.shells import pushed_outward, there_and_back
 from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
-from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
+from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.mesh.units import as_told
+from balloon_warp.model.about_slack import about_slack
 from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
+from balloon_warp.model.strung import spring_sums, strung
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
 from balloon_warp.springs.membrane import Membrane, build_membrane, no_membrane
 from balloon_warp.springs.ties import balloon_springs
-
-SHOOTS_AWAY = (
-    "It is open and nothing holds it, so that it is not inflated: it would shoot away. Close it, hold it by `fixed`, "
-    "or say its inflation."
-)
 
 
 @dataclass(frozen=True)
@@ -44,11 +42,18 @@ class BalloonShape:
     """each spring's constant over that of its kind, shape (spring_count,)"""
     softness: NDArray[np.float64]
     """the part of it that makes thin parts softer, shape (spring_count,); 1 elsewhere"""
+    evenness: NDArray[np.float64]
+    """the part of it that makes the skin even, shape (spring_count,); 1 where it is not"""
+    across: NDArray[np.bool_] | None
+    """which springs go across thin parts, shape (spring_count,); None where thin parts are not tied"""
     mass_share: NDArray[np.float64]
     """each particle's part of the balloon's mass, shape (particle_count,); 0 for a particle that does not move"""
     membrane: Membrane
     """of rubber or film, as thick as the weights say, so that its areas are those of the balloon's thickness; empty
     where it is of springs"""
+    slack: NDArray[np.bool_]
+    """the faces that a pressure does not push, since both of their sides are on the same side of the balloon, or
+    nothing holds them; shape (face_count,)"""
     neck: Neck = NO_NECK
     """where it is open"""
     remarks: tuple[str, ...] = ()
@@ -74,11 +79,15 @@ class BalloonShape:
         """Whether no edge of the mesh is on a border."""
         return is_closed(mesh_edges(self.mesh))
 
-    @cached_property
+    @property
     def flies_off(self) -> bool:
-        """Whether a pressure would have a net force, and nothing holds it."""
-        balanced = self.closed and not len(inconsistent_edges(mesh_edges(self.mesh)))
-        return not balanced and bool((self.mass_share[self.mesh.face_vertex_indices] > 0.0).all())
+        """Whether a pressure would drive it away, whatever it pushes: nothing of it is around something, or held."""
+        return bool(self.slack.all())
+
+    @cached_property
+    def skin(self) -> PolygonMesh:
+        """The faces as kernels have them: those that are slack have no area, where others are not slack."""
+        return self.mesh if self.flies_off else there_and_back(self.mesh, self.slack)
 
 
 def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = False) -> BalloonShape:
@@ -98,26 +107,46 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
     )
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
+    placed, slack = _pushed(placed, balloon)
     material = balloon.material
     beside = [SpringKind[kind.upper()] for kind in material.springs] if material.is_membrane else list(SpringKind)
     springs = balloon_springs(placed, balloon.parts, beside)
     membrane = _membrane(placed, material) if material.is_membrane else no_membrane()
+    springs, scale, across = strung(placed, springs, balloon)
     if balloon.stiffness.thin != "softer":
         softness = np.ones(springs.count)
     else:
         softness = np.full(springs.count, LEAST) if as_soft_as_can_be else _softness(placed, springs)
-    mass_share = _mass_shares(placed, balloon, membrane)
+    stiffness_scale = scale * softness * _stiffness_scale(placed, springs, balloon.stiffness)
+    stiffness_sums = spring_sums(placed, springs, stiffness_scale, balloon.stiffness)
+    mass_share = _mass_shares(placed, balloon, membrane, stiffness_sums)
     shape = BalloonShape(
         name=placed.name,
         mesh=placed,
         springs=springs,
-        stiffness_scale=softness * _stiffness_scale(placed, springs, balloon.stiffness),
+        stiffness_scale=stiffness_scale,
         softness=softness,
+        evenness=scale,
+        across=across,
         mass_share=mass_share,
         membrane=membrane,
+        slack=slack,
         neck=neck_of(balloon.neck.at, placed, mass_share, np.array(scene.up)) if balloon.neck else NO_NECK,
     )
-    return replace(shape, remarks=(SHOOTS_AWAY,)) if balloon.inflation.is_automatic and shape.flies_off else shape
+    return replace(shape, remarks=about_slack(placed, slack, mass_share > 0.0))
+
+
+def _pushed(mesh: PolygonMesh, balloon: Balloon) -> tuple[PolygonMesh, NDArray[np.bool_]]:
+    """The mesh with faces outward that a pressure pushes, and which it does not push. All of them are pushed by what is
+    no pressure, by one that is said where nothing has an inside, and where holes are torn, which kernels know of."""
+    nothing = np.zeros(mesh.face_count, dtype=bool)
+    if balloon.inflation.kind != "pressure" or mesh.face_vertex_counts.max() == 2:
+        return mesh, nothing
+    held = np.zeros(mesh.vertex_count, dtype=bool)
+    held[[mesh.stand_in(particle) for particle in fixed_particles(balloon.fixed, mesh)]] = True
+    mesh, slack = pushed_outward(mesh, held)
+    pushed = not balloon.inflation.is_automatic if slack.all() else balloon.material.strength is not None
+    return mesh, nothing if pushed else slack
 
 
 def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
@@ -193,13 +222,16 @@ def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
     return prepared(mesh, source, balloon.treatment), source
 
 
-def _mass_shares(mesh: PolygonMesh, balloon: Balloon, membrane: Membrane) -> NDArray[np.float64]:
-    """Equal shares for the particles that move: those of a face, and not fixed. Of rubber and film, the shares of its
-    volume, of which what is fixed keeps its own."""
+def _mass_shares(
+    mesh: PolygonMesh, balloon: Balloon, membrane: Membrane, stiffness_sums: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Equal shares for the particles that move: those of a face, and not fixed; or, where springs are even, in
+    proportion to what is given. Of rubber and film, the shares of its volume, of which what is fixed keeps its own."""
     moves = np.zeros(mesh.vertex_count, dtype=bool)
     moves[mesh.face_vertex_indices] = True
     for particle in fixed_particles(balloon.fixed, mesh):
         moves[mesh.stand_in(particle)] = False
     if membrane.count:
         return np.where(moves, membrane.lumps(mesh.vertex_count), 0.0) / membrane.areas.sum()
-    return moves / max(int(moves.sum()), 1)
+    shares = np.where(moves, stiffness_sums if balloon.stiffness.even else 1.0, 0.0)
+    return shares / max(shares.sum(), 1e-30)

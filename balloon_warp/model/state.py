@@ -11,7 +11,7 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.schedules.frame import place_balloons
 from balloon_warp.launching import launch
 from balloon_warp.mesh.placement import rotation_matrix
-from balloon_warp.model.bodies import initial_centers, initial_turns
+from balloon_warp.model.bodies import initial_centers, initial_turns, most_touches
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 
@@ -77,14 +77,15 @@ class State:
     """of triangles of rubber that softens: the greatest energy density that each has had [Pa], shape (world_count,
     triangle_count), float32, or (world_count, 0) where none softens"""
     torn: wp.array
-    """of faces: how far a tear may have run from there, at rest [m], large where it has gone on, and negative where the
-    face is whole, shape (world_count, face_count), float32, or (world_count, 0) where none may tear"""
+    """of faces: how far a tear may have run from there, at rest [m], negative where the face is whole, shape
+    (world_count, face_count), float32, or (world_count, 0) where none may tear"""
     bursts: wp.array
-    """of balloons: when each burst [s], or negative; its pressure since then [Pa], how soft what is in there is, see
-    `laws.tearing.softness_of_gas`, and the stress at which it burst [Pa], shape (world_count,
-    balloon_count), vec4, or (world_count, 0)"""
-    hole_areas: wp.array
-    """of balloons that burst, in square micrometers, which add up alike in any order, of that shape, int64"""
+    """of balloons: when each burst [s], or negative; the area of its hole [m^2], or negative once nothing encloses its
+    gas any more; the face where it burst, and the stress there [Pa]; shape (world_count, balloon_count), vec4, or
+    (world_count, 0)"""
+    tear_planes: wp.array
+    """of torn faces, the planes along which their tears run, see `laws.tearing`: unit normal and distance from the
+    origin [m] on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
     body_positions: wp.array
     """centers of mass [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -93,6 +94,17 @@ class State:
     """[m/s], shape (world_count, body_count), vec3"""
     body_momenta: wp.array
     """angular, about their centers of mass [kg m^2/s], shape (world_count, body_count), vec3"""
+    body_touches: wp.array
+    """which of their points touched what in the last substep, in ascending order until the first -1, see
+    `kernels.loops.holding`, shape (world_count, most_touches), int32"""
+    body_impulses: wp.array
+    """by which they were held out of it, and by friction [N s], of that shape, vec3"""
+    unsettled: wp.array
+    """of the projective solver: the frame whose iterations were the farthest from settled of those that are worth
+    telling, 0 if there is none, and how much the last one changed of what springs moved, shape (world_count,), vec2"""
+    overstretched: wp.array
+    """of rubber that locks: the first frame, 0 if there is none, after which a face was stretched beyond its
+    `most_stretch`, shape (world_count,), int32"""
     first_bad: wp.array
     """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
@@ -115,6 +127,7 @@ def new_state(model: Model, room: Room) -> State:
     particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
     touching = (worlds, model.particle_count if model.scene.touches else 0)
     balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
+    touches = (worlds, most_touches(model.bodies))
     softening = (worlds, model.triangle_count if model.softens else 0)
     bursting = (worlds, model.balloon_count if model.bursts else 0)
     return State(
@@ -141,11 +154,15 @@ def new_state(model: Model, room: Room) -> State:
         peaks=room.array(softening, wp.float32),
         torn=room.array((worlds, model.face_count if model.bursts else 0), wp.float32),
         bursts=room.array(bursting, wp.vec4),
-        hole_areas=room.array(bursting, wp.int64),
+        tear_planes=room.array((worlds, model.face_count if model.bursts else 0), wp.vec4),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),
         body_momenta=room.array(bodies, wp.vec3),
+        body_touches=room.array(touches, wp.int32),
+        body_impulses=room.array(touches, wp.vec3),
+        unsettled=room.array(worlds, wp.vec2),
+        overstretched=room.array(worlds, wp.int32),
         first_bad=room.array(worlds, wp.int32),
     )
 
@@ -179,6 +196,7 @@ def initial_state(model: Model) -> State:
     state.bursts.fill_(wp.vec4(-1.0, 0.0, 0.0, 0.0))
     if model.bodies:
         _place_bodies(model, state)
+    state.body_touches.fill_(-1)
     state.first_bad.fill_(HEALTHY)
     return state
 

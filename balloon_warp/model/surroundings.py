@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.hooke import KINDS
-from balloon_warp.mesh.corners import corner_faces
-from balloon_warp.mesh.geometry import face_areas
-from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.geometry import vertex_areas
 from balloon_warp.model.shape import BalloonShape
 
 
@@ -67,7 +65,7 @@ def surroundings_of(
     moves = shape.mass_share > 0.0
     return Surroundings(
         mass_share=shape.mass_share[moves],
-        area=2.0 * _areas(shape.mesh)[moves],
+        area=2.0 * vertex_areas(shape.mesh)[moves],
         spring_counts=counts[moves],
         spring_scales=scales[moves],
         strings=(np.flatnonzero(moves)[:, None] == np.asarray(held, dtype=np.int64)).astype(np.float64),
@@ -99,11 +97,3 @@ def _membrane(shape: BalloonShape) -> NDArray[np.float64]:
     for end in (0, 1):
         sums += np.bincount(rows[:, end], 0.5 * (total + np.abs(total)), count)
     return sums
-
-
-def _areas(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Each particle's share of the areas of its faces [m^2]."""
-    shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
-    areas = np.zeros(mesh.vertex_count)
-    np.add.at(areas, mesh.face_vertex_indices, shares)
-    return areas

@@ -6,14 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
 from balloon_warp.kernels.laws.tearing import BRANCHING, RAYLEIGH, TEARING
 from balloon_warp.scene import Scene
 
+GAMMA_OF_AIR = 1.4
 Values = NDArray[np.float64]
 
 
 def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Values]:
-    """The stresses at which tears run on and branch, and how fast they run, where the scene does not say them.
+    """The stresses at which tears run on and branch, and how fast they run, where the scene does not say them; and the
+    gas that leaves a balloon whose pressure was given: air, which keeps its heat.
 
     Raises:
         InputError: a balloon that may burst has something that would not burst with it.
@@ -25,7 +28,13 @@ def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Va
     is_ogden = np.array([balloon.material.law == "ogden" for balloon in scene.balloon])
     speed = RAYLEIGH * np.sqrt(np.where(is_ogden, of_terms, shear) / density)
     automatic = {"tear_strength": TEARING * strength, "branching_stress": BRANCHING * strength, "tear_speed": speed}
-    return {name: np.where(np.isnan(parameters[name]), values, parameters[name]) for name, values in automatic.items()}
+    settled = {name: np.where(np.isnan(parameters[name]), values, parameters[name])
+               for name, values in automatic.items()}  # fmt: skip
+    given = np.array([balloon.inflation.kind != "gas" and balloon.material.strength is not None
+                      for balloon in scene.balloon])  # fmt: skip
+    for name, of_air in {"molar_mass": DRY_AIR_MOLAR_MASS, "gamma": GAMMA_OF_AIR}.items():
+        settled[name] = np.where(given, of_air, parameters[name])
+    return settled
 
 
 def _require_bursting_alone(scene: Scene) -> None:

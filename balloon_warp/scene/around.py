@@ -19,8 +19,13 @@ from balloon_warp.scene.schema import Balloon, Inflation
 
 GRAVITY = 9.81
 """[m/s^2]"""
-WEIGHT = 1.81
-"""of a balloon with its lift [N/kg]; where gravity grows with the size, for each meter of it"""
+WEIGHT = 0.32
+"""of a balloon with its lift [N/kg]; where gravity grows with the size, for each meter of it: on its own legs, it is
+its pressure that bears it"""
+WEIGHT_OF_OTHERS = 1.81
+"""the same, of one with gas, which has its own lift, or with normal forces"""
+STRETCH = 0.1
+"""of a ball's skin: faces, feet and folds are still what they were"""
 MOLAR_VOLUME = 0.02406
 """of a gas in the atmosphere that a scene has if it says nothing of it [m^3/mol]"""
 MOST_FLOW = 9e11
@@ -57,11 +62,12 @@ def scene_table_around(
     if size == 0.0:
         raise InputError(f"{label}: all its vertices stand at one place; expected a mesh with some size")
     require_size(placed, label)
-    gas = balloon.inflation.kind == "gas"
-    lift = 0.0 if gas else GRAVITY - WEIGHT  # gas has its own
-    fall = WEIGHT if gas else GRAVITY
+    kind = balloon.inflation.kind
+    weight = WEIGHT if kind == "pressure" else WEIGHT_OF_OTHERS
+    lift, fall = (0.0, weight) if kind == "gas" else (GRAVITY - weight, GRAVITY)  # gas has its own
     growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
     mass = _short(2.0 * size / growth)
+    stretch = balloon.inflation.stretch if "stretch" in balloon.inflation.model_fields_set else STRETCH
     return {
         "description": _description(legible(source.name), mesh, size, fall * growth if gravity is None else None),
         "up_axis": up_axis,
@@ -74,13 +80,13 @@ def scene_table_around(
                 "mass": mass,
                 "helium": _short(lift * growth),
                 "damping": _short(10.0 * (2.0 * mass) ** 0.5),
-                "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0, "thin": "softer"},
+                "stiffness": {"structural": 80.0, "shear": 40.0, "flexion": 16.0, "even": True, "thin": "tied"},
                 "inflation": _gentle(balloon.inflation, placed, size),
                 "fixed": pinned_at_borders(mesh, balloon.parts).tolist(),
             }
         ],
         "ground": {"height": _short(float(lowest["XYZ".index(up_axis)]) - 0.05 * size, size)},
-        **({"touch": {"itself": True}} if nears_itself(placed) else {}),
+        **({"touch": {"itself": True}} if nears_itself(placed, stretch) else {}),
     }
 
 
@@ -104,10 +110,10 @@ def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | Non
 
 
 def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str, Any]:
-    """Inflation up to 1.5 s at most: the pressure that a balloon gets by itself; or half as much gas again as fits into
+    """Inflation up to 1.5 s at most: the pressure that stretches it a little; or half as much gas again as fits into
     the mesh, unless it is said how much; or normal forces in proportion to the size."""
     if inflation.kind == "pressure":
-        return {}
+        return {"stretch": STRETCH} if inflation.is_automatic else {}
     if inflation.kind == "normal_force":
         return {"k_normal": [[0.2, 0.0], [1.5, _short(4.0 * size)]]}
     if inflation.says_how_much:

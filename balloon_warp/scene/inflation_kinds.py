@@ -24,7 +24,10 @@ def drop_other_kinds(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]
         inflation = balloon.get("inflation") if isinstance(balloon, dict) else None
         if not isinstance(inflation, dict):
             continue
-        if kind := _asked_kind(_set_fields(number, pairs), named="kind" in inflation):
+        fields = _set_fields(number, pairs)
+        if "stretch" in fields and "pressure" not in fields:
+            inflation.pop("pressure", None)  # which would count instead
+        if kind := _asked_kind(fields, named="kind" in inflation):
             for field in KIND_OF_FIELD:
                 if KIND_OF_FIELD[field] != kind:
                     inflation.pop(field, None)

@@ -7,9 +7,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SolidTable
+from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, Solid
 from balloon_warp.kernels.laws.fixture import SHAPES
 from balloon_warp.model import Model
+from balloon_warp.model.body_samples import sample
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.model.obstacles import ObstacleShape
 
@@ -36,30 +37,38 @@ def fastest(motion: NDArray[np.floating], reaches: NDArray[np.floating], frame_s
 def fixture_table(model: Model) -> Any:
     """The obstacles of a model; Warp's meshes live as long as the model does."""
     table = FixtureTable()
-    table.solids = solid_table(model.obstacles, model.obstacle_meshes, model.device)
+    table.solids = solid_array(model.obstacles, model.obstacle_meshes, model.device)
     table.motion = model.obstacle_motion
     table.positions = model.parameters["obstacle_position"]
     table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
-    table.fastest = fastest(_floats(model.obstacle_motion), _floats(table.solids.reaches), model.frame_seconds)
+    if model.bodies and model.obstacles:
+        _put_samples(table, model)
+    table.fastest = fastest(
+        _floats(model.obstacle_motion), [min(shape.reach, NOWHERE) for shape in model.obstacles], model.frame_seconds
+    )
     table.looks, table.nearest = look_arrays(model, Allocating(model.device))
     return table
 
 
-def solid_table(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None], device: wp.Device) -> Any:
+def solid_array(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None], device: wp.Device) -> wp.array:
     """Shapes, of which those that are meshes have one of Warp's."""
+    solids = []
+    for shape, mesh in zip(shapes, meshes, strict=True):
+        solid = Solid()
+        solid.kind, solid.closed = SHAPES.index(shape.kind), int(shape.closed)
+        solid.size, solid.mesh = wp.vec3(shape.size), mesh.id if mesh else 0
+        solid.thickness, solid.reach, solid.blur = shape.thickness, min(shape.reach, NOWHERE), shape.blur
+        solids.append(solid)
+    return wp.array(solids, dtype=Solid, device=device)
 
-    def array(values: Any, dtype: Any) -> wp.array:
-        return wp.array(np.asarray(values), dtype=dtype, device=device)
 
-    table = SolidTable()
-    table.kinds = array([SHAPES.index(shape.kind) for shape in shapes], wp.int32)
-    table.sizes = array(np.array([shape.size for shape in shapes]).reshape(-1, 3), wp.vec3)
-    table.meshes = array([mesh.id if mesh else 0 for mesh in meshes], wp.uint64)
-    table.closed = array([shape.closed for shape in shapes], wp.int32)
-    table.thicknesses = array([shape.thickness for shape in shapes], float)
-    table.reaches = array([min(shape.reach, NOWHERE) for shape in shapes], float)
-    return table
+def _put_samples(table: Any, model: Model) -> None:
+    up = np.array(model.scene.up)
+    points = [sample(shape, up).points for shape in model.obstacles]
+    ends = np.cumsum([0, *(len(its) for its in points)])
+    table.samples = wp.array(np.concatenate(points), dtype=wp.vec4, device=model.device)
+    table.sample_ends = wp.array(np.stack([ends[:-1], ends[1:]], axis=1), dtype=wp.vec2i, device=model.device)
 
 
 def body_table(model: Model) -> Any:
@@ -69,14 +78,20 @@ def body_table(model: Model) -> Any:
         return table
     shapes, parameters = model.bodies, model.parameters
     inertias = np.array([shape.inertia for shape in shapes])
-    table.solids = solid_table([shape.solid for shape in shapes], model.body_meshes, model.device)
+    table.solids = solid_array([shape.solid for shape in shapes], model.body_meshes, model.device)
     table.mass, table.friction = parameters["body_mass"], parameters["body_friction"]
     table.restitution = parameters["body_restitution"]
     table.inertias = wp.array(inertias, dtype=wp.mat33, device=model.device)
     table.eases = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
-    table.samples = wp.array(np.concatenate([shape.samples for shape in shapes]), dtype=wp.vec4, device=model.device)
-    offsets = np.cumsum([0, *(len(shape.samples) for shape in shapes)])
-    table.sample_offsets = wp.array(offsets, dtype=wp.int32, device=model.device)
+    samples = [shape.samples for shape in shapes]
+    firsts = np.cumsum([0, *(len(its.points) for its in samples)])
+    ends = [
+        (first, first + its.outermost, first + its.at_edges, first + len(its.points))
+        for first, its in zip(firsts, samples, strict=False)
+    ]
+    points = np.concatenate([its.points for its in samples])
+    table.samples = wp.array(points, dtype=wp.vec4, device=model.device)
+    table.sample_ends = wp.array(ends, dtype=wp.vec4i, device=model.device)
     return table
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.measure.health import HealthTable
+from balloon_warp.kernels.measure.locking import note_overstretched
 from balloon_warp.kernels.schedules.frame import end_frame
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
@@ -41,6 +42,7 @@ class HealthCheck:
         self._shape = (model.world_count, threads)
         self._device = model.device
         self._inputs = [tables.particles, tables.health, threads]
+        self._model, self._locking = model, _locking_triangles(model)
 
     def look(self, state: State) -> None:
         """Lower `state.first_bad` of each world to its first bad particle or sphere."""
@@ -49,6 +51,19 @@ class HealthCheck:
     def end_frame(self, state: State) -> None:
         """Count the frame, and look at what it wrote."""
         self._launch(state, 1)
+        if self._locking:
+            model, parameters = self._model, self._model.parameters
+            launch(
+                note_overstretched,
+                (model.world_count, len(self._locking[0])),
+                inputs=[
+                    *(*self._locking, model.membrane_corners, model.membrane_rests, model.particle_balloon),
+                    *(parameters["gent_limit"], parameters["most_stretch"], parameters["wrinkling"]),
+                    *(state.frame, state.points, state.torn),
+                ],
+                outputs=[state.overstretched],
+                device=self._device,
+            )
 
     def _launch(self, state: State, frames: int) -> None:
         launch(
@@ -58,6 +73,17 @@ class HealthCheck:
             outputs=[state.frame, state.first_bad],
             device=self._device,
         )
+
+
+def _locking_triangles(model: Model) -> tuple[wp.array, wp.array] | None:
+    """Those of rubber that locks, and the face of every triangle; None where there are none."""
+    locks = np.array([balloon.material.law == "gent" for balloon in model.scene.balloon])
+    if not locks.any():
+        return None
+    firsts = np.asarray(model.membrane_corners.numpy(), dtype=np.int64).reshape(-1, 3)[:, 0]
+    balloons = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)[firsts]
+    triangles = wp.array(np.flatnonzero(locks[balloons]), dtype=wp.int32, device=model.device)
+    return triangles, wp.array(model.triangle_faces, dtype=wp.int32, device=model.device)
 
 
 def health_table(model: Model) -> Any:

@@ -195,8 +195,6 @@ class Pieces:
         if self.traits.penalties:
             self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)
-        if self._tears:
-            self._tears.note(world_state(state))
 
     def over_particles(self, kernel: Any, *arguments: Any) -> None:
         """Launch a thread a (world, particle)."""

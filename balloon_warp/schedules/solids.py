@@ -8,6 +8,7 @@ from balloon_warp.kernels.laws.grip import Grip
 from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
+from balloon_warp.model.bodies import most_touches
 from balloon_warp.model.memory import Room
 
 
@@ -21,8 +22,12 @@ def solid_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "body_starts": room.array((worlds, bodies), wp.vec3),
         "body_start_turns": room.array((worlds, bodies), wp.quat),
+        "body_masses": room.array((worlds, bodies), wp.float32),
+        "body_eases": room.array((worlds, bodies), wp.mat33d),
+        "body_going": room.array((worlds, bodies), wp.vec3d),
+        "body_turning": room.array((worlds, bodies), wp.vec3d),
         "body_pushes": room.array((worlds, particles if bodies else 0), wp.vec3),
-        "grips": room.array((worlds, sum(len(shape.samples) for shape in model.bodies) if bodies else 0), Grip),
+        "grips": room.array((worlds, most_touches(model.bodies) if bodies else 0), Grip),
         "point_starts": room.array((worlds, particles if traits.small_spheres else 0), wp.vec3),
         "lumps": room.array((worlds, int(MOST_IN_LUMP) if traits.small_spheres else 0), wp.int32),
     }

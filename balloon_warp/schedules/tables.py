@@ -22,6 +22,7 @@ from balloon_warp.kernels.tables import (
     WorldState,
 )
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import Model, State
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
@@ -174,6 +175,7 @@ def _faces(model: Model) -> Any:
     counts = [shape.mesh.face_count for shape in model.shapes]
     table.balloon_offsets = _array(model, np.cumsum([0, *counts]), wp.int32)
     table.volume_origins = _array(model, volume_origins(model), wp.int32)
+    table.volumes = _array(model, [signed_volume(shape.mesh) for shape in model.shapes], wp.float32)
     table.particle_offsets, table.around_particles = model.particle_face_offsets, model.particle_faces
     return table
 

@@ -1,7 +1,7 @@
 """How membranes tear: the tables, and the launches of each substep."""
 
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.laws.air import AIR
 from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.tearing import PARAMETERS
+from balloon_warp.kernels.schedules.launched_holes import GasColumns, open_balloons
 from balloon_warp.kernels.schedules.launched_tears import (
-    GasColumns,
-    let_gas_out,
-    note_bursts,
     run_tears,
     tear_faces,
     weigh_faces,
@@ -21,13 +19,18 @@ from balloon_warp.kernels.schedules.launched_tears import (
 from balloon_warp.kernels.wear_tables import TearTable
 from balloon_warp.launching import launch
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.geometry import face_vector_areas
+from balloon_warp.mesh.corners import corner_faces, next_corners
+from balloon_warp.mesh.geometry import face_vector_areas, total_area
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 
 BRANCHING_WAY = 0.25
 """of a balloon's diameter, that a tear runs between two branches"""
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+MOST_TORN = 0.085
+"""part of the skin that tears are to take away at most, being a face wide"""
+TEARS_BY_BRANCHINGS = (0.0, 1.5, 2.7, 4.5)
+"""lengths of all tears over the way around a ball, where they never branch, where they begin only, and once or twice
+after"""
 
 
 def tear_arrays(model: Model, room: Room) -> dict[str, Any]:
@@ -37,9 +40,10 @@ def tear_arrays(model: Model, room: Room) -> dict[str, Any]:
     return {
         "stresses": room.array((worlds, model.triangle_count if model.bursts else 0), wp.float32),
         "gone": room.array(faces, wp.int8),
-        "marks": room.array(faces, wp.int8),
+        "ahead": room.array(faces, wp.float32),
         "face_stresses": room.array(faces, wp.float32),
         "weakest": room.array((worlds, model.balloon_count if model.bursts else 0), wp.int64),
+        "areas": room.array((worlds, model.balloon_count if model.bursts else 0, 2), wp.int64),
     }
 
 
@@ -50,11 +54,10 @@ def tear_table(model: Model) -> Any:
         setattr(table, name, memory)
     firsts = np.cumsum([0, *(shape.mesh.face_count for shape in model.shapes)])
     faces = np.concatenate([shape.membrane.faces + first for shape, first in zip(model.shapes, firsts, strict=False)])
-    pairs = np.concatenate(
-        [neighbors_of(shape.mesh) + first for shape, first in zip(model.shapes, firsts, strict=False)]
-    )
-    centers = np.concatenate([_centers(shape.mesh) for shape in model.shapes])
-    distances = np.linalg.norm(centers[pairs[:, 0]] - centers[pairs[:, 1]], axis=1)
+    meshes = [shape.mesh for shape in model.shapes]
+    beside = [neighbors_of(mesh) for mesh in meshes]
+    pairs = np.concatenate([each.faces + first for each, first in zip(beside, firsts, strict=False)])
+    edges = np.concatenate([each.edges + first for each, first in zip(beside, model.particle_offsets, strict=False)])
 
     def array(values: Any, dtype: Any) -> wp.array:
         return wp.array(np.asarray(values), dtype=dtype, device=model.device)
@@ -64,8 +67,12 @@ def tear_table(model: Model) -> Any:
     table.triangle_offsets = array(np.searchsorted(faces[order], numbers), wp.int32)
     table.triangles = array(order, wp.int32)
     table.neighbor_offsets = array(np.searchsorted(pairs[:, 0], numbers), wp.int32)
-    table.neighbors, table.distances = array(pairs[:, 1], wp.int32), array(distances, wp.float32)
-    table.branching = array(np.concatenate([_branching(shape.mesh) for shape in model.shapes]), wp.int8)
+    table.neighbors, table.edges = array(pairs[:, 1], wp.int32), array(edges, wp.vec2i)
+    table.rests = array(np.concatenate([_rests(mesh) for mesh in meshes]), wp.vec3)
+    table.centers = array(np.concatenate([_centers(mesh) for mesh in meshes]), wp.vec3)
+    table.normals = array(np.concatenate([_normals(mesh) for mesh in meshes]), wp.vec3)
+    table.ways = array([BRANCHING_WAY * diameter_of(mesh) for mesh in meshes], wp.float32)
+    table.branchings = array([branchings_of(mesh) for mesh in meshes], wp.int32)
     put_tear_parameters(table, model)
     return table
 
@@ -75,7 +82,7 @@ def tears_of_world(model: Model, tears: Any) -> Any:
     table = TearTable()
     for name in TearTable.vars:
         memory = getattr(tears, name)
-        setattr(table, name, memory[:1] if memory.ndim == 2 else memory)
+        setattr(table, name, memory[:1] if memory.ndim > 1 else memory)
     put_tear_parameters(table, model)
     return table
 
@@ -86,34 +93,69 @@ def put_tear_parameters(table: Any, model: Model) -> None:
         setattr(table, row.name, model.parameters[row.name])
 
 
-def neighbors_of(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Pairs of faces that share an edge, each from both, sorted, shape (n, 2)."""
+class Neighbors(NamedTuple):
+    """Pairs of faces that share an edge, each from both, sorted."""
+
+    faces: NDArray[np.int64]
+    """shape (n, 2)"""
+    edges: NDArray[np.int64]
+    """its vertices, shape (n, 2)"""
+
+
+def neighbors_of(mesh: PolygonMesh) -> Neighbors:
+    """Who is beside each face."""
     counts = np.asarray(mesh.face_vertex_counts, dtype=np.int64)
-    starts, total = np.cumsum(np.append(0, counts))[:-1], int(counts.sum())
-    onward = np.arange(total) + 1
-    onward[starts[counts > 0] + counts[counts > 0] - 1] = starts[counts > 0]
-    ends = np.sort(np.stack([mesh.face_vertex_indices, mesh.face_vertex_indices[onward]], axis=1), axis=1)
+    begins = np.asarray(mesh.face_vertex_indices, dtype=np.int64)
+    ends = np.sort(np.stack([begins, begins[next_corners(mesh)]], axis=1), axis=1)
     owners = np.repeat(np.arange(len(counts)), counts)
     order = np.lexsort([owners, ends[:, 1], ends[:, 0]])
     ends, owners = ends[order], owners[order]
     shared = (ends[1:] == ends[:-1]).all(axis=1) & (owners[1:] != owners[:-1])
     one, other = owners[:-1][shared], owners[1:][shared]
-    return np.unique(np.concatenate([np.stack([one, other], axis=1), np.stack([other, one], axis=1)]), axis=0)
+    pairs = np.concatenate([np.stack([one, other], axis=1), np.stack([other, one], axis=1)])
+    pairs, first = np.unique(pairs, axis=0, return_index=True)
+    return Neighbors(pairs, np.tile(ends[:-1][shared], (2, 1))[first])
+
+
+def _rests(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Vertices about their middle, which keeps float32's digits [m]."""
+    return np.asarray(mesh.points - mesh.points.mean(axis=0), dtype=np.float64)
 
 
 def _centers(mesh: PolygonMesh) -> NDArray[np.float64]:
     """Of faces [m]."""
-    corners = np.asarray(mesh.points, dtype=np.float64)[mesh.face_vertex_indices]
+    corners = _rests(mesh)[mesh.face_vertex_indices]
     offsets = np.cumsum(np.append(0, mesh.face_vertex_counts))
     return np.array([corners[begin:end].mean(axis=0) for begin, end in pairwise(offsets)])
 
 
-def _branching(mesh: PolygonMesh) -> NDArray[np.bool_]:
-    """The faces where a tear branches that does: so many that there is one along its way as often on any mesh, spread
-    evenly by the golden ratio."""
+def _normals(mesh: PolygonMesh) -> NDArray[np.float64]:
+    """Of faces, of length 1."""
+    vectors = face_vector_areas(mesh)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny)
+
+
+def diameter_of(mesh: PolygonMesh) -> float:
+    """Of a ball with as much surface [m]."""
+    return float(np.sqrt(total_area(mesh) / np.pi))
+
+
+def share_of_tear(mesh: PolygonMesh) -> float:
+    """The part of the surface that a tear once around a balloon takes away.
+
+    A line meets a face as often as the face has perimeter, 1 / pi of it times the line's length over all area
+    (Cauchy, Crofton).
+    """
+    corners = np.asarray(mesh.points, dtype=np.float64)[mesh.face_vertex_indices]
+    lengths = np.linalg.norm(corners[next_corners(mesh)] - corners, axis=1)
+    perimeters = np.bincount(corner_faces(mesh), lengths, mesh.face_count)
     areas = np.linalg.norm(face_vector_areas(mesh), axis=1)
-    way = BRANCHING_WAY * np.sqrt(areas.sum() / np.pi)
-    return (np.arange(1, len(areas) + 1) * GOLDEN) % 1.0 < np.sqrt(areas) / way
+    return float(diameter_of(mesh) * (perimeters @ areas) / max(areas.sum() ** 2, np.finfo(float).tiny))
+
+
+def branchings_of(mesh: PolygonMesh) -> int:
+    """How often a tear may branch, so that its gaps, a face wide, leave nine tenths of the skin."""
+    return int(np.searchsorted(TEARS_BY_BRANCHINGS, MOST_TORN / share_of_tear(mesh), side="right")) - 1
 
 
 class TearPieces:
@@ -122,24 +164,18 @@ class TearPieces:
     def __init__(self, model: Model, tables: Any):
         self.model, self.tables = model, tables
         places, split = model.columns.places, model.columns.balloon_width
-        of_air = [places[row.name] - split for row in (*AIR, GRAVITY)]
-        self._columns = GasColumns(*of_air, places["molar_mass"], places["gamma"])
+        self._columns = GasColumns(*(places[row.name] - split for row in (*AIR, GRAVITY)), places["gamma"])
 
     def weigh(self, state: State, time_in_frame: float) -> None:
         """What faces bear, and which are gone."""
         self._over(self.model.face_count, weigh_faces, time_in_frame, state.frame, state.torn, state.bursts)
 
     def tear(self, state: State, worlds: Any, time_in_frame: float, points: wp.array) -> None:
-        """Tears begin and run on, and gas leaves."""
-        m = self.model
-        self._over(m.face_count, run_tears, state.bursts, state.torn)
-        self._over(m.face_count, tear_faces, points, state.torn, state.hole_areas)
-        self._over(m.balloon_count, let_gas_out, time_in_frame, self._columns, worlds, points, state.hole_areas)
-
-    def note(self, worlds: Any) -> None:
-        """As a frame ends."""
-        shape = self.model.world_count, self.model.balloon_count
-        launch(note_bursts, shape, inputs=[self.model.inflation_kind, worlds], device=self.model.device)
+        """Tears begin and run on, and holes are as large as they are then."""
+        faces = self.model.face_count
+        self._over(faces, run_tears, points, state.bursts, state.torn, state.tear_planes)
+        self._over(faces, tear_faces, points, state.bursts, state.torn)
+        self._over(self.model.balloon_count, open_balloons, time_in_frame, self._columns, points, worlds)
 
     def _over(self, count: int, kernel: Any, *arguments: Any) -> None:
         model = self.model

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.laws.air import VARYING
+from balloon_warp.kernels.laws.hooke import HOOKE
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
+from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, values_over_time
@@ -15,6 +16,8 @@ from balloon_warp.schedules.rings import quad_rings
 
 FILLS = ("fill_breaths", "fill_litres", "fill_moles", "fill_to_pressure", "fill_to_diameter")
 """parameters that ask for more than a pump"""
+FINITE_AT_NO_LENGTH = (HOOKE, RUBBER, RUBBER_AT_LIMIT)
+"""laws of springs whose force is none there; of any other, a spring from a particle to itself may make no number"""
 CHOOSE_TRAITS = frozenset(
     {"breathing_damping", "added_mass", "leak", "neck_diameter", "sphere_friction", *VARYING, *FILLS}
 )
@@ -45,18 +48,18 @@ def model_traits(model: Model) -> Traits:
         spheres=model.sphere_count,
         springs_vary=bool((model.spring_stiffness_scale.numpy() != 1.0).any()),
         quads=bool((np.diff(model.face_offsets.numpy()) == 4).all()),
-        rings=quad_rings(model) is not None and not model.bursts,  # they know of no hole
-        guarded=any(law.kind == "spring" and law not in LAWS for law in laws),
+        rings=quad_rings(model) is not None and not model.bursts,  # holes are faces of their own
+        guarded=any(law.kind == "spring" and law not in FINITE_AT_NO_LENGTH for law in laws),
         aims=int(NORMAL_FORCE) in kinds,
         pressures=kinds != {int(NORMAL_FORCE)},
-        gas=int(GAS) in kinds,
+        gas=int(GAS) in kinds or model.bursts,
         air_varies=_air_varies(model),
         takes_air_along=int(GAS) in kinds and _takes_air_along(model),
         breathes_on=int(GAS) in kinds and scene.solver != "forward_euler" and _breathes_on(model),
         pumps=int(GAS) in kinds and (_pumps(model) or _fills(model)),
         fills=_fills(model),
         tubes=model.tube_count > 0,
-        vents=_ever(model, "neck_diameter") or _ever(model, "leak"),
+        vents=_ever(model, "neck_diameter") or _ever(model, "leak") or model.bursts,
         jets=_ever(model, "neck_diameter"),
         fresh_normals=scene.normals == "fresh" and int(NORMAL_FORCE) in kinds,
         corrected=scene.correction != "none",

@@ -61,10 +61,11 @@ class DenseInverse:
         """Memory that it keeps for each world."""
         return 4 * int((np.diff(model.particle_offsets) ** 2).sum()) * matrices.count // model.world_count
 
-    def solve(self, right_sides: wp.array, solutions: wp.array) -> None:
-        """A solution for each right side, both of shape (world_count, particle_count), vec3."""
+    def solve(self, right_sides: wp.array, solutions: wp.array, going: wp.array) -> None:
+        """A solution for each right side, both of shape (world_count, particle_count), vec3, in the worlds whose entry
+        of `going`, int32, is not 0."""
         worlds, device, tiles = self._model.world_count, self._model.device, len(self._tiles)
-        inputs = [self._inverse, self._tiles, right_sides, solutions]
+        inputs = [self._inverse, self._tiles, right_sides, going, solutions]
         if self._product:
             groups = -(-worlds // WORLDS)
             launch(self._product, (groups, tiles, int(ROW_THREADS)), inputs=inputs, device=device, block_dim=THREADS)

@@ -2,17 +2,27 @@
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.hooke import HOOKE
 from balloon_warp.kernels.solvers.projective import (
-    apply_increments,
     ending_kernel,
     foreseeing_kernel,
+    inertia_function,
     local_step_kernel,
 )
+from balloon_warp.kernels.solvers.settling import (
+    LEAST_ITERATIONS,
+    MOST_ITERATIONS,
+    TOLERANCE,
+    WORTH_SAYING,
+    Settling,
+    settling_kernel,
+)
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.launched import LaunchedSchedule, Moving
@@ -21,6 +31,11 @@ from balloon_warp.schedules.traits import model_traits
 from balloon_warp.solvers.dense_inverse import DenseInverse
 from balloon_warp.solvers.sparse_factor import SparseFactor
 from balloon_warp.solvers.step_matrices import FACTORIZED, StepMatrices
+
+ITERATIONS_BETWEEN = 5
+"""two looks whether any world goes on"""
+SETTLING_THREADS = 256
+"""that sum what the particles of a world do on a GPU"""
 
 
 class ProjectiveSolver(LaunchedSchedule):
@@ -39,7 +54,9 @@ class ProjectiveSolver(LaunchedSchedule):
         if beyond := _beyond(model_traits(model)):
             raise InputError(f'solver: "projective" does not simulate {beyond}; expected another solver')
         super().__init__(model)
-        self._global_step = (global_step or _global_step(model))(model, StepMatrices(model))
+        matrices = StepMatrices(model)
+        self._global_step = (global_step or _global_step(model))(model, matrices)
+        self._settling = _settling(model, matrices)
 
     @property
     def depends_on(self) -> frozenset[str]:
@@ -48,9 +65,9 @@ class ProjectiveSolver(LaunchedSchedule):
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """Five vectors of each particle: displacements without springs, displacements, points tried, residuals, and
-        increments of displacements."""
-        return tuple(room.array((model.world_count, model.particle_count), wp.vec3) for _ in range(5))
+        """Six vectors of each particle: displacements without springs, those tried, those reached, points tried,
+        residuals, and increments of displacements."""
+        return tuple(room.array((model.world_count, model.particle_count), wp.vec3) for _ in range(6))
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
@@ -58,16 +75,51 @@ class ProjectiveSolver(LaunchedSchedule):
         return super().world_bytes(model) + _global_step(model).world_bytes(model, StepMatrices(model))
 
     def advance_substep(self, state: State, time_in_frame: float, now: Moving) -> Moving:
-        """Local and global steps in turn."""
-        free, displacements, trials, residuals, increments = self.vectors
-        t, worlds, working, launch = self.tables, world_state(state), self.pieces.working, self.pieces.over_particles
-        launch(foreseeing_kernel(self.traits), t, time_in_frame, worlds, working, free, displacements, trials)
-        for _ in range(self.model.scene.solver_iterations):
-            launch(local_step_kernel(self.traits), t, free, displacements, trials, residuals)
-            self._global_step.solve(residuals, increments)
-            launch(apply_increments, state.points, increments, displacements, trials)
-        launch(ending_kernel(self.traits), t, time_in_frame, displacements, worlds, working)
+        """Local and global steps in turn, until every world has settled."""
+        free, tried, reached, trials, _, _ = self.vectors
+        t, settling, worlds, working = self.tables, self._settling, world_state(state), self.pieces.working
+        over_particles, foresee = self.pieces.over_particles, foreseeing_kernel(self.traits)
+        over_particles(foresee, t, time_in_frame, worlds, working, settling, free, tried, reached, trials)
+        most, device = int(settling.most), self.model.device
+        can_ask = device.is_cpu or wp.is_conditional_graph_supported()
+        if most <= ITERATIONS_BETWEEN or not can_ask:
+            self._iterate(state, most)  # worlds that have settled do nothing more
+        else:
+            wp.capture_while(settling.any_going, self._iterate, state=state, count=ITERATIONS_BETWEEN)
+        over_particles(ending_kernel(self.traits), t, time_in_frame, reached, worlds, working)
         return now
+
+    def _iterate(self, state: State, count: int) -> None:
+        """So many iterations in the worlds that go on."""
+        free, tried, reached, trials, residuals, increments = self.vectors
+        t, settling, model = self.tables, self._settling, self.model
+        settle = settling_kernel(self.traits, inertia_function(self.traits))
+        for _ in range(count):
+            self.pieces.over_particles(local_step_kernel(self.traits), t, free, tried, trials, settling, residuals)
+            self._global_step.solve(residuals, increments, settling.going)
+            launch_tiled(
+                settle,
+                dim=[model.world_count],
+                inputs=[t, state.frame, state.points, free, residuals, increments, settling, tried, reached, trials],
+                outputs=[state.unsettled],
+                block_dim=SETTLING_THREADS if model.device.is_cuda else 1,
+                device=model.device,
+            )
+
+
+def _settling(model: Model, matrices: StepMatrices) -> Any:
+    """What the iterations of a model end by."""
+    said = model.scene.solver_iterations
+    settling = Settling()
+    settling.least, settling.most = (LEAST_ITERATIONS, MOST_ITERATIONS) if said == "auto" else (said, said)
+    settling.tolerance, settling.worth_saying = TOLERANCE, WORTH_SAYING
+    diagonals = [matrices.matrix(number).diagonal() for number in range(matrices.count)]
+    settling.diagonals = wp.array(np.stack(diagonals), dtype=float, device=model.device)
+    settling.of_world = wp.array(matrices.of_world, dtype=wp.int32, device=model.device)
+    for name, count in (("iterations", model.world_count), ("gathered", model.world_count), ("any_going", 1)):
+        setattr(settling, name, wp.zeros(count, dtype=wp.int32, device=model.device))
+    settling.going = wp.zeros(model.world_count, dtype=wp.int32, device=model.device)
+    return settling
 
 
 def _beyond(traits: Traits) -> str | None:

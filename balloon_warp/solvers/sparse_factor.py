@@ -65,12 +65,16 @@ class SparseFactor:
         room.array((groups, entries), Lanes)
         return room.bytes // model.world_count
 
-    def solve(self, right_sides: wp.array, solutions: wp.array) -> None:
-        """A solution for each right side, both of shape (world_count, particle_count), vec3."""
+    def solve(self, right_sides: wp.array, solutions: wp.array, going: wp.array) -> None:
+        """A solution for each right side, both of shape (world_count, particle_count), vec3, in the worlds whose entry
+        of `going`, int32, is not 0, at least."""
         launch(
             self._kernel,
             self._work.shape[0],
-            inputs=[self._factor, self._entries, self._inverse_pivots, right_sides, self._work, solutions],
+            inputs=[
+                *(self._factor, self._entries, self._inverse_pivots, right_sides, going),
+                *(self._work, solutions),
+            ],
             device=self._device,
         )
 

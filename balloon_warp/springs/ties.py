@@ -43,14 +43,7 @@ def balloon_springs(mesh: PolygonMesh, parts: Parts, kinds: Collection[SpringKin
     springs = build_springs(mesh).of_kinds(kinds)
     if parts == "free" or mesh.face_vertex_counts.max() == 2:
         return springs
-    pairs = tie_pairs(mesh)
-    if not len(pairs):
-        return springs
-    all_pairs = np.concatenate([springs.pairs, pairs.astype(np.int32)])
-    kind = np.concatenate([springs.kind, np.full(len(pairs), SpringKind.STRUCTURAL, dtype=np.int32)])
-    lengths = np.linalg.norm(mesh.points[pairs[:, 1]] - mesh.points[pairs[:, 0]], axis=1)
-    order = np.lexsort((all_pairs[:, 1], all_pairs[:, 0], kind))
-    return Springs(all_pairs[order], kind[order], np.concatenate([springs.rest_lengths, lengths])[order])
+    return springs.with_structural(tie_pairs(mesh), mesh.points)
 
 
 def tie_pairs(mesh: PolygonMesh) -> NDArray[np.int64]:

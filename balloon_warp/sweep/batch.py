@@ -12,6 +12,7 @@ from balloon_warp.blow_ups import check_policy
 from balloon_warp.endings import BadEnding, ending_sentences
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
+from balloon_warp.model import remark_sentences
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.touching import crowding_remarks
@@ -152,7 +153,7 @@ def run_batch(
     names = [*TABLE_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
-    for sentence in [*ending_sentences(outcome.bad_endings), *crowding_remarks(outcome.crowded)]:
+    for sentence in _remarks(outcome):
         on_warning(sentence)
     return _summary(task, outcome, name)
 
@@ -182,6 +183,12 @@ def _simulate(
     from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
 
     return distribute_batch(task, cluster, device, checkpoints, on_frame)
+
+
+def _remarks(outcome: Outcome) -> list[str]:
+    """What is to be said at the end."""
+    ends, worlds = ending_sentences(outcome.bad_endings), remark_sentences(outcome.remarks)
+    return [*ends, *worlds, *crowding_remarks(outcome.crowded)]
 
 
 def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:

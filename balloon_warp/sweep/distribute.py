@@ -104,6 +104,7 @@ def distribute_batch(
             healthy_worlds=output.healthy_count,
             failures=journal.failures,
             bad_endings=endings,
+            remarks=journal.remarks,
             crowded=journal.crowded,
             seconds=time.perf_counter() - began,
             resumed=journal.resumed,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.interrupts import Interrupts
-from balloon_warp.model import lay_out
+from balloon_warp.model import lay_out, remarks_on
 from balloon_warp.outputs.background import WAITING, Background
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
@@ -45,6 +45,11 @@ def simulate_locally(
     with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
         begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
         crowded = sum(simulator.schedule.crowded for simulator in simulators)
+        remarks = [
+            remark
+            for simulator, group in zip(simulators, task.groups, strict=True)
+            for remark in remarks_on(simulator.model, simulator.state, group.worlds)
+        ]
         if output.healthy_count < task.world_count:
             failures = _report_all(task, output, simulators)
             simulators.clear()  # what begins again has their memory
@@ -60,6 +65,7 @@ def simulate_locally(
         healthy_worlds=output.healthy_count,
         failures=failures,
         bad_endings=endings,
+        remarks=remarks,
         crowded=crowded,
         seconds=time.perf_counter() - began,
         resumed=max(begin - 1, 0) / task.scene.frames,

@@ -85,9 +85,7 @@ class Recorder:
         self._balloon_particles = offsets([shape.mesh.vertex_count for shape in model.shapes])
         self._balloon_faces = offsets([shape.mesh.face_count for shape in model.shapes])
         self._balloon_springs = offsets([shape.springs.count for shape in model.shapes])
-        firsts = np.cumsum([0, *(shape.mesh.face_count for shape in model.shapes)])
-        faces = [shape.membrane.faces + first for shape, first in zip(model.shapes, firsts, strict=False)]
-        self._triangle_faces = wp.array(np.concatenate(faces), dtype=wp.int32, device=model.device)
+        self._triangle_faces = wp.array(model.triangle_faces, dtype=wp.int32, device=model.device)
         self._balloon_triangles = offsets([shape.membrane.count for shape in model.shapes])
         self._sums = zeros((worlds, model.balloon_count, LANES), BalloonSums)
         columns = columns_of(model.scene)

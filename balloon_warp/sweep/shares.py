@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.algebra import LANE_COUNT
-from balloon_warp.model import ModelPlan, lay_out
+from balloon_warp.model import ModelPlan, Remark, lay_out, remarks_on
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.blow_ups import Failures, Rows, report_failures, require_health, restart_failures
@@ -52,6 +52,7 @@ class ShareResult:
     """a frame each, the start among them"""
     schedule: str
     failures: Failures
+    remarks: list[Remark]
     crowded: int
     """as schedules count it"""
 
@@ -114,11 +115,12 @@ def simulate_share(
         on_frame(number)
     health = np.stack([record.healthy for record in records])
     failures, crowded = Failures(report_failures(simulator, share, health)), simulator.schedule.crowded
+    remarks = remarks_on(simulator.model, simulator.state, share.worlds)
     del simulator, recorder  # what begins again has their memory
     if on_blowup == "restart":
         bad, put = np.flatnonzero(health[-1] == 0), partial(_replace, records)
         failures.restarted = restart_failures(share, bad, chosen, model.device, settled, put)
-    return ShareResult(records, settled, failures, crowded)
+    return ShareResult(records, settled, failures, remarks, crowded)
 
 
 def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> None:

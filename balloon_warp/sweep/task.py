@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.endings import BadEnding
 from balloon_warp.kernels.laws import Law
+from balloon_warp.model import Remark
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.groups import BatchVary, Group
@@ -51,6 +52,7 @@ class Outcome:
     failures: Failures
     bad_endings: list[BadEnding]
     """in worlds of the stage"""
+    remarks: list[Remark]
     crowded: int
     """as schedules count it, since this batch began or went on"""
     seconds: float

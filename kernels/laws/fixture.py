@@ -10,8 +10,6 @@ Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import inverse_root, squared_length
-
 BOX, CAPSULE, PLANE, MESH = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
 """kinds of shapes"""
 SHAPES = ("box", "capsule", "plane", "mesh")
@@ -19,18 +17,34 @@ SHAPES = ("box", "capsule", "plane", "mesh")
 FAR_AWAY = wp.constant(1.0e30)
 """distance of a mesh that was not found within what was asked for [m]"""
 MOST_LOOKS = wp.constant(32)
-"""at the way of a particle that may have gone through something thin"""
+"""at a way that may come into something"""
+BALL_LOOKS = wp.constant(256)
+"""the same, of a ball beside a mesh"""
+MOST_TURNS = wp.constant(4)
+"""of all that is in a way, in a step, of which one moves the end of that into another"""
+SETTLED = wp.constant(1.0e-3)
+"""of a way: what moves its end by less is next to nothing"""
+MOST_SLIDES = wp.constant(3)
+"""of a particle along a mesh in a step, each from where the one before comes to the mesh again"""
+UNSEEN = wp.constant(0.02)
+"""part of a mesh's skin that a way may come in between looks"""
 BLURRED = wp.constant(3.0e-5)
 """of a mesh's reach: nearer to its surface, float32 does not tell in which direction that is"""
 LEAST_STEP = wp.constant(2.0e-6)
-"""on that way, over its length: what float32 tells apart"""
+"""on a way, over its length: what float32 tells apart"""
+
+
+@wp.func
+def is_settled(start: wp.vec3, end: wp.vec3, point: wp.vec3):
+    """Whether what is in a way has hardly moved its end, to a point."""
+    return wp.length(point - end) <= SETTLED * wp.length(end - start) + LEAST_STEP * wp.length(point)
 
 
 @wp.func
 def toward(arm: wp.vec3, otherwise: wp.vec3):
     """The unit vector along an arm; `otherwise` where there is none."""
     if wp.length_sq(arm) > 0.0:
-        return inverse_root(squared_length(arm)) * arm
+        return wp.normalize(arm)
     return otherwise
 
 
@@ -71,11 +85,11 @@ def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
 
 
 @wp.func
-def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float, reach: float):
+def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float, reach: float, blur: float):
     """Distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`. A sheet has two
     sides: its normal is on that of the point."""
     if closed != 0:
-        found = wp.mesh_query_point_sign_normal(mesh, point, farthest)
+        found = wp.mesh_query_point_sign_normal(mesh, point, farthest, blur)
         if found.result:
             arm = point - wp.mesh_eval_position(mesh, found.face, found.u, found.v)
             normal = mesh_normal(arm, wp.mesh_eval_face_normal(mesh, found.face), found.sign, reach)

@@ -14,6 +14,7 @@ import warp as wp
 
 from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
 from balloon_warp.kernels.laws.body import GRAVITY
+from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collapse
 from balloon_warp.kernels.laws.law import Parameter
 
 HELIUM_MOLAR_MASS = 0.0040026
@@ -125,6 +126,13 @@ def volume_at(free_volume: float, pressure: float, gamma: float):
 
 
 @wp.func
+def free_volume_of(volume: float, pressure: float, gamma: float, warmth: float):
+    """Of a gas that has a volume at a pressure in full [m^3], where the air is warmer than at height 0 by a factor."""
+    free_volume = volume * wp.pow(pressure / STANDARD_PRESSURE, 1.0 / gamma)
+    return wp.where(gamma == 1.0, free_volume / warmth, free_volume)
+
+
+@wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
     """Of a gas and the air around it [J], whose negative slope by the volume is the pressure above the air's; 0 where
     both are in balance."""
@@ -190,8 +198,17 @@ def gas_load(
     yielding = 1.0 + pull * swelling[RESPONSE]
     pressure = (explicit - pull * rate) / yielding
     thin = THINNEST * wp.vec2(STANDARD_PRESSURE, volume)
-    slope = gamma * wp.max(air[0] + explicit, thin[0]) / wp.max(there, thin[1])
-    return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope / yielding)
+    slope = gamma * wp.max(air[0] + explicit, thin[0]) / wp.max(there, thin[1]) / yielding
+    added = step_seconds * swelling[RESPONSE]
+    without = swelling[VOLUME] + step_seconds * rate
+    if added > 0.0 and without + added * pressure < COLLAPSING * volume:
+        # so close to empty p(V) is no line
+        full = added * air[0]
+        held = full * volume_at(there, air[0], gamma)
+        end = wp.max(end_of_collapse(without, held, full), EMPTIEST * volume)
+        pressure = (end - without) / added
+        slope = end * air[0] / (end * end + held)
+    return wp.vec4(pressure, pressure - rise * swelling[HEIGHT], rise, slope)
 
 
 @wp.func
@@ -207,15 +224,21 @@ def throttled(molar_free_volume: float, pressure: float, pressure_beyond: float,
 
 @wp.func
 def pumped_gas(
-    gas: wp.vec2d, moles: float, pressure: float, gamma: float, air_temperature: float, temperature_here: float
+    gas: wp.vec2d,
+    moles: float,
+    least: float,
+    pressure: float,
+    gamma: float,
+    air_temperature: float,
+    temperature_here: float,
 ):
     """Amount [mol] and free volume [m^3] of a gas when so much is pumped in, or if negative let out.
 
     What comes in is as warm as the air here, and goes through a valve to the `pressure` in there, in full [Pa]; what
-    leaves takes its part of the free volume along. Where heat passes, that is told as at height 0, see
-    `free_volume_there`.
+    leaves takes its part of the free volume along, as long as there is more than `least` [mol]. Where heat passes, that
+    is told as at height 0, see `free_volume_there`.
     """
-    amount = wp.max(gas[0] + wp.float64(moles), wp.float64(0.0))
+    amount = wp.max(gas[0] + wp.float64(moles), wp.min(gas[0], wp.float64(least)))
     free_volume = gas[1]
     if gamma == 1.0:
         free_volume = amount * wp.float64(molar_volume(STANDARD_PRESSURE, air_temperature))

@@ -7,8 +7,10 @@ a shell is that of von Karman's spectrum,
 
     E(k) ~ (k l)^4 / (1 + (k l)^2)^(17/6),  l = 1.339 L,
 
-L the length over which gusts belong together, the integral scale; beyond it is Kolmogorov's k^(-5/3). The seed
-draws the phases. They are carried along by the mean wind and do not change on the way (Taylor's hypothesis).
+L the length over which gusts belong together, the integral scale; beyond it is Kolmogorov's k^(-5/3). The waves end at
+L/300: from L/40 to L/5 the mean squares of differences grow with the distance to the 2/3, within 0.1 of that exponent,
+and below L/300 with its square, as what is smooth does. The seed draws the phases. They are carried along by the mean
+wind and do not change on the way (Taylor's hypothesis).
 
 The waves stand in a table, which a loop goes through: written out one by one they took a compiler a minute. On a CPU
 eight of them share its vector registers.
@@ -19,9 +21,9 @@ import random
 
 import warp as wp
 
-SHELLS = 12
-OCTAVES = 8.4
-"""of wavelengths, from 20 times the length of gusts to its sixteenth"""
+SHELLS = 16
+OCTAVES = 12.75
+"""of wavelengths, from 28 times the length of gusts to a 240th of it, and to a 300th within the last shell"""
 LONGEST = 0.3
 """k l of the first shell"""
 OVER_LENGTH = 1.339

@@ -41,7 +41,8 @@ MOST_STRETCH = Parameter(
     6.0,
     least=1.0,
     path="material.most_stretch",
-    meaning='up to which the step of "auto" is stable, both ways; 6 when missing, or nine tenths of what "gent" allows',
+    meaning='up to which, both ways, the step of "auto" is stable and "gent" holds; 6 when missing, or 0.96 of what '
+    '"gent" allows',
 )
 FILM_VISCOSITY = Parameter(
     "film_viscosity", "Pa s", least=0.0, path="material.viscosity", meaning="of the material's own damping"
@@ -77,8 +78,8 @@ OGDEN_EXPONENTS = Parameter(
 OF_EVERY_MEMBRANE = (THICKNESS, WRINKLING, MOST_STRETCH, FILM_VISCOSITY)
 """parameters that all laws have, and who goes around triangles asks for"""
 
-LEAST_ROOM = wp.constant(0.02)
-"""of the limit is left where a Gent material's chains count as locked: from there on it is stiff, but not infinitely"""
+LEAST_ROOM = wp.constant(1.0e-3)
+"""of the limit is left at a Gent material's most stretch, or more: float32 resolves what is left to a ten-thousandth"""
 NEARLY_ALIKE = wp.constant(0.12)
 """below it, times 6 and the square of an exponent's half, a series is taken for the quotient of an Ogden material: what
 is left out is 4e-7 of it, and the quotient loses some 8e-7 from there on"""
@@ -117,24 +118,40 @@ def mooney_rivlin_energy(trace: float, det: float, shear_modulus: float, mooney_
 
 
 @wp.func
-def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
-    """W = -mu J/2 ln(1 - (I1 - 3) / J) (Gent 1996). Beyond the most stretch it goes on as a neo-Hookean material of the
-    stiffness there."""
+def locking_room(gent_limit: float, most_stretch: float):
+    """What is left of a Gent material's limit at its most stretch, both ways, and I1 there."""
     squared = most_stretch * most_stretch
     least = wp.max(gent_limit + 3.0 - 2.0 * squared - 1.0 / (squared * squared), LEAST_ROOM * gent_limit)
-    room = wp.max((gent_limit + 3.0 - trace) * det - 1.0, least * det)  # that of the limit, times det
-    inverse = 0.5 * shear_modulus * gent_limit / (room * det)
-    return inverse * det * det, -inverse
+    return least, gent_limit + 3.0 - least
+
+
+@wp.func
+def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
+    """W = -mu J/2 ln(1 - (I1 - 3) / J) (Gent 1996), up to the I1 = M of the most stretch, both ways. From there on, in
+    place of a pole that no step could follow, a tension that rises on with the root of I1, as it begins to there:
+
+        dW/dI1 = mu J/2 / R (1 + (1 + 2 M / R) (s - 1)) / s,  s = sqrt(I1 / M),  R = J + 3 - M
+
+    The energy's second derivative is then nowhere more than at M, so that no shorter step is needed."""
+    least, most = locking_room(gent_limit, most_stretch)
+    inverse = 1.0 / det
+    first = trace + inverse
+    s = wp.sqrt(wp.max(first / most, 1.0))
+    left = wp.max(gent_limit + 3.0 - first, least)
+    slope = 0.5 * shear_modulus * gent_limit * (1.0 + (1.0 + 2.0 * most / least) * (s - 1.0)) / (s * left)
+    return slope, -slope * inverse * inverse
 
 
 @wp.func
 def gent_energy(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
     """[J/m^3]"""
-    squared = most_stretch * most_stretch
-    least = wp.max(1.0 - (2.0 * squared + 1.0 / (squared * squared) - 3.0) / gent_limit, LEAST_ROOM)
-    room = 1.0 - (trace + 1.0 / det - 3.0) / gent_limit
-    beyond = wp.max(least - room, 0.0) / least
-    return 0.5 * shear_modulus * gent_limit * (beyond - wp.log(wp.max(room, least)))
+    least, most = locking_room(gent_limit, most_stretch)
+    first = trace + 1.0 / det
+    s = wp.sqrt(wp.max(first / most, 1.0))
+    rise = 1.0 + 2.0 * most / least
+    beyond = (s - 1.0) * (1.0 - rise + 0.5 * rise * (s + 1.0)) * 2.0 * most / least
+    left = wp.max(gent_limit + 3.0 - first, least)
+    return 0.5 * shear_modulus * gent_limit * (beyond - wp.log(left / gent_limit))
 
 
 @wp.func

@@ -100,6 +100,7 @@ def vent_flow(
     slope: float,
     step_seconds: float,
     opening: float,
+    most: float,
     gamma: float,
     molar_mass: float,
     air_pressure: float,
@@ -114,7 +115,8 @@ def vent_flow(
         pressure: with it, above the air's [Pa].
         taken: free volume of a mole of the gas [m^3/mol], which takes it along.
         slope: rise of the pressure in the step with free volume [Pa/m^3].
-        opening: C_d A of both [m^2].
+        opening: C_d A of all [m^2].
+        most: what may leave [mol/s], before the balloon is flat.
     """
     here = wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE)
     brought = throttled(molar_volume(STANDARD_PRESSURE, air_temperature), STANDARD_PRESSURE, here, gamma)
@@ -125,7 +127,7 @@ def vent_flow(
     if alone > 0.0:
         volume = volume_at(taken, here, gamma)  # of a mole
         density = wp.max(molar_mass, THINNEST * DRY_AIR_MOLAR_MASS) / wp.max(volume, LEAST_FLOW)
-        leaving = orifice_flow(opening, density, volume, alone, slope * taken, step_seconds)
+        leaving = wp.min(orifice_flow(opening, density, volume, alone, slope * taken, step_seconds), most)
         after = leaving * taken
     else:
         density = density_of_air(air_pressure, air_temperature, air_density)

@@ -134,10 +134,15 @@ def overlap_of(push: Push):
 
 
 @wp.func
+def pressed_mass(push: Push):
+    """Of the particles that press a body [kg], the trace of m n n^T."""
+    return push[FORWARD] + push[FORWARD + 3] + push[FORWARD + 5]
+
+
+@wp.func
 def is_pushed(push: Push):
     """Whether any particle presses a body or overlaps it."""
-    pressing = push[FORWARD] + push[FORWARD + 3] + push[FORWARD + 5]
-    return pressing + push[OVERLAPS] + push[OVERLAPS + 3] + push[OVERLAPS + 5] > 0.0
+    return pressed_mass(push) + push[OVERLAPS] + push[OVERLAPS + 3] + push[OVERLAPS + 5] > 0.0
 
 
 @wp.func

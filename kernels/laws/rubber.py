@@ -9,6 +9,10 @@ from balloon_warp.kernels.laws.law import Law, Parameter
 
 NEVER_YIELDS = 1.0e9
 """the stretch at which springs yield that do not yield: 1 - 1 / stretch is 1 in float32"""
+GIVING_WAY = wp.constant(0.008)
+"""of its longest, over which a spring's pull comes to its end"""
+NEVER_ZERO = wp.constant(1.0e-30)
+"""[N/m], below all spring constants that count, so that it can be divided by"""
 AT_LIMIT = wp.constant(0.999)
 """of its longest, from which on a spring counts as at its limit: correction leaves it there but for rounding"""
 
@@ -40,9 +44,14 @@ def rubber_at_limit(
     yield_stretch: float,
     correction_limit: float,
 ):
-    """The same, with springs that do not pull at the length either that correction shortens them to."""
-    stretch = wp.min(yield_stretch, AT_LIMIT * (1.0 + correction_limit))
-    return rubber(squared_length, opening, stiffness, stiffness_times_length, viscosity, stretch)
+    """The same, with springs that do not pull at the length either that correction shortens them to. Just below it
+    their pull comes to its end gradually: many are there, and rounding is not to decide which of them pull."""
+    elastic = hooke(squared_length, stiffness, stiffness_times_length)
+    plain = rubber(squared_length, opening, stiffness, stiffness_times_length, viscosity, yield_stretch)
+    longest = AT_LIMIT * (1.0 + correction_limit)
+    ahead = longest * (stiffness - elastic) - stiffness  # times 1/k, how much longer it could be, of its length
+    left = wp.clamp(ahead / wp.max(GIVING_WAY * stiffness, NEVER_ZERO), 0.0, 1.0)
+    return left * plain - (1.0 - left) * elastic
 
 
 VISCOSITY = Parameter(

@@ -1,33 +1,35 @@
-"""Rubber and film that tear: where a tear begins, how it runs, and how the gas leaves.
+"""Rubber and film that tear: where a tear begins, the line along which it runs, and where it branches.
 
 A tear begins where the larger principal true stress reaches the `strength`, or where a needle pierces. From face to
-face it runs on where the stress at its tip exceeds the `tear_strength`, at most as fast as waves on the surface of the
-unstretched material, 0.955 root(mu / rho) (Rayleigh's, of what is incompressible). Below a stress a balloon opens along
-one tear; above it tears branch, and it bursts to pieces (Moulinet and Adda-Bedia 2015, Popping balloons: a case study
-of dynamical fragmentation, PRL 115, 184301). A face that is torn pulls no more and bears no pressure.
+face it runs on where the stress ahead of its tip exceeds the `tear_strength`, at most as fast as waves on the surface
+of the unstretched material, 0.955 root(mu / rho) (Rayleigh's, of what is incompressible). Below a stress a balloon
+opens along one tear; above it tears branch, and it bursts to pieces (Moulinet and Adda-Bedia 2015, Popping balloons: a
+case study of dynamical fragmentation, PRL 115, 184301).
 
-The gas leaves through the hole as through any that has a sharp edge, see `laws.orifice`, by the pressure, density and
-volume that it had: a burst is too quick for heat, and for the volume to follow.
+A tear is straight: it runs where a plane cuts the unstretched skin, at first across the largest tension. Only faces
+that the plane cuts, ahead of a tip, can tear. Those beside a tear bear as much until a wave has told them of it, but a
+notch concentrates no stress there. So a tear is a gap one face wide on any mesh. A face that is torn pulls no more.
 """
 
 import warp as wp
 
 from balloon_warp.kernels.laws.law import FAR, TINY, Parameter
-from balloon_warp.kernels.laws.orifice import SHARP_EDGE, orifice_flow
 
 NEVER = 1.0e9
 """[s]"""
 RAYLEIGH = 0.955
 """speed of waves on a surface over that of shear waves inside, of what is incompressible"""
-TEARING, BRANCHING = 0.1, 0.5
-"""of the strength are the stress that a tear needs to go on, and that from which on it branches, where nobody says"""
-AIR_GAMMA = wp.constant(1.4)
+TEARING, BRANCHING = 0.3, 0.5
+"""of the strength are the stress ahead of it that a tear needs to go on, and that from which on it branches, where
+nobody says"""
 WHOLE = wp.constant(-1.0)
 """of a face, instead of how far a tear may have run from it"""
-SPENT = wp.constant(1.0e8)
-"""that far, once it has gone on from there"""
-SLIGHT = wp.constant(1.0e-3)
-"""below it a pressure is none [Pa]: float32 tells the air's to 8e-3"""
+TINY_LENGTH = wp.constant(1.0e-12)
+"""[m]"""
+EVEN = wp.constant(0.05)
+"""difference of the squares of two stretches over their sum, below which a tension has no direction"""
+OPEN = wp.constant(0.25)
+"""part of its surface of now that a balloon's hole may be, before nothing encloses its gas any more"""
 PARAMETERS = (
     Parameter("film_strength", "Pa", FAR, least=TINY, path="material.strength"),
     Parameter("tear_strength", "Pa", float("nan"), least=TINY, path="material.tear_strength"),
@@ -45,21 +47,53 @@ def true_stress(by_trace: float, by_det: float, major: float, minor: float):
 
 
 @wp.func
-def softness_of_gas(volume: float, pressure: float, density: float, gamma: float):
-    """By how much the pressure of a gas falls with each cubic meter that leaves without heat, over the root of its
-    density [Pa/m^3 (kg/m^3)^(-1/2)].
+def across_tension(first_rest: wp.vec3, second_rest: wp.vec3, first: wp.vec3, second: wp.vec3):
+    """The direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
 
     Args:
-        pressure: in full [Pa].
-        gamma: of the gas, or 1 where heat passes at other times.
+        first_rest: two edges of a triangle, unstretched [m].
+        first: the same now [m].
     """
-    without_heat = wp.where(gamma == 1.0, AIR_GAMMA, gamma)
-    return without_heat * pressure / (wp.max(volume, 1.0e-12) * wp.sqrt(wp.max(density, 1.0e-3)))
+    along = wp.normalize(first_rest)
+    beside = second_rest - wp.dot(second_rest, along) * along
+    first_slope = first / wp.length(first_rest)
+    second_slope = (second - wp.dot(second_rest, along) * first_slope) / wp.max(wp.length(beside), TINY_LENGTH)
+    larger = wp.length_sq(first_slope)
+    other = wp.length_sq(second_slope)
+    shear = 2.0 * wp.dot(first_slope, second_slope)
+    direction = along
+    if wp.length(wp.vec2(larger - other, shear)) > EVEN * (larger + other):
+        angle = 0.5 * wp.atan2(shear, larger - other)
+        direction = wp.cos(angle) * along + wp.sin(angle) * wp.normalize(beside)
+    return direction
 
 
 @wp.func
-def pressure_beside_hole(pressure: float, softness: float, hole: float, step_seconds: float):
-    """What of a pressure above the air's [Pa] is left after a step beside a hole of an area [m^2]."""
-    by_root_of_density = orifice_flow(SHARP_EDGE * hole, 1.0, 1.0, pressure, softness, step_seconds)
-    left = pressure - softness * step_seconds * by_root_of_density
-    return wp.where(left < SLIGHT, 0.0, left)
+def plane_through(normal: wp.vec3, point: wp.vec3):
+    """Its normal, and how far it is from the origin along that."""
+    return wp.vec4(normal[0], normal[1], normal[2], wp.dot(normal, point))
+
+
+@wp.func
+def normal_of(plane: wp.vec4):
+    """A unit vector."""
+    return wp.vec3(plane[0], plane[1], plane[2])
+
+
+@wp.func
+def cuts(plane: wp.vec4, one: wp.vec3, other: wp.vec3):
+    """Whether a plane is between two points; what it goes through lies on its front."""
+    normal = normal_of(plane)
+    return (wp.dot(normal, one) >= plane[3]) != (wp.dot(normal, other) >= plane[3])
+
+
+@wp.func
+def branch_plane(heading: wp.vec3, step: wp.vec3, face_normal: wp.vec3, point: wp.vec3):
+    """Of a tear that leaves another to a side, halfway between the two, through a point.
+
+    Args:
+        heading: unit vector along the other; zero where it begins.
+        step: to that side.
+        face_normal: of the skin there.
+    """
+    return plane_through(wp.normalize(wp.cross(face_normal, heading + wp.normalize(step))), point)

@@ -155,22 +155,22 @@ def face_measures(at: Any) -> tuple[Any, Any]:
 
 
 @cache
-def area_loop_beside_holes(at: Any) -> Any:
-    """The function that sums a particle's area vector over its faces that are not torn."""
+def hole_loop(at: Any) -> Any:
+    """The function that sums a particle's area vector over its torn faces alone."""
 
     @wp.func
-    def area_vector_beside_holes(t: Any, points: Any, own: Any, springs: Any, point: wp.vec3):
+    def area_vector_of_holes(t: Any, points: Any, world: wp.int32, particle: wp.int32, point: wp.vec3):
         """[m^2]"""
         area_vector = wp.vec3()
         gone = t.membranes.wear.tears.gone
-        for place in range(t.faces.particle_offsets[own.number], t.faces.particle_offsets[own.number + 1]):
+        for place in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
             face = t.faces.around_particles[place]
-            if gone[own.world, face] == wp.int8(0):
+            if gone[world, face] == wp.int8(1):
                 begin = t.faces.offsets[face]
                 count = t.faces.offsets[face + 1] - begin
                 corner = wp.int32(0)
                 for each in range(count):
-                    if t.faces.particles[begin + each] == own.number:
+                    if t.faces.particles[begin + each] == particle:
                         corner = each
                 first = at(points, t.faces.particles[begin + (corner + 1) % count]) - point
                 arm = first
@@ -184,4 +184,4 @@ def area_loop_beside_holes(at: Any) -> Any:
                 area_vector += area_vector_of_corner(double_area, first - arm, arms, float(count))
         return area_vector
 
-    return area_vector_beside_holes
+    return area_vector_of_holes

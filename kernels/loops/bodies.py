@@ -5,11 +5,15 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.impulse import FREE, way_apart
 from balloon_warp.kernels.laws.rigid import spin_of, turned
-from balloon_warp.kernels.loops.solids import way_function
+from balloon_warp.kernels.loops.ways import way_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
+
+STRAIGHT = wp.constant(0.99)
+"""product of two unit vectors along one line, but for rounding"""
 
 
 @wp.struct
@@ -53,7 +57,7 @@ def body_at(
     rigid.velocity = state.body_velocities[world, body]
     rigid.momentum = state.body_momenta[world, body]
     rigid.mass = body_mass(t, world, body)
-    rigid.reach = t.bodies.solids.reaches[body]
+    rigid.reach = t.bodies.solids[body].reach
     rigid.spin = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, rigid.momentum)
     return rigid
 
@@ -95,24 +99,36 @@ def stop_function(traits: Traits) -> Any:
     let_through = way_function(traits.body_meshes)
 
     @wp.func
-    def stop_at(t: Tables, rigid: Rigid, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, radius: float):
+    def stop_at(
+        solid: Solid,
+        up: wp.vec3,
+        step_seconds: float,
+        rigid: Rigid,
+        start: wp.vec3,
+        end: wp.vec3,
+        velocity: wp.vec3,
+        radius: float,
+    ):
         """Of a way in the step."""
         stop = Stop()
         stop.excess = float(FREE)
         stop.arm = start - rigid.start
         arm = end - rigid.end
-        way = wp.length(arm - stop.arm) + t.step_seconds * wp.length(rigid.spin) * rigid.reach
+        way = wp.length(arm - stop.arm) + step_seconds * wp.length(rigid.spin) * rigid.reach
         if wp.length(arm) - rigid.reach - radius <= way:
             let, outward, _free, _part = let_through(
-                t.bodies.solids, t.up, rigid.number, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
+                solid, up, wp.quat_rotate_inv(rigid.start_turn, stop.arm),
                 wp.quat_rotate_inv(rigid.end_turn, arm), radius,
             )  # fmt: skip
             if wp.length_sq(outward) > 0.0:
+                back = wp.quat_rotate(rigid.end_turn, let) - arm
+                depth = wp.length(back)
                 stop.normal = wp.quat_rotate(rigid.end_turn, outward)
-                depth = wp.max(wp.dot(wp.quat_rotate(rigid.end_turn, let) - arm, stop.normal), 0.0)
+                if wp.dot(back, stop.normal) < STRAIGHT * depth:  # it slid off more than one side of the body
+                    stop.normal = wp.normalize(back)
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm)
-                stop.excess = wp.min(depth / t.step_seconds, -wp.dot(beside, stop.normal))
-                stop.out = way_apart(t.step_seconds * wp.max(stop.excess, 0.0) - depth, t.step_seconds)
+                stop.excess = wp.min(depth / step_seconds, -wp.dot(beside, stop.normal))
+                stop.out = way_apart(step_seconds * wp.max(stop.excess, 0.0) - depth, step_seconds)
         return stop
 
     return stop_at

@@ -18,8 +18,11 @@ def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
     moving = traits.needs("face", "velocity")
 
     @wp.func
-    def push_at_corner(t: Tables, points: Any, velocities: Any, face: wp.int32, n: Any, time: float):
-        """Of the force on a face, the share of one of its corners [N]."""
+    def push_at_corner(t: Tables, points: Any, velocities: Any, world: wp.int32, face: wp.int32, n: Any, time: float):
+        """Of the force on a face, the share of one of its corners [N]; none where it is torn."""
+        if wp.static(traits.bursts):
+            if t.membranes.wear.tears.gone[world, face] == wp.int8(1):
+                return wp.vec3()
         begin = t.faces.offsets[face]
         end = t.faces.offsets[face + 1]
         corners = float(end - begin)
@@ -40,7 +43,9 @@ def face_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
     push_at_corner = face_push(traits, at, velocity_at)
 
     @wp.func
-    def push_of_faces(t: Tables, points: Any, velocities: Any, particle: wp.int32, n: Any, time: float):
+    def push_of_faces(
+        t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, n: Any, time: float
+    ):
         """Net force of the faces around a particle [N]."""
         force = wp.vec3()
         for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
@@ -49,7 +54,7 @@ def face_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
             for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
                 if t.faces.particles[corner] == particle:
                     visits += 1.0
-            force += visits * push_at_corner(t, points, velocities, face, n, time)
+            force += visits * push_at_corner(t, points, velocities, world, face, n, time)
         return force
 
     return push_of_faces

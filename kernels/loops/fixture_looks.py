@@ -38,6 +38,14 @@ def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, end: wp
     return gone_since(t, seen, time, end) < seen[3]
 
 
+@wp.func
+def forget_look(t: Tables, world: wp.int32, particle: wp.int32):
+    """What a particle saw, before another way in the same step."""
+    t.fixtures.looks[world, particle] = wp.vec4()
+    if t.fixtures.nearest.shape[1] > 0:
+        t.fixtures.nearest[world, particle] = wp.vec2()
+
+
 @cache
 def look_functions(several: bool) -> tuple[Any, Any, Any]:
     """The functions that say which obstacles are looked at, that look at one, and that note what was seen.
@@ -50,7 +58,7 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
     def begin_look(t: Tables, world: wp.int32, particle: wp.int32, time: float, start: wp.vec3, end: wp.vec3):
         """At those that may be in a particle's way to its end; often at none."""
         look = Look()
-        look.last = t.fixtures.solids.kinds.shape[0]
+        look.last = t.fixtures.solids.shape[0]
         look.free = FAR_AWAY
         look.beyond = FAR_AWAY
         seen = four_in(t.fixtures.looks, world, particle)
@@ -86,7 +94,7 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
         free = SURELY * look.free + passes
         if wp.static(several):
             beyond = SURELY * (look.beyond - wp.length(point - end)) + passes
-            if look.last - look.first < t.fixtures.solids.kinds.shape[0]:
+            if look.last - look.first < t.fixtures.solids.shape[0]:
                 seen = t.fixtures.looks[world, particle]
                 gone = wp.length(point - wp.vec3(seen[0], seen[1], seen[2]))
                 beyond = t.fixtures.nearest[world, particle][0] - gone / SURELY

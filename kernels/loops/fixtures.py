@@ -9,7 +9,8 @@ from balloon_warp.kernels.laws.contact import friction_on, stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixture_looks import SURELY, look_functions
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
-from balloon_warp.kernels.loops.solids import surface_function, way_function
+from balloon_warp.kernels.loops.solids import surface_function
+from balloon_warp.kernels.loops.ways import way_function
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
@@ -34,7 +35,7 @@ class Meeting:
     normal: wp.vec3  # there, zero if it is not in the way
     moving: wp.vec3  # how fast its surface moves there [m/s]
     free: float  # how far from the end of the way there is nothing for sure [m]
-    part: float  # of the way that it lets the particle go
+    part: float  # of the step in which the particle slides along it
 
 
 @cache
@@ -51,7 +52,7 @@ def meeting_function(traits: Traits) -> Any:
         met.let = end
         arm = end - center_at(t, world, fixture, time)
         way = wp.length(end - start) + t.step_seconds * t.fixtures.fastest
-        met.free = wp.length(arm) - t.fixtures.solids.reaches[fixture] - radius
+        met.free = wp.length(arm) - t.fixtures.solids[fixture].reach - radius
         if met.free <= way:
             pose = pose_at(t, world, fixture, time)
             before = start - pose.center
@@ -60,9 +61,8 @@ def meeting_function(traits: Traits) -> Any:
                 # where the particle would have been, had the obstacle stood already where it is now
                 before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
             place, outward, free, part = let_through(
-                t.fixtures.solids,
+                t.fixtures.solids[fixture],
                 t.up,
-                fixture,
                 wp.quat_rotate_inv(pose.turn, before),
                 wp.quat_rotate_inv(pose.turn, arm),
                 radius,
@@ -91,13 +91,13 @@ def free_ball_function(traits: Traits) -> Any:
         """No less than that [m], negative where one is in the way already; it is looked for as far as the ball is
         wide."""
         free = float(FAR_AWAY)
-        for fixture in range(t.fixtures.solids.kinds.shape[0]):
+        for fixture in range(t.fixtures.solids.shape[0]):
             pose = pose_at(t, world, fixture, time)
             place = wp.quat_rotate_inv(pose.turn, center - pose.center)
-            beyond = wp.length(place) - t.fixtures.solids.reaches[fixture] - radius
+            beyond = wp.length(place) - t.fixtures.solids[fixture].reach - radius
             if beyond < radius:
-                farthest = 3.0 * radius + t.fixtures.solids.thicknesses[fixture]
-                distance, _normal = surface_at(t.fixtures.solids, t.up, fixture, place, radius, farthest)
+                farthest = 3.0 * radius + t.fixtures.solids[fixture].thickness
+                distance, _normal = surface_at(t.fixtures.solids[fixture], t.up, place, radius, farthest)
                 beyond = wp.max(beyond, wp.min(distance, 2.0 * radius))
             free = wp.min(free, beyond)
         return SURELY * free
@@ -119,9 +119,15 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     begin_look, look_at, note_look = look_functions(traits.several_fixtures)
 
     @wp.func
-    def leave_fixtures(t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3):
-        """A particle's point and velocity outside of all of them, at the end of a step."""
-        start = point - t.step_seconds * velocity
+    def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3):
+        """A particle's point and velocity outside of all of them, at the end of a step; then whether one has moved it,
+        and whether more than that one may be in its way.
+
+        Args:
+            start: where it was before the step.
+        """
+        moved = bool(False)
+        crowded = bool(False)
         look = begin_look(t, around.world, around.particle, around.time, start, point)
         if look.first < look.last:
             end = point
@@ -134,8 +140,12 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                     stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
                     velocity = slowed
+                    moved = True
             note_look(t, around.world, around.particle, around.time, look, end, point)
-        return point, velocity
+            if wp.static(traits.several_fixtures):
+                if look.last - look.first == t.fixtures.solids.shape[0]:
+                    crowded = SURELY * look.beyond < wp.length(end - start) + wp.length(point - end)
+        return point, velocity, moved, crowded
 
     @wp.func
     def out_of_fixtures(

@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.air import STATE_OF_AIR
+from balloon_warp.kernels.laws.empty import amount_when_flat
 from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
 from balloon_warp.kernels.laws.gas import (
     STANDARD_PRESSURE,
@@ -18,8 +19,9 @@ from balloon_warp.kernels.laws.gas import (
     volume_at,
 )
 from balloon_warp.kernels.laws.inflation import GAS
-from balloon_warp.kernels.laws.orifice import thrust, vent_flow
+from balloon_warp.kernels.laws.orifice import SHARP_EDGE, thrust, vent_flow
 from balloon_warp.kernels.loops.airs import air_function, warmth_function
+from balloon_warp.kernels.loops.emptying import holding_function, most_that_leaves
 from balloon_warp.kernels.loops.jets import opening_function
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
@@ -108,6 +110,7 @@ def pump_function(traits: Traits) -> Any:
     temperature_column = columns.places["air_temperature"] - columns.balloon_width
     air_at = air_function(traits)
     fill = fill_function(traits) if traits.fills else None
+    holds_gas = holding_function(traits)
 
     @wp.func
     def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
@@ -115,14 +118,15 @@ def pump_function(traits: Traits) -> Any:
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         of_world = row_of_world(world, t.world_numbers.shape[0])
         for balloon in range(t.inflation_kind.shape[0]):
-            if t.inflation_kind[balloon] == GAS:
+            if t.inflation_kind[balloon] == GAS and holds_gas(t, state, world, balloon):
                 ramp = state.inflation_ramp[world, balloon]
                 moles = t.step_seconds * (ramp[0] + ramp[1] * (time_in_frame + 0.5 * t.step_seconds))
                 if wp.static(fill is not None):
                     moles = fill(t, state, world, balloon, moles, time)
                 air = air_at(t, state, world, balloon)
+                least = amount_when_flat(t.faces.volumes[balloon], air)
                 gas = pumped_gas(
-                    gas_in(state, world, balloon), moles, air[0] + state.pressures[world, balloon],
+                    gas_in(state, world, balloon), moles, least, air[0] + state.pressures[world, balloon],
                     t.balloon_numbers[of_balloons, balloon, gamma_column],
                     t.world_numbers[of_world, temperature_column], air[1],
                 )  # fmt: skip
@@ -150,7 +154,8 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
     )
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
     read_numbers, opening_of_neck = numbers_reader(columns), opening_function(columns)
-    given = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", *(row.name for row in STATE_OF_AIR)]
+    told = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", "most"]
+    given = [*told, *(row.name for row in STATE_OF_AIR)]
     arguments = ", ".join([*(f"{name}: float" for name in given), "n: Any"])
     call = call_of(vent_flow, "vent_flow", given, columns)
     source = f"def flow_of_vent({arguments}):\n    return {call}\n"
@@ -160,11 +165,15 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
     def find_vent(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
         """By the pressure at the end of the substep, which changes by that."""
         n = read_numbers(t, world, balloon)
+        opening = opening_of_neck(time, n) + n[leak_column]
+        if wp.static(traits.bursts):
+            opening += SHARP_EDGE * wp.max(state.bursts[world, balloon][1], 0.0)
         air = air_at(t, state, world, balloon)
         a_mole = as_warm_there(t, world, balloon, molar_free_volume(gas_in(state, world, balloon)), air)
+        most = most_that_leaves(t, state, world, balloon, air)
         flow_and_more = flow_of_vent(
             state.vent_flows[world, balloon], state.pressures[world, balloon], a_mole,
-            state.pressure_slopes[world, balloon], t.step_seconds, opening_of_neck(time, n) + n[leak_column],
+            state.pressure_slopes[world, balloon], t.step_seconds, opening, most,
             air[0], air[1], air[2], n,
         )  # fmt: skip
         state.vent_flows[world, balloon] = flow_and_more[0]
@@ -177,7 +186,7 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
         air = air_at(t, state, world, balloon)
         state.thrusts[world, balloon] = thrust(opening_of_neck(time, n), state.pressures[world, balloon])
         gas = pumped_gas(
-            gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon],
+            gas_in(state, world, balloon), -t.step_seconds * state.vent_flows[world, balloon], 0.0,
             air[0] + state.pressures[world, balloon], n[gamma_column], n[temperature_column], air[1],
         )  # fmt: skip
         put_gas(state, world, balloon, gas)
@@ -192,6 +201,7 @@ def flows_function(traits: Traits) -> Any:
     gamma_column = columns.places["gamma"]
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
     find_vent, take_vented = vent_function(traits) if traits.vents else (None, None)
+    holds_gas = holding_function(traits)
 
     @wp.func
     def find_flow(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32, tube: wp.int32):
@@ -206,6 +216,9 @@ def flows_function(traits: Traits) -> Any:
         softness = of_first * state.pressure_slopes[world, first] + of_second * state.pressure_slopes[world, second]
         flow = state.tube_flows[world, tube]
         more = tube_flow(t.tubes.conductance[conductances, tube], flow, difference, softness, t.step_seconds)
+        out_of_first = most_that_leaves(t, state, world, first, air_at(t, state, world, first))
+        out_of_second = most_that_leaves(t, state, world, second, air_at(t, state, world, second))
+        more = wp.clamp(flow + more, -out_of_second, out_of_first) - flow
         state.tube_flows[world, tube] = flow + more
         raise_pressure(state, world, first, -t.step_seconds * more * of_first)
         raise_pressure(state, world, second, t.step_seconds * more * of_second)
@@ -225,7 +238,7 @@ def flows_function(traits: Traits) -> Any:
                 find_flow(t, state, world, row_of_world(world, t.tubes.conductance.shape[0]), tube)
             if wp.static(traits.vents):
                 for balloon in range(t.inflation_kind.shape[0]):
-                    if t.inflation_kind[balloon] == GAS:
+                    if holds_gas(t, state, world, balloon):
                         find_vent(t, state, world, balloon, time)
 
     @wp.func
@@ -247,7 +260,7 @@ def flows_function(traits: Traits) -> Any:
             put_gas(state, world, sink, gained)
         if wp.static(traits.vents):
             for balloon in range(t.inflation_kind.shape[0]):
-                if t.inflation_kind[balloon] == GAS:
+                if holds_gas(t, state, world, balloon):
                     take_vented(t, state, world, balloon, time)
 
     return let_gases_flow
@@ -262,6 +275,8 @@ def gas_mass_function(traits: Traits) -> Any:
     def gas_mass(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
         """[kg]; it moves along with the balloon."""
         amount = float(state.gas_amounts[world, balloon])
+        if wp.static(traits.bursts):  # air in a balloon that had a pressure until it burst is not weighed before either
+            amount = wp.where(t.inflation_kind[balloon] == GAS, amount, 0.0)
         gas = amount * t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, column]
         if wp.static(traits.takes_air_along):
             gas += state.air_along[world, balloon]

@@ -1,4 +1,4 @@
-"""What pushes a balloon whose neck is open: the thrust of its jet, on the particles at the neck."""
+"""What pushes a balloon whose neck is open, or that is torn: the thrust of its jets, on the particles there."""
 
 from functools import cache
 from typing import Any
@@ -7,8 +7,9 @@ import warp as wp
 
 from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.columns import Columns
-from balloon_warp.kernels.laws.orifice import neck_opening, thrust
-from balloon_warp.kernels.tables import NeckTable
+from balloon_warp.kernels.laws.orifice import SHARP_EDGE, neck_opening, thrust
+from balloon_warp.kernels.loops.areas import hole_loop
+from balloon_warp.kernels.tables import NeckTable, Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -60,3 +61,21 @@ def jet_loop(traits: Traits, at: Any) -> Any:
         return force
 
     return jet
+
+
+@cache
+def hole_jet_loop(at: Any) -> Any:
+    """The function that gives a particle's part of the thrust of the holes where its balloon is torn.
+
+    Args:
+        at: the function that reads a point.
+    """
+    area_vector_of_holes = hole_loop(at)
+
+    @wp.func
+    def jet_of_holes(t: Tables, points: Any, own: Any, load: wp.vec2, point: wp.vec3):
+        """Force [N]; `load` is the pressure at height 0 [Pa], and its rise with height [Pa/m]."""
+        hole = area_vector_of_holes(t, points, own.world, own.number, point)
+        return -thrust(SHARP_EDGE, load[0] + load[1] * wp.dot(point, t.up)) * hole
+
+    return jet_of_holes

@@ -1,10 +1,12 @@
-"""What is nearest to a point of a free rigid body: the ground, an obstacle, or another body."""
+"""What a free rigid body may meet: the ground, obstacles and other bodies, numbered in this order."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact_tables import Solid
+from balloon_warp.kernels.laws.rigid import turned_by
 from balloon_warp.kernels.loops.fixture_poses import pose_function
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
@@ -12,85 +14,99 @@ from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
-class Near:
-    """The nearest thing to a point of a body."""
+class Thing:
+    """One of them, in a step."""
 
-    gap: float  # [m]
-    normal: wp.vec3
-    moving: wp.vec3  # [m/s]
+    fixture: wp.int32  # its number if it is an obstacle, or -1
+    other: wp.int32  # its number if it is a body, or -1
+    center: wp.vec3
+    turn: wp.quat
+    reach: float  # from there [m]
+    solid: Solid  # of an obstacle or a body
+    velocity: wp.vec3  # if it goes where it is told [m/s]
+    spin: wp.vec3  # likewise [rad/s]
     friction: float
     restitution: float
-    other: wp.int32
 
 
 @cache
-def near_function(traits: Traits) -> Any:
-    """The function that finds what is nearest to a point of a body."""
+def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
+    """The functions that say how many things there are, what a body and what any is, and how far its surface is from a
+    point."""
     pose_at = pose_function(traits) if traits.fixtures else None
-    fixture_surface = surface_function(traits.fixture_meshes) if traits.fixtures else None
-    body_surface = surface_function(traits.body_meshes)
+    surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
     split = traits.columns.balloon_width
     height, ground_friction, ground_restitution = (
         traits.columns.places[name] - split for name in ("ground_height", "ground_friction", "ground_restitution")
     )
 
     @wp.func
-    def nearest_to(
-        t: Tables,
-        state: WorldState,
-        world: wp.int32,
-        body: wp.int32,
-        time: float,
-        point: wp.vec3,
-        radius: float,
-        within: float,
-    ):
-        """At a time; of what is nearer than that [m]."""
-        near = Near()
-        near.gap = within
-        near.other = -1
-        if wp.static(traits.ground):
-            row = row_of_world(world, t.world_numbers.shape[0])
-            gap = wp.dot(point, t.up) - radius - t.world_numbers[row, height]
-            if gap < near.gap:
-                near.gap = gap
-                near.normal = t.up
-                near.friction = t.world_numbers[row, ground_friction]
-                near.restitution = t.world_numbers[row, ground_restitution]
+    def count_of(t: Tables, state: WorldState):
+        count = 1 + state.body_positions.shape[1]
         if wp.static(traits.fixtures):
-            for fixture in range(t.fixtures.solids.kinds.shape[0]):
-                pose = pose_at(t, world, fixture, time)
-                arm = point - pose.center
-                if wp.length(arm) - t.fixtures.solids.reaches[fixture] - radius < near.gap:
-                    gap, normal = fixture_surface(
-                        t.fixtures.solids, t.up, fixture, wp.quat_rotate_inv(pose.turn, arm), radius,
-                        wp.max(within, 0.0) + radius + 0.1 * t.fixtures.solids.reaches[fixture],
-                    )  # fmt: skip
-                    if gap < near.gap:
-                        near.gap = gap
-                        near.normal = wp.quat_rotate(pose.turn, normal)
-                        near.moving = pose.velocity + wp.cross(pose.spin, arm)
-                        near.friction = t.fixtures.frictions[
-                            row_of_world(world, t.fixtures.frictions.shape[0]), fixture
-                        ]
-                        near.restitution = t.fixtures.restitutions[
-                            row_of_world(world, t.fixtures.restitutions.shape[0]), fixture
-                        ]
-        for other in range(state.body_positions.shape[1]):
-            arm = point - state.body_positions[world, other]
-            if other != body and wp.length(arm) - t.bodies.solids.reaches[other] - radius < near.gap:
-                turn = state.body_turns[world, other]
-                gap, normal = body_surface(
-                    t.bodies.solids, t.up, other, wp.quat_rotate_inv(turn, arm), radius,
-                    wp.max(within, 0.0) + radius + 0.1 * t.bodies.solids.reaches[other],
-                )  # fmt: skip
-                if gap < near.gap:
-                    near.gap = gap
-                    near.normal = wp.quat_rotate(turn, normal)
-                    near.moving = wp.vec3()
-                    near.other = other
-                    near.friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), other]
-                    near.restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), other]
-        return near
+            count += t.fixtures.solids.shape[0]
+        return count
 
-    return nearest_to
+    @wp.func
+    def body_in(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
+        """A body as such a thing."""
+        thing = Thing()
+        thing.fixture = -1
+        thing.other = body
+        thing.center = state.body_positions[world, body]
+        thing.turn = state.body_turns[world, body]
+        thing.solid = t.bodies.solids[body]
+        thing.reach = thing.solid.reach
+        thing.friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
+        thing.restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
+        return thing
+
+    @wp.func
+    def thing_at(t: Tables, state: WorldState, world: wp.int32, number: wp.int32, time: float):
+        """As it is when a step begins at that time, and as it moves then."""
+        thing = Thing()
+        thing.fixture = -1
+        thing.other = number - 1
+        if number == 0:
+            row = row_of_world(world, t.world_numbers.shape[0])
+            thing.reach = wp.where(wp.static(traits.ground), wp.inf, -wp.inf)
+            thing.center = t.world_numbers[row, height] * t.up
+            thing.friction = t.world_numbers[row, ground_friction]
+            thing.restitution = t.world_numbers[row, ground_restitution]
+        elif wp.static(traits.fixtures):
+            fixture = number - 1
+            thing.other = fixture - t.fixtures.solids.shape[0]
+            if thing.other < 0:
+                pose = pose_at(t, world, fixture, time + t.step_seconds)  # in the frame of the step, then back
+                thing.fixture = fixture
+                thing.other = -1
+                thing.center = pose.center - t.step_seconds * pose.velocity
+                thing.turn = turned_by(pose.turn, -t.step_seconds * pose.spin)
+                thing.solid = t.fixtures.solids[fixture]
+                thing.reach = thing.solid.reach
+                thing.velocity = pose.velocity
+                thing.spin = pose.spin
+                row = row_of_world(world, t.fixtures.frictions.shape[0])
+                thing.friction = t.fixtures.frictions[row, fixture]
+                row = row_of_world(world, t.fixtures.restitutions.shape[0])
+                thing.restitution = t.fixtures.restitutions[row, fixture]
+        if thing.other >= 0:
+            thing = body_in(t, state, world, thing.other)
+        return thing
+
+    @wp.func
+    def gap_to(t: Tables, thing: Thing, point: wp.vec3, radius: float, within: float):
+        """From its surface to a point's [m], and the normal there; not measured where it is more than `within`."""
+        arm = point - thing.center
+        gap = wp.dot(arm, t.up) - radius
+        normal = t.up
+        if thing.other >= 0 or thing.fixture >= 0:
+            gap = wp.length(arm) - thing.reach - radius
+            if gap < within:
+                place, farthest = wp.quat_rotate_inv(thing.turn, arm), within + radius + 0.1 * thing.reach
+                distance, outward = surface_at(thing.solid, t.up, place, radius, farthest)
+                gap = distance
+                normal = wp.quat_rotate(thing.turn, outward)
+        return gap, normal
+
+    return count_of, body_in, thing_at, gap_to

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.algebra import scaled
-from balloon_warp.kernels.loops.areas import area_loop
+from balloon_warp.kernels.loops.areas import area_loop, hole_loop
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
 from balloon_warp.kernels.loops.membranes import membrane_loop
@@ -38,6 +38,7 @@ class Loops(NamedTuple):
 def net_force_function(traits: Traits, loops: Loops) -> Any:
     """The function that sums the forces on a particle."""
     others = loops.others is not None
+    area_vector_of_holes = hole_loop(vector_at) if traits.bursts and traits.measures_areas else None
 
     @wp.func
     def net_force(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
@@ -50,15 +51,18 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
         force, area_vector, facing = loops.around(t, points, velocities, own, springs, point, velocity, time)
         if wp.static(others):
             force += loops.others(t, points, velocities, own, point, velocity, time)
+        skin = area_vector
+        if wp.static(area_vector_of_holes is not None):  # what is torn bounds the gas, but no law acts on it
+            skin -= area_vector_of_holes(t, points, own.world, own.number, point)
         water_load = wp.vec4()
         if wp.static(traits.in_water):
             force = loops.particle_laws(
-                force, point, velocity, own.mass, own.share, area_vector, loops.water_load(t, points, own),
+                force, point, velocity, own.mass, own.share, skin, loops.water_load(t, points, own),
                 t.up, t.step_seconds, time, own.n,
             )  # fmt: skip
         else:
             force = loops.particle_laws(
-                force, point, velocity, own.mass, own.share, area_vector, water_load, t.up, t.step_seconds, time, own.n
+                force, point, velocity, own.mass, own.share, skin, water_load, t.up, t.step_seconds, time, own.n
             )
         return force, area_vector, facing
 
@@ -117,7 +121,7 @@ def scalar_loops(
         if wp.static(traits.has("hinge")):
             force += sum_hinges(t.hinges, points, own.number, own.n)
         if wp.static(traits.has("face")):
-            force += sum_faces(t, points, velocities, own.number, own.n, time)
+            force += sum_faces(t, points, velocities, own.world, own.number, own.n, time)
         if wp.static(sum_membrane is not None):
             force += sum_membrane(
                 t.membranes, points, velocities, own.world, own.number, own.balloon, point, velocity, own.n

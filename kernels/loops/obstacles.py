@@ -12,6 +12,8 @@ from balloon_warp.kernels.laws.contact import (
     out_of_sphere,
     penalty_force,
 )
+from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
+from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
 from balloon_warp.kernels.traits import Traits
@@ -79,18 +81,38 @@ def standing_function(traits: Traits) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
     ):
-        """Its point and velocity outside; most are above the ground and go on at once."""
-        if wp.static(traits.stands_on_fixtures):
-            left, slowed = leave_fixtures(t, around, point, velocity)
-            point = left
-            velocity = slowed
-        if wp.static(traits.ground):
-            if wp.dot(point, t.up) < around.ground_height:
-                stood, after = leave_ground(
-                    point, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
-                )
-                point = stood
-                velocity = after
+        """Its point and velocity outside; most are above the ground and go on at once. Where one may have moved it
+        into another, all have another turn. If they do not agree, it stays where it was, outside of what rests."""
+        start = point - t.step_seconds * velocity
+        turns = wp.int32(0)
+        while turns < MOST_TURNS:
+            turns += 1
+            end = point
+            again = bool(False)
+            if wp.static(traits.stands_on_fixtures):
+                left, slowed, moved, crowded = leave_fixtures(t, around, start, point, velocity)
+                point = left
+                velocity = slowed
+                again = moved and crowded
+            if wp.static(traits.ground):
+                if wp.dot(point, t.up) < around.ground_height:
+                    stood, after = leave_ground(
+                        point, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
+                    )
+                    point = stood
+                    velocity = after
+                    if wp.static(traits.stands_on_fixtures):
+                        again = not (
+                            is_free(t, around.world, around.particle, around.time, start)
+                            and is_free(t, around.world, around.particle, around.time, point)
+                        )
+            if not again or is_settled(start, end, point):
+                turns = MOST_TURNS
+            elif wp.static(traits.stands_on_fixtures):
+                forget_look(t, around.world, around.particle)
+                if wp.static(not traits.fixtures_move):
+                    if turns == MOST_TURNS:
+                        point = start
         return point, velocity
 
     return stand

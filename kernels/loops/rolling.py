@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.contact import bounced, friction_between, move_sphere, stop_of
+from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.sliding import rubbed
 from balloon_warp.kernels.loops.fixtures import meeting_function
@@ -45,6 +46,7 @@ def rubbing_function(traits: Traits) -> Any:
         normal: wp.vec3,
         stopped: float,
         friction: float,
+        seconds: float,
     ):
         """Its course, once that has stopped it.
 
@@ -52,6 +54,7 @@ def rubbing_function(traits: Traits) -> Any:
             moving: how fast the other moves there [m/s].
             stopped: by how much it has changed the sphere's velocity along the normal [m/s].
             friction: of the other.
+            seconds: of the step, from when they touch.
         """
         if wp.static(traits.spheres_rub):
             if stopped > 0.0:
@@ -59,7 +62,7 @@ def rubbing_function(traits: Traits) -> Any:
                     course.velocity, course.spin, moving, normal, stopped, sphere_radius(t.spheres, world, sphere),
                     friction_between(sphere_friction(t.spheres, world, sphere), friction),
                 )  # fmt: skip
-                course.position += t.step_seconds * gain
+                course.position += seconds * gain
                 course.velocity += gain
                 course.spin += more
         return course
@@ -77,7 +80,7 @@ def ground_rubbing_function(traits: Traits) -> Any:
     def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, course: Course, stopped: float):
         """As `rub`."""
         row = row_of_world(world, t.world_numbers.shape[0])
-        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, t.world_numbers[row, friction])
+        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, t.world_numbers[row, friction], t.step_seconds)
 
     return rub_on_ground
 
@@ -97,17 +100,28 @@ def leaving_function(traits: Traits) -> Any:
             start: where it was before the step.
         """
         radius = sphere_radius(t.spheres, world, sphere)
-        for fixture in range(t.fixtures.solids.kinds.shape[0]):
-            met = meet(t, world, fixture, time, start, course.position, radius)
-            if wp.length_sq(met.normal) > 0.0:
-                row = row_of_world(world, t.fixtures.restitutions.shape[0])
-                restitution = t.fixtures.restitutions[row, fixture]
-                stopped = stop_of(course.velocity, met.moving, met.normal, restitution)
-                course.position = met.let
-                course.velocity = bounced(course.velocity, met.moving, met.normal, restitution)
-                row = row_of_world(world, t.fixtures.frictions.shape[0])
-                its = t.fixtures.frictions[row, fixture]
-                course = rub(t, world, sphere, course, met.moving, met.normal, stopped, its)
+        fixtures = t.fixtures.solids.shape[0]
+        turns = wp.int32(0)
+        while turns < MOST_TURNS:
+            turns += 1
+            end = course.position
+            for fixture in range(fixtures):
+                met = meet(t, world, fixture, time, start, course.position, radius)
+                if wp.length_sq(met.normal) > 0.0:
+                    row = row_of_world(world, t.fixtures.restitutions.shape[0])
+                    restitution = t.fixtures.restitutions[row, fixture]
+                    stopped = stop_of(course.velocity, met.moving, met.normal, restitution)
+                    course.position = met.let
+                    course.velocity = bounced(course.velocity, met.moving, met.normal, restitution)
+                    row = row_of_world(world, t.fixtures.frictions.shape[0])
+                    its = t.fixtures.frictions[row, fixture]
+                    left = met.part * t.step_seconds
+                    course = rub(t, world, sphere, course, met.moving, met.normal, stopped, its, left)
+            if fixtures == 1 or is_settled(start, end, course.position):
+                turns = MOST_TURNS
+            elif wp.static(not traits.fixtures_move):
+                if turns == MOST_TURNS:
+                    course.position = start
         return course
 
     return leave_fixtures
@@ -131,6 +145,7 @@ def rolling_function(traits: Traits) -> Any:
             around: gravity, the ground's height and its restitution.
         """
         radius = sphere_radius(t.spheres, world, sphere)
+        start = course.position
         if wp.static(traits.impulses):
             position, velocity, stopped = fall(
                 course.position, course.velocity, radius, around[0], t.up, around[1], around[2], t.step_seconds
@@ -143,7 +158,6 @@ def rolling_function(traits: Traits) -> Any:
             )  # fmt: skip
             course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
         if wp.static(traits.fixtures):
-            start = course.position - t.step_seconds * course.velocity
             course = leave_fixtures(t, world, sphere, time, start, course)
         return course
 

@@ -6,14 +6,22 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.collision import SLOW
 from balloon_warp.kernels.laws.contact import friction_between
-from balloon_warp.kernels.laws.grip import Grip, grip_impulse, least_speed
-from balloon_warp.kernels.laws.impulse import way_apart
-from balloon_warp.kernels.laws.rigid import ease_along, spin_of, turned
+from balloon_warp.kernels.laws.grip import (
+    AGREED,
+    APART,
+    MOST_SWEEPS_OUT,
+    Grip,
+    least_speed,
+    most_sweeps,
+    slowest_rebound,
+    way_out_of,
+)
+from balloon_warp.kernels.laws.rigid import ease_along, inertia_in_world, spin_of, turned, turned_by
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
 from balloon_warp.kernels.loops.bodies import Rigid, Stop, body_at, body_mass, pushed_on, put_body, stop_function
-from balloon_warp.kernels.loops.nearest import near_function
+from balloon_warp.kernels.loops.holding import holding_function
+from balloon_warp.kernels.loops.settling import beside_at, settle
 from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
@@ -25,127 +33,109 @@ from balloon_warp.kernels.tables import (
 )
 from balloon_warp.kernels.traits import Traits
 
-SWEEPS = wp.constant(16)
-"""over all points that touch, in a step"""
-
 
 @wp.func
-def velocity_at(t: Tables, state: WorldState, world: wp.int32, body: wp.int32, arm: wp.vec3):
-    """Of a body's point, as the body is turned before it moves [m/s]."""
+def begin(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
+    """What a body is in the step before it moves, and that it is not to be moved out of anything yet."""
     mass = body_mass(t, world, body)
-    spin = spin_of(state.body_turns[world, body], t.bodies.eases[body], mass, state.body_momenta[world, body])
-    return state.body_velocities[world, body] + wp.cross(spin, arm)
+    ease = inertia_in_world(state.body_turns[world, body], t.bodies.eases[body])
+    working.body_masses[world, body] = mass
+    working.body_eases[world, body] = wp.mat33d(ease / mass)
+    working.body_going[world, body] = wp.vec3d()
+    working.body_turning[world, body] = wp.vec3d()
 
 
 @wp.func
-def push_at(t: Tables, state: WorldState, world: wp.int32, body: wp.int32, arm: wp.vec3, impulse: wp.vec3):
-    """An impulse on a body's point [N s]."""
-    mass = body_mass(t, world, body)
-    state.body_velocities[world, body] = state.body_velocities[world, body] + impulse / mass
-    state.body_momenta[world, body] = state.body_momenta[world, body] + wp.cross(arm, impulse)
+def part(
+    t: Tables,
+    positions: wp.array[wp.vec3],
+    turns: wp.array[wp.quat],
+    masses: wp.array[float],
+    eases: wp.array[wp.mat33d],
+    going: wp.array[wp.vec3d],
+    turning: wp.array[wp.vec3d],
+    grips: wp.array[Grip],
+    count: wp.int32,
+):
+    """Move bodies that overlap apart, each by its mass and inertia, without speed; how far each gap is then."""
+    deepest = float(0.0)
+    for number in range(count):
+        grip = grips[number]
+        deepest = wp.max(deepest, -grip.gap)
+        grip.least = way_out_of(grip.gap, t.step_seconds) - wp.dot(grip.normal, grip.moving)
+        grip.impulse = wp.vec3()
+        grips[number] = grip
+    if deepest > 0.0:
+        settle(masses, eases, going, turning, grips, count, False, APART * deepest, MOST_SWEEPS_OUT)
+        for number in range(count):
+            grip = grips[number]
+            shift = beside_at(eases, going, turning, grip) + grip.moving
+            grip.gap += wp.dot(grip.normal, shift)
+            grips[number] = grip
+        for body in range(positions.shape[0]):
+            positions[body] = positions[body] + wp.vec3(going[body])
+            turns[body] = turned_by(turns[body], wp.vec3(eases[body] * turning[body]))
 
 
 @wp.func
-def ease_at(t: Tables, state: WorldState, world: wp.int32, body: wp.int32, arm: wp.vec3, normal: wp.vec3):
-    """How much faster its point becomes along a unit vector by 1 N s [1/kg]."""
-    return ease_along(state.body_turns[world, body], t.bodies.eases[body], body_mass(t, world, body), arm, normal)
+def aim(
+    t: Tables,
+    impulses: wp.array[wp.vec3],
+    eases: wp.array[wp.mat33d],
+    going: wp.array[wp.vec3d],
+    turning: wp.array[wp.vec3d],
+    grips: wp.array[Grip],
+    count: wp.int32,
+    pull: float,
+):
+    """Say how fast each point is to leave what it meets, from what it ended with in the step before; and the fastest
+    approach, or a step of gravity [m/s]."""
+    slow = slowest_rebound(pull, t.step_seconds)
+    fastest = t.step_seconds * wp.abs(pull)
+    for number in range(count):
+        grip = grips[number]
+        approach = -wp.dot(beside_at(eases, going, turning, grip), grip.normal)
+        faster = float(0.0)  # two bodies fall alike
+        if grip.other < 0:
+            faster = pull * wp.dot(grip.normal, t.up)
+        grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slow, t.step_seconds)
+        grip.impulse = impulses[number]
+        grips[number] = grip
+        fastest = wp.max(fastest, approach)
+    return fastest
 
 
 @wp.func
-def settle_grip(t: Tables, state: WorldState, world: wp.int32, body: wp.int32, grip: Grip, center: wp.vec3):
-    """What is added to a point's impulse, which has acted then."""
-    other_arm = wp.vec3()
-    beside = velocity_at(t, state, world, body, grip.arm) - grip.moving
-    ease = ease_at(t, state, world, body, grip.arm, grip.normal)
-    if grip.other >= 0:
-        other_arm = center + grip.arm - state.body_positions[world, grip.other]
-        beside -= velocity_at(t, state, world, grip.other, other_arm)
-        ease += ease_at(t, state, world, grip.other, other_arm, grip.normal)
-    sliding = beside - wp.dot(beside, grip.normal) * grip.normal
-    friction_ease = ease
-    if wp.length_sq(sliding) > 0.0:
-        ahead = wp.normalize(sliding)
-        friction_ease = ease_at(t, state, world, body, grip.arm, ahead)
-        if grip.other >= 0:
-            friction_ease += ease_at(t, state, world, grip.other, other_arm, ahead)
-    added = grip_impulse(grip, beside, ease, friction_ease)
-    push_at(t, state, world, body, grip.arm, added)
-    if grip.other >= 0:
-        push_at(t, state, world, grip.other, other_arm, -added)
-    return added
+def move_body(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
+    """By a step."""
+    velocity = wp.vec3(working.body_going[world, body])
+    momentum = wp.vec3(working.body_turning[world, body])
+    state.body_velocities[world, body] = velocity
+    state.body_momenta[world, body] = momentum
+    state.body_positions[world, body] = state.body_positions[world, body] + t.step_seconds * velocity
+    state.body_turns[world, body] = turned(
+        state.body_turns[world, body], t.bodies.eases[body], body_mass(t, world, body), momentum, t.step_seconds
+    )
+
+
+@wp.func
+def remember(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], grips: wp.array[Grip], count: wp.int32):
+    """Keep the impulses of the list for the next step; a rebound's is not one to begin with."""
+    for number in range(count):
+        grip = grips[number]
+        touches[number] = grip.key
+        impulses[number] = wp.where(grip.least > 0.0, wp.vec3(), grip.impulse)
+    if count < touches.shape[0]:
+        touches[count] = -1
 
 
 @cache
 def tumbling_function(traits: Traits) -> Any:
     """The function that moves the bodies of a world by a step."""
-    nearest_to = near_function(traits)
+    take_hold = holding_function(traits)
     stop_at = stop_function(traits)
     split = traits.columns.balloon_width
     gravity = traits.columns.places["gravity"] - split
-
-    @wp.func
-    def farthest_way(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
-        """How much nearer than now a point of a body may come to anything in a step [m]."""
-        fastest = t.fixtures.fastest
-        for other in range(state.body_positions.shape[1]):
-            mass = body_mass(t, world, other)
-            spin = spin_of(
-                state.body_turns[world, other], t.bodies.eases[other], mass, state.body_momenta[world, other]
-            )
-            speed = wp.length(state.body_velocities[world, other]) + wp.length(spin) * t.bodies.solids.reaches[other]
-            fastest += speed
-        return 1.01 * t.step_seconds * fastest
-
-    @wp.func
-    def take_hold(
-        t: Tables,
-        state: WorldState,
-        world: wp.int32,
-        body: wp.int32,
-        sample: wp.int32,
-        time: float,
-        pull: float,
-        within: float,
-    ):
-        """What a point of a body meets in a step that begins at a time, and by how far it overlaps that [m].
-
-        Args:
-            within: what is no nearer is not met [m].
-        """
-        told = t.bodies.samples[sample]
-        grip = Grip()
-        grip.other = -1
-        center = state.body_positions[world, body]
-        arm = wp.quat_rotate(state.body_turns[world, body], wp.vec3(told[0], told[1], told[2]))
-        near = nearest_to(t, state, world, body, time, center + arm, told[3], within)
-        overlap = float(0.0)
-        if wp.length_sq(near.normal) > 0.0:
-            grip.normal = near.normal
-            grip.arm = arm - told[3] * near.normal
-            grip.moving = near.moving
-            grip.other = near.other
-            beside = velocity_at(t, state, world, body, grip.arm) - near.moving
-            if near.other >= 0:
-                beside -= velocity_at(
-                    t, state, world, near.other, center + grip.arm - state.body_positions[world, near.other]
-                )
-            own = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
-            rebound = wp.sqrt(own * near.restitution)
-            grip.least = least_speed(near.gap, -wp.dot(beside, near.normal), rebound, pull, t.step_seconds)
-            own_friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
-            grip.friction = friction_between(own_friction, near.friction)
-            overlap = wp.max(-near.gap, 0.0)
-        return grip, overlap
-
-    @wp.func
-    def move_body(t: Tables, state: WorldState, world: wp.int32, body: wp.int32, shift: wp.vec3):
-        """By a step, and out of what it overlaps."""
-        mass = body_mass(t, world, body)
-        velocity = state.body_velocities[world, body]
-        state.body_positions[world, body] = state.body_positions[world, body] + t.step_seconds * velocity + shift
-        state.body_turns[world, body] = turned(
-            state.body_turns[world, body], t.bodies.eases[body], mass, state.body_momenta[world, body], t.step_seconds
-        )
 
     @wp.func
     def rub_sphere(
@@ -181,9 +171,7 @@ def tumbling_function(traits: Traits) -> Any:
     def meet_sphere(
         t: Tables,
         state: WorldState,
-        starts: wp.array2d[wp.vec3],
-        start_turns: wp.array2d[wp.quat],
-        sphere_starts: wp.array2d[wp.vec3],
+        working: Any,
         world: wp.int32,
         body: wp.int32,
         sphere: wp.int32,
@@ -191,16 +179,21 @@ def tumbling_function(traits: Traits) -> Any:
     ):
         """A body that has moved and a sphere that has."""
         radius = sphere_radius(t.spheres, world, sphere)
-        rigid = body_at(t, state, starts, start_turns, world, body)
+        rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
         velocity = state.sphere_velocities[world, sphere]
         end = state.sphere_positions[world, sphere]
-        stop = stop_at(t, rigid, sphere_starts[world, sphere], end, velocity, radius)
+        solid = t.bodies.solids[body]
+        stop = stop_at(
+            solid, t.up, t.step_seconds, rigid, working.sphere_starts[world, sphere], end, velocity, radius
+        )  # fmt: skip
         if wp.length_sq(stop.normal) > 0.0:
             mass = sphere_mass(t.spheres, world, sphere)
             ease = 1.0 / mass + ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, stop.arm, stop.normal)
             approach = -wp.dot(velocity - rigid.velocity - wp.cross(rigid.spin, stop.arm), stop.normal)
             gain = wp.max(stop.excess, 0.0)
-            if gain > 0.0 and approach > SLOW * t.step_seconds * wp.abs(pull):
+            # one of them may rest on something: gravity's last step is no speed to come back with
+            approach -= t.step_seconds * wp.abs(pull * wp.dot(stop.normal, t.up))
+            if gain > 0.0 and approach > slowest_rebound(pull, t.step_seconds):
                 own = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
                 gain = wp.max(gain, (1.0 + wp.sqrt(own * sphere_restitution(t.spheres, world, sphere))) * approach)
             push = (gain / ease) * stop.normal
@@ -215,53 +208,34 @@ def tumbling_function(traits: Traits) -> Any:
             put_body(state, world, pushed_on(t, rigid, -push / rigid.mass, twist, -out / rigid.mass))
 
     @wp.func
-    def tumble(
-        t: Tables,
-        state: WorldState,
-        grips: wp.array2d[Grip],
-        starts: wp.array2d[wp.vec3],
-        start_turns: wp.array2d[wp.quat],
-        sphere_starts: wp.array2d[wp.vec3],
-        world: wp.int32,
-        time: float,
-    ):
+    def tumble(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float):
         """All bodies, in a step that begins at a time [s]; spheres have moved."""
         bodies = state.body_positions.shape[1]
         pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         for body in range(bodies):
-            starts[world, body] = state.body_positions[world, body]
-            start_turns[world, body] = state.body_turns[world, body]
-            fall = (t.step_seconds * pull) * t.up
-            state.body_velocities[world, body] = state.body_velocities[world, body] - fall
-        held = bool(False)
+            begin(t, state, working, world, body)
+        masses, eases = working.body_masses[world], working.body_eases[world]
+        going, turning = working.body_going[world], working.body_turning[world]
+        touches, impulses, grips = state.body_touches[world], state.body_impulses[world], working.grips[world]
+        positions, turns = state.body_positions[world], state.body_turns[world]
+        count = take_hold(t, state, working, world, time, pull)
+        remember(touches, impulses, grips, count)
+        part(t, positions, turns, masses, eases, going, turning, grips, count)
         for body in range(bodies):
-            within = farthest_way(t, state, world, body)
-            for sample in range(t.bodies.sample_offsets[body], t.bodies.sample_offsets[body + 1]):
-                grip, _overlap = take_hold(t, state, world, body, sample, time, pull, within)
-                grips[world, sample] = grip
-                held = held or wp.length_sq(grip.normal) > 0.0
-        if held:
-            for _sweep in range(SWEEPS):
-                for body in range(bodies):
-                    for sample in range(t.bodies.sample_offsets[body], t.bodies.sample_offsets[body + 1]):
-                        grip = grips[world, sample]
-                        if wp.length_sq(grip.normal) > 0.0:
-                            grip.impulse += settle_grip(t, state, world, body, grip, state.body_positions[world, body])
-                            grips[world, sample] = grip
+            working.body_starts[world, body] = positions[body]
+            working.body_start_turns[world, body] = turns[body]
+            going[body] = wp.vec3d(state.body_velocities[world, body])
+            turning[body] = wp.vec3d(state.body_momenta[world, body])
+        fastest = aim(t, impulses, eases, going, turning, grips, count, pull)
         for body in range(bodies):
-            shift = wp.vec3()
-            if held:
-                deepest = float(0.0)
-                for sample in range(t.bodies.sample_offsets[body], t.bodies.sample_offsets[body + 1]):
-                    if wp.length_sq(grips[world, sample].normal) > 0.0:
-                        grip, overlap = take_hold(t, state, world, body, sample, time, pull, 0.0)
-                        if overlap > deepest:
-                            deepest = overlap
-                            shift = way_apart(-overlap, t.step_seconds) * grip.normal
-            move_body(t, state, world, body, shift)
+            going[body] = going[body] - wp.vec3d((t.step_seconds * pull) * t.up)
+        settle(masses, eases, going, turning, grips, count, True, AGREED * fastest, most_sweeps(count))
+        remember(touches, impulses, grips, count)
+        for body in range(bodies):
+            move_body(t, state, working, world, body)
         for sphere in range(state.sphere_positions.shape[1]):
             if sphere_radius(t.spheres, world, sphere) > 0.0:
                 for body in range(bodies):
-                    meet_sphere(t, state, starts, start_turns, sphere_starts, world, body, sphere, pull)
+                    meet_sphere(t, state, working, world, body, sphere, pull)
 
     return tumble

@@ -74,7 +74,7 @@ def sum_balloons(
     sums: wp.array3d[BalloonSums],
 ):
     """A thread a (world, balloon, thread). The `balloon_` arrays say where each balloon's items begin and end. Faces
-    that are torn have no area, and their triangles no stretch."""
+    that are torn have no area of their own, and their triangles no stretch."""
     world, balloon, thread = wp.tid()
     threads = sums.shape[2]
     part = BalloonSums()
@@ -92,10 +92,10 @@ def sum_balloons(
             next_arm = points[world, face_particles[corner]] - origin - center
             area_vector += 0.5 * wp.cross(arm, next_arm)
             arm = next_arm
+        part.volume += wp.dot(center, area_vector) / 3.0
+        part.area_vector += area_vector
         if not is_torn(torn, world, face):
-            part.volume += wp.dot(center, area_vector) / 3.0
             part.area += wp.length(area_vector)
-            part.area_vector += area_vector
         part.corners += corners
     for spring in range(balloon_springs[balloon] + thread, balloon_springs[balloon + 1], threads):
         ends = spring_particles[spring]
@@ -227,7 +227,7 @@ def measure_worlds(
         corner_count = face_offsets[balloon_faces[balloon + 1]] - first
         center = total.corners / float(corner_count)
         balloon_mass = mass[world % mass.shape[0], balloon]
-        if burst_column < 0 or bursts[world, balloon][0] < 0.0:
+        if burst_column < 0 or bursts[world, balloon][1] >= 0.0:
             volume += total.volume - wp.dot(center, total.area_vector) / 3.0
         area += total.area
         if inflation_kind[balloon] == NORMAL_FORCE:

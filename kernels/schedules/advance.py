@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import warp as wp
 
-from balloon_warp.kernels.loops.areas import area_loop_beside_holes
-from balloon_warp.kernels.loops.jets import jet_loop
+from balloon_warp.kernels.loops.jets import hole_jet_loop, jet_loop
 from balloon_warp.kernels.loops.net_force import Loops, net_force_function, scalar_loops
 from balloon_warp.kernels.memory import put_vector_in, vector_at, vector_in
 from balloon_warp.kernels.options import OPTIONS
@@ -32,8 +31,7 @@ FEW_REGISTERS = 64
 @cache
 def gathering_loops(traits: Traits) -> Loops:
     """Over all that acts on a particle."""
-    area_vector = area_loop_beside_holes(vector_at) if traits.bursts else None
-    return scalar_loops(traits, vector_at, area_vector=area_vector)
+    return scalar_loops(traits, vector_at)
 
 
 @cache
@@ -75,6 +73,7 @@ def advance_kernel(
     inertia = inertia_function(traits)
     push_and_move = pushing_function(traits, puts_off)
     jet = jet_loop(traits, vector_at) if traits.jets else None
+    jet_of_holes = hole_jet_loop(vector_at) if traits.bursts else None
 
     @wp.kernel(
         module="unique",
@@ -118,6 +117,9 @@ def advance_kernel(
                     t.necks, points[world], t.necks.weights[particle], own.balloon,
                     state.inflation_loads[world, own.balloon], wp.dot(point, t.up), time, own.n,
                 )  # fmt: skip
+            if wp.static(jet_of_holes is not None):
+                if state.bursts[world, own.balloon][1] > 0.0:
+                    force += jet_of_holes(t, points[world], own, state.inflation_loads[world, own.balloon], point)
         else:
             free_velocity = free_velocities[world, particle]
             if wp.static(traits.pressures):

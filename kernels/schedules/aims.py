@@ -7,7 +7,7 @@ from balloon_warp.kernels.loops.aims import aim_loop
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.substep import inflation_of, load_once_burst, ramp_at
+from balloon_warp.kernels.substep import inflation_of, ramp_at
 from balloon_warp.kernels.tables import FaceTable, ParticleTable, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -100,8 +100,6 @@ def add_inflation_forces(
     load = state.inflation_loads[world, balloon]
     if given:
         load = wp.vec2(value, 0.0)
-    if state.bursts.shape[1] > 0:
-        load = load_once_burst(state, world, balloon, load)
     forces[world, particle] += inflation(
         inflation_kind[balloon], value, load[0], load[1], up, state.points[world, particle],
         aims[world, particle], area_vectors[world, particle],

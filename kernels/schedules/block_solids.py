@@ -59,10 +59,7 @@ def solids_of(traits: Traits, board: Board, gas: GasSums) -> Solids:
         if wp.static(traits.bodies > 0):
             show_spheres(t, state, memory, seat)
             if seat.thread == 0:
-                tumble_bodies(
-                    t, state, memory.contacts.grips, memory.contacts.body_starts, memory.contacts.body_start_turns,
-                    memory.contacts.sphere_starts, seat.world, seat.time,
-                )  # fmt: skip
+                tumble_bodies(t, state, memory.contacts, seat.world, seat.time)
             take_spheres(t, state, seat)
             block_barrier()
 

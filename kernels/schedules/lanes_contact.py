@@ -47,12 +47,12 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
 
     @wp.func
     def is_near_fixture(t: LaneTables, own: LaneOwn, fixture: wp.int32, time: float, point: Lanes3, velocity: Lanes3):
-        """Whether any lane's point is, or was a step before, within an obstacle's reach."""
+        """Whether any lane's point is, or was a step before, within an obstacle's reach, which may move meanwhile."""
         centers = Lanes3()
         for lane in range(LANE_COUNT):
             world = places.world(own.group, lane, t.world_count)
             centers = set_lane(centers, lane, center_at(t.all, world, fixture, time))
-        reach = t.all.fixtures.solids.reaches[fixture]
+        reach = t.all.fixtures.solids[fixture].reach + t.all.fixtures.fastest * t.step_seconds
         steps = (A_STEP * t.step_seconds * t.step_seconds) * squared_length(velocity)
         gaps = squared_length(point - centers) - steps
         for lane in range(LANE_COUNT):
@@ -69,7 +69,7 @@ def touch_function(traits: Traits, layout: Layout) -> Any:
                 gaps = squared_length(point - lanes.sphere_centers[own.group, sphere])
                 touches = touches or any_negative(gaps - lanes.sphere_squared_radii[own.group, sphere])
         if wp.static(traits.stands_on_fixtures):
-            for fixture in range(t.all.fixtures.solids.kinds.shape[0]):
+            for fixture in range(t.all.fixtures.solids.shape[0]):
                 touches = touches or is_near_fixture(t, own, fixture, time, point, velocity)
         return touches
 

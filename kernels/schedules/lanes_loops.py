@@ -179,8 +179,9 @@ def lane_loops(traits: Traits, layout: Layout) -> Loops:
                     pull += sum_hinges(t, own.group, place_of(own.item, lane))
                 if wp.static(traits.has("face")):
                     pull += sum_faces(
-                        t.seen, view_of(points, lane), view_of(velocities, lane), place_of(own.item, lane), n, time
-                    )
+                        t.seen, view_of(points, lane), view_of(velocities, lane), world, place_of(own.item, lane), n,
+                        time,
+                    )  # fmt: skip
                 force = set_lane(force, lane, pull)
         return force
 

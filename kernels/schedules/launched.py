@@ -23,7 +23,6 @@ from balloon_warp.kernels.substep import (
     end_of_step,
     inflation_of,
     kick,
-    load_once_burst,
     ramp_at,
     response,
 )
@@ -98,8 +97,6 @@ def pushing_function(traits: Traits, puts_off: bool = False) -> Any:
         load = two_in(state.inflation_loads, own.world, own.balloon)
         if wp.static(not traits.gas):
             load = wp.vec2(value, 0.0)  # a given pressure
-        if wp.static(traits.bursts):
-            load = load_once_burst(state, own.world, own.balloon, load)
         aim = wp.vec3()
         if wp.static(traits.aims):
             aim = working.aims[own.world, own.number]

@@ -18,6 +18,7 @@ from balloon_warp.kernels.laws.rigid import (
     is_pushed,
     is_same,
     overlap_of,
+    pressed_mass,
     push_of_particle,
     rub_on,
 )
@@ -49,10 +50,7 @@ def tumble_kernel(traits: Traits) -> Any:
     ):
         """A thread a world."""
         world = wp.tid()
-        tumble(
-            t, state, working.grips, working.body_starts, working.body_start_turns, working.sphere_starts, world,
-            end_of_step(t, state.frame, time_in_frame) - t.step_seconds,
-        )  # fmt: skip
+        tumble(t, state, working, world, end_of_step(t, state.frame, time_in_frame) - t.step_seconds)
 
     return tumble_bodies
 
@@ -66,31 +64,7 @@ def bodies_function(traits: Traits) -> Any:
     friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
-    def push_of_thread(
-        t: Tables,
-        working: Working,
-        world: wp.int32,
-        thread: wp.int32,
-        rigid: Rigid,
-        last: Change,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-    ):
-        """By the particles that are a thread's."""
-        part = Push()
-        for particle in range(thread, points.shape[0], wp.block_dim()):
-            end = points[particle]
-            velocity = velocities[particle]
-            stop = stop_at(t, rigid, end - t.step_seconds * velocity, end, velocity, 0.0)
-            if wp.length_sq(stop.normal) > 0.0:
-                own = read_own(t, world, particle)
-                if own.share > 0.0:
-                    mass = inertia(working, own)
-                    part += push_of_particle(mass, stop.arm, stop.normal, stop.excess, stop.out, last)
-        return part
-
-    @wp.func
-    def answer_of_thread(
+    def pass_of_thread(
         t: Tables,
         working: Working,
         world: wp.int32,
@@ -99,29 +73,39 @@ def bodies_function(traits: Traits) -> Any:
         last: Change,
         change: Change,
         shift: wp.vec3,
+        answers: bool,
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """What they gain; and the mass of those that are pressed [kg]."""
-        pressed = float(0.0)
+        """How the particles that are a thread's push a body that changes as in the last pass; or they take what they
+        gain by a change. One function does both, as what tells whether they meet is long."""
+        part = Push()
+        solid = t.bodies.solids[rigid.number]
         for particle in range(thread, points.shape[0], wp.block_dim()):
             end = points[particle]
             velocity = velocities[particle]
-            stop = stop_at(t, rigid, end - t.step_seconds * velocity, end, velocity, 0.0)
+            stop = stop_at(
+                solid, t.up, t.step_seconds, rigid, end - t.step_seconds * velocity, end, velocity, 0.0
+            )  # fmt: skip
             pushed = wp.vec3()
-            if wp.length_sq(stop.normal) > 0.0 and t.particles.mass_share[particle] > 0.0:
-                if gain_at(last, stop.arm, stop.normal) + stop.excess > 0.0:
-                    mass = inertia(working, read_own(t, world, particle))
-                    gain = (gain_at(change, stop.arm, stop.normal) + stop.excess) * stop.normal
-                    pressed += mass
-                    pushed = mass * gain
-                    velocities[particle] = velocity + gain
-                    end += t.step_seconds * gain
-                if stop.out > 0.0:
-                    end += (wp.dot(stop.normal, shift) + stop.out) * stop.normal
-                points[particle] = end
-            working.body_pushes[world, particle] = pushed
-        return pressed
+            if wp.length_sq(stop.normal) > 0.0:
+                own = read_own(t, world, particle)
+                if own.share > 0.0:
+                    mass = inertia(working, own)
+                    if not answers:
+                        part += push_of_particle(mass, stop.arm, stop.normal, stop.excess, stop.out, last)
+                    else:
+                        if gain_at(last, stop.arm, stop.normal) + stop.excess > 0.0:
+                            gain = (gain_at(change, stop.arm, stop.normal) + stop.excess) * stop.normal
+                            pushed = mass * gain
+                            velocities[particle] = velocity + gain
+                            end += t.step_seconds * gain
+                        if stop.out > 0.0:
+                            end += (wp.dot(stop.normal, shift) + stop.out) * stop.normal
+                        points[particle] = end
+            if answers:
+                working.body_pushes[world, particle] = pushed
+        return part
 
     @wp.func
     def rub_of_thread(
@@ -166,24 +150,34 @@ def bodies_function(traits: Traits) -> Any:
         """Of a world, by all threads of a block."""
         for body in range(state.body_positions.shape[1]):
             rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
+            tensor = rigid.mass * inertia_in_world(rigid.start_turn, t.bodies.inertias[body])
             last = Change()
-            part = push_of_thread(t, working, world, thread, rigid, last, points, velocities)
-            push = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
-            if is_pushed(push):
-                tensor = rigid.mass * inertia_in_world(rigid.start_turn, t.bodies.inertias[body])
-                change = change_of_rigid(push, rigid.mass, tensor)
-                turn = wp.int32(1)
-                while turn < MOST_TURNS and not is_same(change, last, rigid.reach):
-                    last = change
-                    part = push_of_thread(t, working, world, thread, rigid, last, points, velocities)
+            change = Change()
+            shift = wp.vec3()
+            push = Push()
+            answers = bool(False)
+            meets = bool(True)
+            turn = wp.int32(0)
+            while meets and turn <= MOST_TURNS:
+                part = pass_of_thread(
+                    t, working, world, thread, rigid, last, change, shift, answers, points, velocities
+                )  # fmt: skip
+                turn += 1
+                if answers:
+                    turn = MOST_TURNS + 1
+                else:
                     push = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
-                    change = change_of_rigid(push, rigid.mass, tensor)
-                    turn += 1
-                shift = shift_of_body(overlap_of(push), rigid.mass, t.up)
-                mine = answer_of_thread(t, working, world, thread, rigid, last, change, shift, points, velocities)
-                pressed = wp.tile_sum(wp.tile(mine))[0]
+                    meets = turn > 1 or is_pushed(push)
+                    if meets:
+                        change = change_of_rigid(push, rigid.mass, tensor)
+                        answers = turn == MOST_TURNS or is_same(change, last, rigid.reach)
+                        if answers:
+                            shift = shift_of_body(overlap_of(push), rigid.mass, t.up)
+                        else:
+                            last = change
+            if meets:
                 rigid = pushed_on(t, rigid, change.velocity, tensor * change.spin, shift)
-                share = friction_share(rigid.mass, t.bodies.eases[body], rigid.reach, pressed)
+                share = friction_share(rigid.mass, t.bodies.eases[body], rigid.reach, pressed_mass(push))
                 rubbed = rub_of_thread(t, working, world, thread, rigid, share, points, velocities)
                 rub = wp.tile_sum(wp.tile(rubbed, preserve_type=True))[0]
                 nothing = wp.vec3()

@@ -6,7 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
-from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, PRESSURE
+from balloon_warp.kernels.loops.emptying import holding_function
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state
 from balloon_warp.kernels.options import OPTIONS
@@ -162,6 +163,7 @@ def load_kernel(traits: Traits, in_parts: bool) -> Any:
     read_numbers = numbers_reader(traits.columns)
     load_of_balloon = load_function(traits)
     note_load = note_function(traits)
+    holds_gas = holding_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def find_loads(
@@ -191,8 +193,15 @@ def load_kernel(traits: Traits, in_parts: bool) -> Any:
         swelling = wp.tile_sum(wp.tile(of_thread, preserve_type=True))[0]
         kind = t.inflation_kind[balloon]
         if thread == 0 and kind != NORMAL_FORCE:
+            given = ramp_at(state, world, balloon, time_in_frame)
+            if wp.static(traits.bursts):
+                if holds_gas(t, state, world, balloon):
+                    kind = GAS
+                elif state.bursts[world, balloon][0] >= 0.0:
+                    kind = PRESSURE
+                    given = 0.0  # it is open
             load = load_of_balloon(
-                kind, ramp_at(state, world, balloon, time_in_frame), swelling,
+                kind, given, swelling,
                 float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]), t.step_seconds,
                 read_numbers(t, world, balloon),
             )  # fmt: skip

@@ -1,27 +1,31 @@
-"""How membranes tear, as kernels: what each face bears, where tears begin and run on, and how the gas leaves.
+"""How membranes tear, as kernels: what each face bears, where tears begin, and how they run on.
 
-Before each substep's forces, once the stresses of triangles are known. A face that looks for where its tear goes on
-marks another, and those that are marked tear in a launch of their own: no order of threads matters.
+Before each substep's forces, once the stresses of triangles are known. Each face that is whole looks whether a tear
+comes to it, and tears in a launch of its own: no order of threads matters.
 """
 
 import warp as wp
 
-from balloon_warp.kernels.laws.air import air_of_height
-from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
-from balloon_warp.kernels.laws.tearing import SPENT, pressure_beside_hole, softness_of_gas
+from balloon_warp.kernels.laws.tearing import (
+    WHOLE,
+    across_tension,
+    branch_plane,
+    cuts,
+    normal_of,
+    plane_through,
+)
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.loops.wear import of_balloon
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.substep import ramp_at, time_of, volume_origin
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.substep import time_of
+from balloon_warp.kernels.tables import Tables
 
 wp.set_module_options(OPTIONS)
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))
 """of a square meter"""
-GasColumns = wp.types.vector(length=7, dtype=wp.int32)
 center_of_face, area_vector_of_face = face_measures(vector_at)
 
 
@@ -36,6 +40,12 @@ def packed(stress: float, face: wp.int32):
 def unpacked(number: wp.int64):
     """The stress [Pa]."""
     return wp.cast(wp.uint32(number >> wp.int64(32)), wp.float32)
+
+
+@wp.func
+def face_of(number: wp.int64):
+    """The face."""
+    return wp.int32(LAST_FACE - (number & LAST_FACE))
 
 
 @wp.func
@@ -61,7 +71,6 @@ def weigh_faces(
     end = tears.triangle_offsets[face + 1]
     gone = is_gone(torn, world, face)
     tears.gone[world, face] = wp.where(gone, wp.int8(1), wp.int8(0))
-    tears.marks[world, face] = wp.int8(0)
     stress = float(0.0)
     for entry in range(begin, end):
         triangle = tears.triangles[entry]
@@ -78,75 +87,134 @@ def weigh_faces(
 
 
 @wp.func
-def torn_beside(t: Tables, torn: wp.array2d[float], world: wp.int32, face: wp.int32):
-    """How many of a face's neighbors are torn."""
-    tears = t.membranes.wear.tears
-    count = wp.int32(0)
-    for entry in range(tears.neighbor_offsets[face], tears.neighbor_offsets[face + 1]):
-        if is_gone(torn, world, tears.neighbors[entry]):
-            count += 1
-    return count
+def is_cut(t: Tables, plane: wp.vec4, edge: wp.vec2i):
+    """Whether a tear goes through an edge."""
+    rests = t.membranes.wear.tears.rests
+    return cuts(plane, rests[edge[0]], rests[edge[1]])
 
 
 @wp.func
-def mark_next(t: Tables, torn: wp.array2d[float], world: wp.int32, face: wp.int32, reach: float, branches: wp.bool):
-    """Mark where the tear of a face runs on: the neighbor that bears most, if that is more than it can; and another,
-    where it begins, or branches off into what is whole. Whether it has gone on."""
+def middle_of(t: Tables, edge: wp.vec2i):
+    """On the unstretched skin."""
+    rests = t.membranes.wear.tears.rests
+    return 0.5 * (rests[edge[0]] + rests[edge[1]])
+
+
+@wp.func
+def branch_of(t: Tables, plane: wp.vec4, burst: wp.vec4, world: wp.int32, face: wp.int32):
+    """The entry of the neighbor to which a tear branches off from a torn face, or -1: where it begins, and each time
+    that it has gone as far again from there."""
     tears = t.membranes.wear.tears
-    needed = of_balloon(tears.tear_strength, world, t.faces.balloon[face])
-    first = wp.int32(0)  # 1 more than the face
-    second = wp.int32(0)
-    most = float(0.0)
-    more = float(0.0)
-    begins = bool(True)
-    near = bool(False)
+    balloon = t.faces.balloon[face]
+    if burst[3] <= of_balloon(tears.branching_stress, world, balloon):
+        return wp.int32(-1)
+    first = wp.int32(burst[2])
+    nearest = float(1.0e30)
+    farthest = float(0.0)
+    flank = wp.int32(-1)
     for entry in range(tears.neighbor_offsets[face], tears.neighbor_offsets[face + 1]):
-        other = tears.neighbors[entry]
-        stress = tears.face_stresses[world, other]
-        if is_gone(torn, world, other):
-            begins = False
-        elif stress > needed and stress > most:
-            second = first + 0
-            more = most + 0.0
-            first = other + 1
-            most = stress + 0.0
-            near = reach >= tears.distances[entry]
-        elif stress > needed and stress > more:
-            second = other + 1
-            more = stress + 0.0
-    if first == 0 or not near:
-        return False
-    tears.marks[world, first - 1] = wp.int8(1)
-    if second > 0:
-        if begins or (branches and torn_beside(t, torn, world, second - 1) == 1):
-            tears.marks[world, second - 1] = wp.int8(1)
-    return True
+        edge = tears.edges[entry]
+        if is_cut(t, plane, edge):
+            way = wp.length(middle_of(t, edge) - tears.centers[first]) / tears.ways[balloon]
+            nearest = wp.min(nearest, way)
+            farthest = wp.max(farthest, way)
+        elif flank < 0 or (face & 1) == 1:
+            flank = entry + 0
+    times = wp.min(wp.int32(farthest), tears.branchings[balloon] - 1)
+    if (face == first and tears.branchings[balloon] > 0) or (times > 0 and nearest < float(times)):
+        return flank
+    return wp.int32(-1)
+
+
+@wp.func
+def tear_across(
+    t: Tables,
+    burst: wp.vec4,
+    torn: wp.array2d[float],
+    planes: wp.array2d[wp.vec4],
+    world: wp.int32,
+    face: wp.int32,
+    entry: wp.int32,
+):
+    """How far a tear that comes from a neighbor has run beyond a face [m], negative if it does not, and its plane."""
+    tears = t.membranes.wear.tears
+    other = tears.neighbors[entry]
+    reach = torn[world, other]
+    plane = planes[world, other]
+    edge = tears.edges[entry]
+    if reach < 0.0:
+        return WHOLE, plane
+    step = tears.centers[face] - tears.centers[other]
+    heading = wp.cross(normal_of(plane), tears.normals[other])
+    begins = other == wp.int32(burst[2])
+    if is_cut(t, plane, edge):
+        if begins and wp.dot(heading, step) < 0.0:  # it runs both ways from there
+            plane = -plane
+        across = wp.dot(normal_of(plane), step)
+        return reach - wp.sqrt(wp.max(wp.length_sq(step) - across * across, 0.0)), plane
+    branch = branch_of(t, plane, burst, world, other)
+    if branch < 0:
+        return WHOLE, plane
+    if tears.neighbors[branch] != face:
+        return WHOLE, plane
+    if begins:
+        heading = wp.vec3()
+    return reach - wp.length(step), branch_plane(heading, step, tears.normals[face], middle_of(t, edge))
+
+
+@wp.func
+def first_plane(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
+    """Along which a tear runs that begins in a face: across the largest tension."""
+    tears = t.membranes.wear.tears
+    a = t.faces.particles[t.faces.offsets[face]]
+    b = t.faces.particles[t.faces.offsets[face] + 1]
+    c = t.faces.particles[t.faces.offsets[face] + 2]
+    normal = across_tension(
+        tears.rests[b] - tears.rests[a], tears.rests[c] - tears.rests[a], points[b] - points[a], points[c] - points[a]
+    )
+    return plane_through(normal, tears.centers[face])
 
 
 @wp.kernel(enable_backward=False)
 def run_tears(
     # model
     t: Tables,
-    # state in and out
+    # state in
+    points: wp.array2d[wp.vec3],
     bursts: wp.array2d[wp.vec4],
     torn: wp.array2d[float],
+    # state in and out
+    planes: wp.array2d[wp.vec4],
 ):
-    """A thread a (world, face): where a tear begins, and where it runs on."""
+    """A thread a (world, face): whether a tear begins there, or comes there."""
     world, face = wp.tid()
     tears = t.membranes.wear.tears
+    tears.ahead[world, face] = WHOLE
+    if is_gone(torn, world, face):
+        return
     balloon = t.faces.balloon[face]
     burst = bursts[world, balloon]
+    stress = tears.face_stresses[world, face]
     if burst[0] < 0.0:
         weakest = tears.weakest[world, balloon]
-        if weakest > wp.int64(0) and weakest == packed(tears.face_stresses[world, face], face):
-            tears.marks[world, face] = wp.int8(1)
-    reach = torn[world, face]
-    if reach >= 0.0 and reach < SPENT:
-        reach += of_balloon(tears.tear_speed, world, balloon) * t.step_seconds
-        branches = tears.branching[face] == wp.int8(1) and burst[3] > of_balloon(tears.branching_stress, world, balloon)
-        if mark_next(t, torn, world, face, reach, branches):
-            reach = 2.0 * SPENT
-        torn[world, face] = wp.min(reach, 2.0 * SPENT)
+        if weakest > wp.int64(0) and weakest == packed(stress, face):
+            tears.ahead[world, face] = 0.0
+            planes[world, face] = first_plane(t, points[world], face)
+    elif stress > of_balloon(tears.tear_strength, world, balloon):
+        for entry in range(tears.neighbor_offsets[face], tears.neighbor_offsets[face + 1]):
+            if tears.ahead[world, face] < 0.0:
+                ahead, plane = tear_across(t, burst, torn, planes, world, face, entry)
+                if ahead >= 0.0:
+                    most = of_balloon(tears.tear_speed, world, balloon) * t.step_seconds
+                    tears.ahead[world, face] = wp.min(ahead, most)  # however long it has waited
+                    planes[world, face] = plane
+
+
+@wp.func
+def area_of(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
+    """Of a face now, in square micrometers."""
+    area = wp.length(area_vector_of_face(t.faces, points, face, center_of_face(t.faces, points, face)))
+    return wp.int64(wp.float64(area) * SQUARE_MICROMETERS)
 
 
 @wp.kernel(enable_backward=False)
@@ -155,112 +223,21 @@ def tear_faces(
     t: Tables,
     # state in and out
     points: wp.array2d[wp.vec3],
+    bursts: wp.array2d[wp.vec4],
     torn: wp.array2d[float],
-    hole_areas: wp.array2d[wp.int64],
 ):
-    """A thread a (world, face): those that are marked tear, and the hole is larger by them."""
+    """A thread a (world, face): those to which a tear has come are torn, and from others tears run on."""
     world, face = wp.tid()
     tears = t.membranes.wear.tears
-    if tears.marks[world, face] == wp.int8(1) and not is_gone(torn, world, face):
-        torn[world, face] = 0.0
+    balloon = t.faces.balloon[face]
+    gone = is_gone(torn, world, face)
+    if gone:
+        torn[world, face] += of_balloon(tears.tear_speed, world, balloon) * t.step_seconds
+    elif tears.ahead[world, face] >= 0.0:
+        torn[world, face] = tears.ahead[world, face]
         tears.gone[world, face] = wp.int8(1)
         for entry in range(tears.triangle_offsets[face], tears.triangle_offsets[face + 1]):
             t.membranes.wear.left[world, tears.triangles[entry]] = 0.0
-        own = points[world]
-        area = wp.length(area_vector_of_face(t.faces, own, face, center_of_face(t.faces, own, face)))
-        wp.atomic_add(hole_areas, world, t.faces.balloon[face], wp.int64(wp.float64(area) * SQUARE_MICROMETERS))
-
-
-@wp.func
-def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
-    """By a balloon's faces [m^3]."""
-    volume = float(0.0)
-    first = t.faces.balloon_offsets[balloon]
-    origin = center_of_face(t.faces, points, first)
-    for face in range(first, t.faces.balloon_offsets[balloon + 1]):
-        center = center_of_face(t.faces, points, face)
-        volume += wp.dot(center - origin, area_vector_of_face(t.faces, points, face, center)) / 3.0
-    return volume
-
-
-@wp.func
-def softness_in(
-    t: Tables,
-    state: WorldState,
-    world: wp.int32,
-    balloon: wp.int32,
-    columns: GasColumns,
-    volume: float,
-    height: float,
-    pressure: float,
-):
-    """Of what is in a balloon of a volume [m^3] at a height [m], at a pressure above the air's there [Pa]: a gas, or
-    air."""
-    of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
-    of_balloon = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon]
-    air = air_of_height(
-        height, of_world[columns[0]], of_world[columns[1]], of_world[columns[2]], of_world[columns[3]],
-        of_world[columns[4]],
-    )  # fmt: skip
-    density = air[2]
-    gamma = float(1.0)
-    if t.inflation_kind[balloon] == GAS:
-        density = float(state.gas_amounts[world, balloon]) * of_balloon[columns[5]] / wp.max(volume, 1.0e-12)
-        gamma = of_balloon[columns[6]]
-    return softness_of_gas(volume, air[0] + pressure, density, gamma)
-
-
-@wp.kernel(enable_backward=False)
-def let_gas_out(
-    # model
-    t: Tables,
-    time_in_frame: float,
-    columns: GasColumns,
-    # state in and out
-    state: WorldState,
-    points: wp.array2d[wp.vec3],
-    hole_areas: wp.array2d[wp.int64],
-):
-    """A thread a (world, balloon): it bursts, and its pressure falls.
-
-    Args:
-        columns: of the world's numbers: pressure, temperature, density and lapse of the air, and gravity; of the
-            balloon's: molar mass and gamma of its gas.
-    """
-    world, balloon = wp.tid()
-    tears = t.membranes.wear.tears
-    burst = state.bursts[world, balloon]
-    weakest = tears.weakest[world, balloon]
-    tears.weakest[world, balloon] = wp.int64(0)
-    if burst[0] < 0.0 and weakest > wp.int64(0):
-        pressure = state.pressures[world, balloon]
-        if t.inflation_kind[balloon] != GAS:
-            pressure = ramp_at(state, world, balloon, time_in_frame)
-        height = wp.dot(points[world, volume_origin(t, balloon)], t.up)
-        volume = enclosed(t, points[world], balloon)
-        softness = softness_in(t, state, world, balloon, columns, volume, height, pressure)
-        began = time_of(t, state.frame, time_in_frame)
-        burst = wp.vec4(began, wp.max(pressure, 0.0), softness, unpacked(weakest))
-    if burst[0] >= 0.0:
-        hole = float(wp.float64(hole_areas[world, balloon]) / SQUARE_MICROMETERS)
-        burst[1] = pressure_beside_hole(burst[1], burst[2], hole, t.step_seconds)
-        state.bursts[world, balloon] = burst
-
-
-@wp.kernel(enable_backward=False)
-def note_bursts(
-    # model
-    inflation_kind: wp.array[wp.int32],
-    # state in and out
-    state: WorldState,
-):
-    """A thread a (world, balloon), as a frame ends: pressures of balloons that burst, and at last no gas."""
-    world, balloon = wp.tid()
-    burst = state.bursts[world, balloon]
-    if burst[0] >= 0.0 and inflation_kind[balloon] != NORMAL_FORCE:
-        pressure = burst[1]
-        state.pressures[world, balloon] = pressure
-        state.inflation_loads[world, balloon] = wp.vec2(pressure, 0.0)
-        if pressure == 0.0:
-            state.gas_amounts[world, balloon] = wp.float64(0.0)
-            state.free_volumes[world, balloon] = wp.float64(0.0)
+        gone = bool(True)
+    if gone or bursts[world, balloon][0] >= 0.0:
+        wp.atomic_add(tears.areas, world, balloon, wp.where(gone, 0, 1), area_of(t, points[world], face))

@@ -89,7 +89,7 @@ def force_kernel(traits: Traits) -> Any:
     def add_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
         """Its force, shared by its corners."""
         n = read_numbers(t, world, t.faces.balloon[face])
-        share = push_at_corner(t, points, velocities, face, n, time)
+        share = push_at_corner(t, points, velocities, world, face, n, time)
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
             wp.atomic_add(forces, t.faces.particles[corner], share)
 
@@ -139,12 +139,8 @@ def add_area_vectors(
     # out
     area_vectors: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, face): its parts of its particles' area vectors; none where it is torn."""
+    """A thread a (world, face): its parts of its particles' area vectors."""
     world, face = wp.tid()
-    gone = t.membranes.wear.tears.gone
-    if gone.shape[1] > 0:
-        if gone[world, face] == wp.int8(1):
-            return
     begin = t.faces.offsets[face]
     end = t.faces.offsets[face + 1]
     count = end - begin

@@ -31,8 +31,15 @@ class Working:
     lumps: wp.array2d[wp.int32]
     """particles of each world that go on together with a sphere, see `launched_faces`"""
     body_starts: wp.array2d[wp.vec3]
-    """where free bodies were before this substep [m]; empty where there are none, as are the next three"""
+    """where free bodies were before this substep [m]; empty where there are none, as are the next six"""
     body_start_turns: wp.array2d[wp.quat]
+    body_masses: wp.array2d[float]  # [kg]
+    body_eases: wp.array2d[wp.mat33d]
+    """inverses of their inertia tensors in the world's axes [1/(kg m^2)]"""
+    body_going: wp.array2d[wp.vec3d]
+    """how fast they are while they push each other [m/s], or how far they are to be moved out of overlaps [m]"""
+    body_turning: wp.array2d[wp.vec3d]
+    """their angular momenta then [kg m^2/s], or the same of a turn [kg m^2]"""
     body_pushes: wp.array2d[wp.vec3]
     """what a body has pressed each particle with [N s]"""
     grips: wp.array2d[Grip]

@@ -28,6 +28,15 @@ class FactorTable:
     """ascending within a column, shape (entry_count,)"""
 
 
+@wp.func
+def any_of(going: wp.array[wp.int32], first: wp.int32, count: wp.int32):
+    """Whether any of so many worlds goes on, of those that there are."""
+    found = bool(False)
+    for world in range(first, wp.min(first + count, going.shape[0])):
+        found = found or going[world] != 0
+    return found
+
+
 @cache
 def factored_solver(factor_type: Any) -> Any:
     """The kernel that solves by L D L^T.
@@ -44,12 +53,16 @@ def factored_solver(factor_type: Any) -> Any:
         inverse_pivots: wp.array2d[factor_type],
         # state in
         right_sides: wp.array2d[wp.vec3],
+        going: wp.array[wp.int32],
         # state out
         work: wp.array2d[Lanes3],
         solutions: wp.array2d[wp.vec3],
     ):
-        """A thread a group of eight worlds. `entries` is of L, and with `inverse_pivots` has a row, or one a group."""
+        """A thread a group of eight worlds, of which one is wanted. `entries` is of L, and with `inverse_pivots` has a
+        row, or one a group."""
         group = wp.tid()
+        if not any_of(going, group * LANE_COUNT, LANE_COUNT):
+            return
         matrix = wp.min(group, entries.shape[0] - 1)
         count = factor.place.shape[0]
         for lane in range(LANE_COUNT):
@@ -110,11 +123,14 @@ def multiply_own_inverse(
     tiles: wp.array[wp.vec2i],
     # state in
     right_sides: wp.array2d[wp.vec3],
+    going: wp.array[wp.int32],
     # state out
     solutions: wp.array2d[wp.vec3],
 ):
     """A block a (world, tile of 32 rows), a thread a (part, row): for worlds that are few or differ."""
     world, tile, thread = wp.tid()
+    if going[world] == 0:
+        return
     balloon = tiles[tile][0]
     first_row = tiles[tile][1]
     begin = inverse.particle_offsets[balloon]
@@ -156,11 +172,14 @@ def shared_inverse_product(rows: int, worlds: int) -> Any:
         tiles: wp.array[wp.vec2i],
         # state in
         right_sides: wp.array2d[wp.vec3],
+        going: wp.array[wp.int32],
         # state out
         solutions: wp.array2d[wp.vec3],
     ):
         """A thread a (group of worlds, tile, thread), which has every 32nd row of the tile."""
         group, tile, thread = wp.tid()
+        if not any_of(going, group * worlds, worlds):
+            return
         balloon = tiles[tile][0]
         row = tiles[tile][1] + thread
         begin = inverse.particle_offsets[balloon]

@@ -12,7 +12,8 @@ is solved for the increment, which float32 resolves better,
     A du = (m + h c) (w - u) + h^2 F(x + u)
 
 since k (L d/|d| - d) is the force of a spring: the local step is Hooke's law, at the particles of the last iteration. A
-slack string has itself as projection, so it has no force either. Each iteration lowers g, whatever h is.
+slack string has itself as projection, so it has no force either. Each such iteration lowers g, whatever h is. How many
+there are, and what makes them fewer, is in `settling`.
 """
 
 from functools import cache
@@ -30,6 +31,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.schedules.launched import leaving_function
 from balloon_warp.kernels.schedules.working import Working
+from balloon_warp.kernels.solvers.settling import Settling
 from balloon_warp.kernels.substep import inflation_of, ramp_at, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -83,8 +85,10 @@ def foreseeing_kernel(traits: Traits) -> Any:
         state: WorldState,
         working: Working,
         # out
+        settling: Settling,
         free_displacements: wp.array2d[wp.vec3],
         displacements: wp.array2d[wp.vec3],
+        reached: wp.array2d[wp.vec3],
         trial_points: wp.array2d[wp.vec3],
     ):
         """A thread a (world, particle): w, where the iterations begin."""
@@ -102,7 +106,13 @@ def foreseeing_kernel(traits: Traits) -> Any:
             free = (t.step_seconds / inertia(own, t.step_seconds)) * impulse
         free_displacements[world, particle] = free
         displacements[world, particle] = free
+        reached[world, particle] = free
         trial_points[world, particle] = point + free
+        if particle == 0:
+            settling.iterations[world] = 0
+            settling.gathered[world] = 0
+            settling.going[world] = 1
+            settling.any_going[0] = 1
 
     return foresee_displacements
 
@@ -124,10 +134,15 @@ def local_step_kernel(traits: Traits) -> Any:
         displacements: wp.array2d[wp.vec3],
         trial_points: wp.array2d[wp.vec3],
         # out
+        settling: Settling,
         residuals: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, particle): minus h^2 times the slope of g [kg m]."""
+        """A thread a (world, particle): minus h^2 times the slope of g [kg m], in worlds that go on."""
         world, particle = wp.tid()
+        if world == 0 and particle == 0:
+            settling.any_going[0] = 0  # until one says so
+        if settling.going[world] == 0:
+            return
         own = read_own(t, world, particle)
         residual = wp.vec3()
         if own.share > 0.0:
@@ -144,23 +159,6 @@ def local_step_kernel(traits: Traits) -> Any:
         residuals[world, particle] = residual
 
     return find_residuals
-
-
-@wp.kernel(enable_backward=False)
-def apply_increments(
-    # in
-    points: wp.array2d[wp.vec3],
-    increments: wp.array2d[wp.vec3],
-    # in and out
-    displacements: wp.array2d[wp.vec3],
-    # out
-    trial_points: wp.array2d[wp.vec3],
-):
-    """A thread a (world, particle): what the global step found."""
-    world, particle = wp.tid()
-    displacement = displacements[world, particle] + increments[world, particle]
-    displacements[world, particle] = displacement
-    trial_points[world, particle] = points[world, particle] + displacement
 
 
 @cache

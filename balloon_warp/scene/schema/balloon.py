@@ -9,6 +9,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
 from balloon_warp.mesh.units import Unit, UpAxis
 from balloon_warp.scene.pinned import pinned_by, pins_of, weighed_by
@@ -51,9 +52,14 @@ class Stiffness(Table):
     points, shape (n, 3), and gives the number of each, shape (n,)"""
     viscosity: float = field_of("viscosity")
     yield_stretch: float | None = optional_field_of("yield_stretch")
-    thin: Literal["alike", "softer"] = "alike"
-    """springs of thin parts: "alike" takes the same constants everywhere, so that a pressure stretches thin parts less,
-    in proportion to how thick they are; "softer" takes smaller ones there, so that all parts stretch nearly alike"""
+    even: bool = False
+    """weigh each spring by the area beside it, so that all together are as stiff everywhere and in all directions,
+    however faces divide the surface; and put the mass where springs are stiff, which makes for a long step. Else each
+    spring has the constant of its kind, and each particle the same mass"""
+    thin: Literal["alike", "softer", "tied"] = "alike"
+    """thin parts: "alike" takes the same constants everywhere, so that a pressure stretches thin parts less, in
+    proportion to how thick they are; "softer" takes smaller ones there, so that all parts stretch nearly alike; "tied"
+    has springs across them, from wall to wall, so that legs bear and thin walls do not swell into pillows"""
 
 
 def _mesh_of(given: Any) -> Any:
@@ -78,6 +84,9 @@ class Balloon(Table):
     a bowl or a sleeve always stay"""
     parts: Parts = "held"
     """hold parts of the mesh that share no vertex together by springs, of the structural kind, or leave them "free" """
+    taken: Taken = "all"
+    """which parts of the mesh the balloon is made of: "all", those that are "closed", without loose ribbons such as
+    hair, or the "largest" by area"""
     unit: Unit | None = None
     """unit of the mesh's numbers; if missing, the one that its file names, else the meter"""
     name: str = ""
@@ -129,7 +138,7 @@ class Balloon(Table):
     @property
     def treatment(self) -> Treatment:
         """what becomes of the mesh's seams, holes and parts"""
-        return Treatment(self.weld, self.holes, self.parts)
+        return Treatment(self.weld, self.holes, self.parts, self.taken)
 
     @model_validator(mode="after")
     def _one_mass(self) -> Self:

@@ -13,6 +13,7 @@ from balloon_warp.scene.schema.fields import (
     NonNegative,
     Real,
     Table,
+    UnitInterval,
     field_of,
     optional_field_of,
 )
@@ -31,7 +32,10 @@ class Inflation(Table):
     """if left out, it follows from the fields that are given; without any, a pressure"""
     pressure: Literal["auto"] | Keyframed = "auto"
     """of "pressure": above the air's [Pa]; a number or keyframes; or "auto", which rises within a second to what
-    stretches the balloon by a quarter or so, whatever its size, its faces and its springs"""
+    stretches the balloon as `stretch` says, or so, whatever its size, its faces and its springs"""
+    stretch: UnitInterval = 0.25
+    """of the pressure "auto", and else without effect: how much a ball's skin is stretched; 0.1 makes its volume a
+    third larger"""
     k_normal: Keyframed = 0.2
     """of "normal_force"; a number or keyframes"""
     amount: NonNegative | None = None
@@ -138,7 +142,7 @@ FAST = ("pump", "pump_curve", *BLOWN)
 """ways of saying how fast it comes"""
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
-    "pressure": ("pressure",),
+    "pressure": ("pressure", "stretch"),
     "gas": (
         *("amount", "start_pressure", "pump", "pump_curve"),
         *("breaths", "litres", "moles", "fill_time", "fill_to_pressure", "fill_to_diameter"),

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.laws.membrane import MOST_STRETCH, OGDEN_EXPONENTS
+from balloon_warp.kernels.laws.membrane import GENT_LIMIT, OGDEN_EXPONENTS
 from balloon_warp.kernels.laws.tearing import NEVER
 from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema.fields import NonNegative, Positive, Rule, Table, Vector, optional_field_of
@@ -23,8 +23,9 @@ FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "ogden": (*OF_ALL, "ogden_moduli", "ogden_exponents"),
     "gent": (*OF_ALL, "shear_modulus", "gent_limit"),
 }
-NEARLY_LOCKED = 0.9
-"""of the stretch at which a Gent material locks is the most that the step is made for, where nobody says it"""
+NEARLY_LOCKED = 0.96
+"""of the stretch at which a Gent material locks is the most that the law holds to, and the step is made for, where
+nobody says it: 1 / (1 - 0.96^2) = 13 times as stiff as at rest against what changes the shape"""
 
 
 class Material(Table):
@@ -66,7 +67,7 @@ class Material(Table):
     """the true stress at which it tears and the balloon bursts, force over what is left of the section [Pa]; when
     missing, it never does"""
     tear_strength: Positive | None = None
-    """of `strength`: the stress at the tip of a tear that it needs to run on [Pa]; a tenth of it when missing"""
+    """of `strength`: the stress ahead of the tip of a tear that it needs to run on [Pa]; 0.3 of it when missing"""
     branching_stress: Positive | None = None
     """of `strength`: a balloon that bursts at a higher stress does not open along one tear, but in pieces [Pa]; half of
     it when missing"""
@@ -104,14 +105,14 @@ class Material(Table):
         if said is None and self.preset:
             said = PRESETS[self.preset].get(field)
         if said is None and field == "most_stretch" and (lock := self.locking_stretch) < FAR:
-            return max(min(MOST_STRETCH.default, NEARLY_LOCKED * lock), 1.0)
+            return max(NEARLY_LOCKED * lock, 1.0)
         return said
 
     @property
     def locking_stretch(self) -> float:
         """both ways, at which a Gent material's chains are straight"""
-        limit = self.value("gent_limit")
-        return FAR if self.law != "gent" or limit is None else (0.5 * (limit + 3.0)) ** 0.5
+        limit = self.value("gent_limit") or GENT_LIMIT.default
+        return FAR if self.law != "gent" else (0.5 * (limit + 3.0)) ** 0.5
 
     @model_validator(mode="after")
     def _fields_of_its_kind(self) -> Self:

@@ -63,12 +63,12 @@ class Scene(Table):
     frames_per_second: Positive = 60.0
     """[1/s]"""
     substeps: Annotated[int, Field(ge=1, le=100_000)] | Literal["auto"] = "auto"
-    """integration steps in a frame; "auto" takes as many as stability asks"""
+    """integration steps in a frame; "auto" takes as many as stability asks, and bodies and spheres"""
     solver: Literal["symplectic_euler", "forward_euler", "projective"] = "symplectic_euler"
     """how a step goes on: v += h a, then x += h v (the paper's listing); or x += h v, then v += h a; or, stable at any
     step, backward Euler by local and global steps (Liu et al. 2013)"""
-    solver_iterations: Annotated[int, Field(ge=1, le=10_000)] = 10
-    """how many iterations "projective" makes in each substep"""
+    solver_iterations: Annotated[int, Field(ge=1, le=10_000)] | Literal["auto"] = "auto"
+    """how many iterations "projective" makes in each substep; "auto" makes 10 to 200, until they change little"""
     correction: Literal["none", "provot", "tarantino"] = "none"
     """after a step, "provot" shortens springs that are longer than (1 + correction_limit) times their rest length to
     that (Provot 1995); with "tarantino" they do not pull there either, as in the paper"""
@@ -129,6 +129,13 @@ class Scene(Table):
                     f"string.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
                     f"(got {string.balloon})"
                 )
+        if self.correction != "none" and not any(
+            not balloon.material.is_membrane or balloon.material.springs for balloon in self.balloon
+        ):
+            raise ValueError(
+                f'correction: "{self.correction}" shortens springs, and no balloon has any; expected "none", or a '
+                'material with `springs`, or kind = "springs"'
+            )
         times = [change.time for change in self.change]
         if any(later < earlier for earlier, later in itertools.pairwise(times)):
             raise ValueError(f"change: times must not decrease (got {times})")

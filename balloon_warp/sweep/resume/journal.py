@@ -2,6 +2,7 @@
 
 from pydantic import TypeAdapter
 
+from balloon_warp.model import Remark
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.resume.checkpoints import BatchCheckpoints
@@ -32,6 +33,8 @@ class ShareJournal:
         self.schedules: dict[int, str] = {}
         """of the shares that are done, by their numbers"""
         self.failures = Failures()
+        self.remarks: list[Remark] = []
+        """on worlds of the shares that this batch has done"""
         self.crowded = 0
         """as schedules count it, in the shares that this batch has done"""
         self._unsafe: list[int] = []
@@ -55,6 +58,7 @@ class ShareJournal:
         for record in result.records:
             self._output.add(number, record)
         self.schedules[number] = result.schedule
+        self.remarks += result.remarks
         self.crowded += result.crowded
         for failures in (self.failures, self._unsafe_failures):
             failures.add(result.failures)

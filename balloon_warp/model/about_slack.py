@@ -1,0 +1,72 @@
+"""What is said of faces that a pressure does not push, and what to do about them, in sentences."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.corners import corner_faces, face_starts
+from balloon_warp.mesh.feasible import RIBBONS
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
+
+NOTHING_HELD = (
+    "It is open and its border is free, so that it is not inflated: it would shoot away. {} "
+    "--set balloon.inflation.pressure=100."
+)
+CLOSES = "`balloon-warp remesh` closes it; or hold the border by `fixed`, or say how hard, as by"
+HOLDS = "Hold the border by `fixed`, or say how hard, as by"
+NO_INSIDE = (
+    "None of its faces is between an inside and an outside, as of a Moebius strip, so that it is not inflated. "
+    "Say how hard, as by --set balloon.inflation.pressure=100, and each face is pushed as it winds."
+)
+
+
+def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.bool_]) -> tuple[str, ...]:
+    """A sentence about open parts that are carried along, and one about walls; or one about a balloon that is not
+    inflated at all.
+
+    Args:
+        slack: the faces that a pressure does not push, shape (face_count,).
+        moves: the vertices that nothing holds, shape (vertex_count,).
+    """
+    if not slack.any():
+        return ()
+    edges = mesh_edges(mesh)
+    border = edges.ends[border_edges(edges)]
+    components = vertex_components(mesh, edges)
+    ribbons = len(np.unique(components[border[:, 0]])) >= RIBBONS
+    if slack.all():
+        return (NOTHING_HELD.format(HOLDS if ribbons else CLOSES) if moves[border].any() else NO_INSIDE,)
+    # What hangs together of slack faces, and whether a border is on it.
+    faces = corner_faces(mesh)[edges.corners]
+    first = np.repeat(edges.starts, edges.face_counts)
+    both = slack[faces] & slack[faces[first]]
+    pieces = component_labels(mesh.face_count, faces[both], faces[first][both])
+    has_border = np.zeros(mesh.face_count, dtype=bool)
+    has_border[pieces[faces[edges.starts[border_edges(edges)]]]] = True
+    open_, walls = slack & has_border[pieces], slack & ~has_border[pieces]
+    component = components[mesh.face_vertex_indices[face_starts(mesh)]]
+    apart = not np.isin(component[open_], component[~slack]).any()
+    thick = "." if ribbons else "; `balloon-warp remesh` makes it thick."
+    more = f" --parts closed leaves it out{thick}" if apart else ""
+    return (
+        *_sentence(mesh, open_, "open, as a pane, and has no inside: it is carried along, and not inflated.", more),
+        *_sentence(mesh, walls, "a wall with the same pressure on both sides, which does not push it.", ""),
+    )
+
+
+def _sentence(mesh: PolygonMesh, faces: NDArray[np.bool_], what: str, more: str) -> tuple[str, ...]:
+    count = np.count_nonzero(faces)
+    if not count:
+        return ()
+    corners = mesh.face_vertex_indices[faces[corner_faces(mesh)]]
+    name = _group_of(mesh, corners)
+    where = f"{name}, at vertex {corners[0] + 1}" if name else f"at vertex {corners[0] + 1}"
+    return (f"A part of {count:,} of its {mesh.face_count:,} faces ({where}, counting from 1) is {what}{more}",)
+
+
+def _group_of(mesh: PolygonMesh, vertices: NDArray[np.integer]) -> str | None:
+    """The smallest of the mesh's groups that has all of these vertices, if there is one."""
+    own = np.unique(vertices)
+    having = [(len(group), name) for name, group in mesh.groups.items() if np.isin(own, group).all()]
+    return min(having)[1] if having and min(having)[0] < mesh.vertex_count else None

@@ -1,0 +1,129 @@
+"""Points of free bodies, and of obstacles, that are held out of what is in the way. Each is the center of a little ball
+inside that touches the surface there: so that of two that stand edge on edge it is clear which faces meet. Host side,
+float64."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.model.obstacles import ObstacleShape
+
+MOST_SAMPLES = 1024
+"""of a mesh's vertices"""
+SIDE_SAMPLES = 5
+"""along an edge of a box"""
+ROUNDED_BOX = 0.01
+"""radius of the balls over half the shortest edge"""
+ROUNDED_MESH = 0.002
+"""the same over how far the mesh reaches"""
+FARTHEST_IN = 4.0
+"""radii: how far in a ball may be, at a sharp vertex"""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Of a body about its center of mass, or of an obstacle about its origin."""
+
+    points: NDArray[np.float64]
+    """centers of the balls, and their radii, shape (n, 4)"""
+    outermost: int
+    """how many of the first are enough beside something flat"""
+    at_edges: int
+    """how many are enough beside something that has such points of its own"""
+
+
+def sample(solid: ObstacleShape, up: NDArray[np.float64]) -> Samples:
+    """Of any shape; a plane has none."""
+    if solid.kind == "box":
+        return _of_box(solid)
+    if solid.kind == "capsule":
+        return _of_capsule(solid, up)
+    if solid.kind == "plane":
+        return Samples(np.zeros((0, 4)), 0, 0)
+    return _of_mesh(solid)
+
+
+def _of_box(solid: ObstacleShape) -> Samples:
+    steps = np.linspace(-1.0, 1.0, SIDE_SAMPLES)
+    grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    sides = (np.abs(grid) == 1.0).sum(axis=1)
+    order = np.argsort(-sides, kind="stable")[: int((sides > 0).sum())]
+    radius = ROUNDED_BOX * float(solid.size.min())
+    points = grid[order] * (solid.size - radius)
+    return Samples(_balls(points, radius + solid.thickness), int((sides == 3).sum()), int((sides >= 2).sum()))
+
+
+def _of_capsule(solid: ObstacleShape, up: NDArray[np.float64]) -> Samples:
+    """Of its axis, its ends first; no further apart than its radius, but for very long ones."""
+    radius, half = float(solid.size[0]), float(solid.size[1])
+    count = int(min(np.ceil(2.0 * half / radius) + 1, 33)) if half > 0.0 else 1
+    places = np.linspace(-half, half, count) if count > 1 else np.zeros(1)
+    places = places[np.argsort(-np.abs(places), kind="stable")]
+    return Samples(_balls(np.outer(places, up), radius + solid.thickness), min(count, 2), count)
+
+
+def _of_mesh(solid: ObstacleShape) -> Samples:
+    """Some of its vertices, those of its convex hull first."""
+    from scipy.spatial import ConvexHull, QhullError  # takes long to load
+
+    assert solid.mesh is not None  # as its kind says
+    chosen = _spread(solid.mesh.points, np.unique(solid.mesh.face_vertex_indices))
+    points, outermost = solid.mesh.points[chosen], len(chosen)
+    try:
+        hull = np.sort(ConvexHull(points).vertices)
+        outermost = len(hull)
+        order = np.concatenate([hull, np.setdiff1d(np.arange(len(chosen)), hull)])
+        chosen, points = chosen[order], points[order]
+    except QhullError:
+        pass  # it is flat
+    radii = np.zeros(len(chosen))
+    if solid.closed:
+        points, radii = _rounded(solid, chosen)
+    balls = _balls(points, radii + solid.thickness)
+    return Samples(balls, outermost, len(balls))
+
+
+def _rounded(solid: ObstacleShape, chosen: NDArray[np.integer]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Balls that touch all faces at some vertices from within, of no radius where there is no room for one."""
+    from balloon_warp.mesh.mesh_distance import MeshDistance  # takes long to load
+
+    assert solid.mesh is not None
+    points, triangles = solid.mesh.points, solid.triangles
+    radius = ROUNDED_MESH * solid.reach
+    corners = points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    normals = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=areas[:, None] > 0.0)
+    matrices, sums = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
+    for column in triangles.T:
+        np.add.at(matrices, column, areas[:, None, None] * normals[:, :, None] * normals[:, None, :])
+        np.add.at(sums, column, areas[:, None] * normals)
+    ways = -radius * np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=1.0e-3, hermitian=True), sums)
+    depths = np.full(len(points), radius)  # of the balls' centers, below the nearest face
+    for column in triangles.T:
+        np.minimum.at(depths, column, -np.einsum("ni,ni->n", ways[column], normals))
+    centers, depths = (points + ways)[chosen], depths[chosen]
+    with wp.ScopedDevice("cpu"):
+        inside = -MeshDistance(points, triangles, thickness=0.0)(centers)
+    fits = (depths > 0.0) & (inside > 0.99 * depths)
+    fits &= np.linalg.norm(ways[chosen], axis=1) <= FARTHEST_IN * radius
+    return np.where(fits[:, None], centers, points[chosen]), np.where(fits, depths, 0.0)
+
+
+def _balls(points: NDArray[np.float64], radii: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    return np.concatenate([points, np.broadcast_to(np.reshape(radii, (-1, 1)), (len(points), 1))], axis=1)
+
+
+def _spread(points: NDArray[np.float64], used: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Some of many, each as far as can be from those before it."""
+    if len(used) <= MOST_SAMPLES:
+        return used
+    places = points[used]
+    chosen = [int(np.linalg.norm(places, axis=1).argmax())]
+    distances = np.linalg.norm(places - places[chosen[0]], axis=1)
+    while len(chosen) < MOST_SAMPLES:
+        chosen.append(int(distances.argmax()))
+        distances = np.minimum(distances, np.linalg.norm(places - places[chosen[-1]], axis=1))
+    return used[chosen]

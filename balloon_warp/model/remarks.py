@@ -1,0 +1,76 @@
+"""What is to be said of a simulation that goes on all the same: where its numbers are not what was asked for."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.model.model import Model
+from balloon_warp.model.state import State
+
+
+@dataclass(frozen=True)
+class Remark:
+    """On a world."""
+
+    kind: Literal["unsettled", "overstretched"]
+    world: int
+    frame: int
+    sentence: str
+
+
+def remarks_on(model: Model, state: State, worlds: NDArray[np.integer] | None = None) -> list[Remark]:
+    """What there is to say now, world by world.
+
+    Args:
+        model: that was simulated.
+        state: of all its worlds.
+        worlds: their numbers, as they are to be called; as they stand, when missing.
+    """
+    worlds = np.arange(model.world_count) if worlds is None else worlds
+    unsettled, overstretched = state.unsettled.numpy(), state.overstretched.numpy()
+    found = []
+    for row in np.flatnonzero(unsettled[:, 0]).tolist():
+        world, frame = int(worlds[row]), int(unsettled[row, 0])
+        found.append(Remark("unsettled", world, frame, _unsettled(model, frame, world, float(unsettled[row, 1]))))
+    for row in np.flatnonzero(overstretched).tolist():
+        world, frame = int(worlds[row]), int(overstretched[row])
+        found.append(Remark("overstretched", world, frame, _overstretched(model, frame, world, row)))
+    return found
+
+
+def remark_sentences(remarks: Sequence[Remark]) -> list[str]:
+    """One sentence for each kind: of its first world, and how many others there are."""
+    counts = Counter(remark.kind for remark in remarks)
+    firsts = {remark.kind: remark for remark in sorted(remarks, key=lambda remark: remark.world, reverse=True)}
+    more = {kind: f" (and {_others(count - 1)})" if count > 1 else "" for kind, count in counts.items()}
+    return [f"{firsts[kind].sentence}{more[kind]}" for kind in counts]
+
+
+def _others(count: int) -> str:
+    return "1 world more" if count == 1 else f"{count:,} worlds more"
+
+
+def _unsettled(model: Model, frame: int, world: int, change: float) -> str:
+    said = model.scene.solver_iterations
+    helps = "more substeps or softer springs help" if said == "auto" else 'solver_iterations = "auto" helps'
+    return (
+        f'solver "projective": in frame {frame} of world {world} it had not settled after its iterations, of which the '
+        f"last one still changed {change:.1%} of what springs did in the substep, so that balloons are stiffer or "
+        f"smaller than they should be; {helps}"
+    )
+
+
+def _overstretched(model: Model, frame: int, world: int, row: int) -> str:
+    parameters = {name: model.parameters[name].numpy() for name in ("gent_limit", "most_stretch")}
+    number = [balloon.material.law for balloon in model.scene.balloon].index("gent")
+    limit, most = (float(values[row % len(values), number]) for values in parameters.values())
+    lock = (0.5 * (limit + 3.0)) ** 0.5
+    return (
+        f"material.most_stretch: in frame {frame} of world {world} rubber was stretched further than {most:.3g} both "
+        f'ways; from there on the tension of "gent" only goes on rising as it does there, though its law ends at '
+        f"{lock:.3g}; less gas or pressure, a larger gent_limit or a larger most_stretch helps"
+    )

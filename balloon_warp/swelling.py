@@ -1,0 +1,165 @@
+"""How far balloons swell by the pressure that is left to us, told before anything is simulated. Host side, float64."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.laws.hooke import KINDS
+from balloon_warp.mesh.corners import corner_faces
+from balloon_warp.mesh.geometry import face_vector_areas, signed_volume
+from balloon_warp.model import Model, plan_model
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Scene
+
+MOST_VERTICES = 12_000
+"""of a balloon whose volume is foretold: with more, that would take longer than to begin"""
+ROUNDS = 60
+KEPT = 6
+"""rounds that the next one is extrapolated from"""
+CLOSE = 2.0e-3
+"""of the volume at the start: what it changes by, in `CALM` rounds, when it is found"""
+CALM = 4
+ANCHOR = 1.0e-4
+"""of the mean diagonal of the springs' Laplacian, that each particle counts as held with, so that it has an inverse"""
+
+
+@dataclass(frozen=True)
+class Swelling:
+    """What a pressure of "auto" came to."""
+
+    balloon: str
+    pressure: float
+    """[Pa]"""
+    volume: float | None
+    """in balance with the springs, without weight, over that at the start; None where it is not foretold: of what is
+    open, of rubber and film, and of large meshes"""
+
+    def __str__(self) -> str:
+        volume = "" if self.volume is None else f", volume 1.00 -> {self.volume:.2f}"
+        return f"auto: {self.pressure:.4g} Pa{volume}"
+
+
+def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[Swelling]:
+    """Of each balloon whose pressure is left to us, and not nothing, in the first world."""
+    found = []
+    for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
+        pressure = float(parameters["keyframe_values"][0, number, -1]) if balloon.inflation.is_automatic else 0.0
+        if pressure:
+            foretold = shape.closed and not shape.membrane.count and shape.mesh.vertex_count <= MOST_VERTICES
+            constants = np.array([parameters[row.name][0, number] for row in KINDS])
+            volume = volume_under(shape, constants, pressure) if foretold else None
+            found.append(Swelling(shape.name, pressure, volume))
+    return found
+
+
+def swellings_of(model: Model) -> list[Swelling]:
+    """The same, of a model."""
+    names = ("keyframe_values", *(row.name for row in KINDS))
+    read = {name: np.asarray(model.parameters[name].numpy(), dtype=np.float64) for name in names}
+    return swellings(model.scene, model.shapes, read)
+
+
+def foretold_swellings(scene: Scene) -> list[Swelling]:
+    """The same, of a scene.
+
+    Raises:
+        InputError: as `plan_model`.
+    """
+    plan = plan_model(scene)
+    return swellings(plan.scene, plan.shapes, plan.parameters)
+
+
+def sentences(found: Sequence[Swelling]) -> list[str]:
+    """In words, with the balloon's name where there are several."""
+    return [f"{each.balloon}: {each}" if len(found) > 1 else str(each) for each in found]
+
+
+def told_before(
+    found: Sequence[Swelling], on_note: Callable[[str], None], on_frame: Callable[[int], None]
+) -> Callable[[int], None]:
+    """A listener to frames that notes these before the first: where no frame comes, something is wrong, and there is
+    nothing to say but that."""
+    waiting = sentences(found)
+
+    def listen(number: int) -> None:
+        while waiting:
+            on_note(waiting.pop(0))
+        on_frame(number)
+
+    return listen
+
+
+def volume_under(shape: BalloonShape, constants: NDArray[np.float64], pressure: float) -> float | None:
+    """The volume in balance, over that at the start; None where there is none.
+
+    Each round solves for the places at which the springs, each at its rest length along the way that it has now, and
+    the pressure's forces of now are in balance: as projective dynamics does (Bouaziz et al. 2014), with a step without
+    end. Rounds are extrapolated from those before (Anderson 1965).
+
+    Args:
+        constants: of the kinds of springs [N/m], shape (3,).
+        pressure: [Pa].
+    """
+    points, start = shape.mesh.points, signed_volume(shape.mesh)
+    if not start:
+        return None
+    round_of = _rounds(shape, constants[shape.springs.kind] * shape.stiffness_scale, pressure)
+    volumes: list[float] = []
+    places: list[NDArray[np.float64]] = []
+    moves: list[NDArray[np.float64]] = []
+    for _ in range(ROUNDS):
+        places, moves = [*places[-KEPT:], points.ravel()], [*moves[-KEPT:], round_of(points).ravel()]
+        points = _extrapolated(places, moves).reshape(-1, 3)
+        volumes.append(signed_volume(replace(shape.mesh, points=points)) / start)
+        if not np.isfinite(volumes[-1]):
+            return None
+        if len(volumes) > CALM and np.ptp(volumes[-CALM:]) < CLOSE:
+            return volumes[-1]
+    return None
+
+
+def _rounds(shape: BalloonShape, constants: NDArray[np.float64], pressure: float) -> Any:
+    """The function that gives how far each particle moves in a round, from the points of all [m]."""
+    from scipy.sparse import coo_array, csc_matrix, diags_array
+    from scipy.sparse.linalg import splu
+
+    springs, mesh, count = shape.springs, shape.mesh, shape.mesh.vertex_count
+    rows, signs = np.arange(springs.count), np.ones(springs.count)
+    ends = np.concatenate([springs.pairs[:, 0], springs.pairs[:, 1]])
+    entries = np.concatenate([-signs, signs]), (np.concatenate([rows, rows]), ends)
+    differences = coo_array(entries, shape=(springs.count, count)).tocsr()
+    back = differences.T.tocsr()
+    laplacian = back @ diags_array(constants) @ differences
+    held = ANCHOR * laplacian.diagonal().mean() or 1.0
+    free = shape.mass_share > 0.0
+    solver = splu(
+        csc_matrix(laplacian + diags_array(np.where(free, held, 1e9 * held / ANCHOR))),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+    def moves(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        ways = differences @ points
+        lengths = np.maximum(np.linalg.norm(ways, axis=1), 1e-30)
+        pulls = back @ ((constants * (1.0 - springs.rest_lengths / lengths))[:, None] * ways)
+        shares = pressure * face_vector_areas(replace(mesh, points=points)) / mesh.face_vertex_counts[:, None]
+        pushes = [np.bincount(mesh.face_vertex_indices, each[corner_faces(mesh)], count) for each in shares.T]
+        return solver.solve(np.where(free[:, None], np.stack(pushes, axis=1) - pulls, 0.0))
+
+    return moves
+
+
+def _extrapolated(places: list[NDArray[np.float64]], moves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Where the moves of rounds, as they change with the places, come to nothing; the last place, moved, of one."""
+    if len(moves) == 1:
+        return places[0] + moves[0]
+    between = np.diff(np.array(moves), axis=0)
+    products = between @ between.T
+    products += 1e-12 * np.trace(products) * np.eye(len(products))
+    parts = np.linalg.lstsq(products, between @ moves[-1], rcond=None)[0]
+    return places[-1] + moves[-1] - parts @ (np.diff(np.array(places), axis=0) + between)

@@ -1,0 +1,38 @@
+"""Balloons that are almost empty: what is left in them, and their pressure near the volume 0."""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.air import molar_volume
+
+COLLAPSING = wp.constant(0.5)
+"""part of its volume that a balloon has left at the end of a step, below which the step is no first order's"""
+EMPTY = wp.constant(0.02)
+"""part of what a mesh encloses that is left to a balloon when it is flat, which no pump or opening takes out"""
+EMPTIEST = wp.constant(1.0e-6)
+"""part of a volume that stands for none"""
+
+
+@wp.func
+def end_of_collapse(volume: float, held: float, air_pressure: float):
+    """The volume at the end of a step [m^3] of what would lose most of it in the step.
+
+    There the pressure is p_a (V_a / x - 1) at the volume x of the end, V_a that at the air's pressure, and K the rise
+    of the volume in the step with a pressure [m^3/Pa]: x = B + K p_a (V_a / x - 1). The larger root is never below 0,
+    whatever is in there.
+
+    Args:
+        volume: B, as it would be at the end without any pressure [m^3].
+        held: K p_a V_a [m^6].
+        air_pressure: K p_a [m^3].
+    """
+    half = 0.5 * (volume - air_pressure)
+    root = wp.sqrt(half * half + held)
+    if half > 0.0:
+        return half + root
+    return held / wp.max(root - half, 1.0e-30)  # the same, to the last digit
+
+
+@wp.func
+def amount_when_flat(mesh_volume: float, air: wp.vec3):
+    """What is left in a balloon whose walls lie on each other [mol], in air of a pressure and temperature."""
+    return EMPTY * wp.max(mesh_volume, 0.0) / molar_volume(air[0], air[1])

@@ -1,0 +1,33 @@
+"""Which balloons have gas of their own, and how much of it may leave."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.empty import amount_when_flat
+from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
+    """A balloon's gas in a substep, before it is flat [mol/s]."""
+    spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.volumes[balloon], air)
+    return wp.max(spare, 0.0) / t.step_seconds
+
+
+@cache
+def holding_function(traits: Traits) -> Any:
+    """The function that says whether a balloon has gas of its own: one that has burst does, until it is open."""
+
+    @wp.func
+    def holds_gas(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
+        holds = t.inflation_kind[balloon] == GAS
+        if wp.static(traits.bursts):
+            burst = state.bursts[world, balloon]
+            holds = burst[1] >= 0.0 and (holds or burst[0] >= 0.0)
+        return holds
+
+    return holds_gas

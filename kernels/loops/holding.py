@@ -1,0 +1,176 @@
+"""Where free rigid bodies touch: a list of points of theirs at what is near, in a world and a step."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.contact import friction_between
+from balloon_warp.kernels.laws.grip import Grip, clear_gap
+from balloon_warp.kernels.loops.nearest import Thing, thing_functions
+from balloon_warp.kernels.loops.settling import ease_at
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+LOOKED_AHEAD = wp.constant(1.5)
+"""steps, as things move before they touch"""
+
+
+@wp.func
+def speed_of(t: Tables, state: WorldState, ease: wp.mat33d, world: wp.int32, body: wp.int32, pull: float):
+    """How fast a point of a body may be after gravity has acted [m/s].
+
+    Args:
+        ease: how much spin 1 N m s gives [1/(kg m^2)].
+    """
+    spin = ease * wp.vec3d(state.body_momenta[world, body])
+    speed = wp.length(state.body_velocities[world, body]) + float(wp.length(spin)) * t.bodies.solids[body].reach
+    return speed + t.step_seconds * wp.abs(pull)
+
+
+@wp.func
+def last_impulse(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], key: wp.int32, place: wp.int32):
+    """What a point ended with in the step before [N s], zero if it touched nothing then; and where in the list of that
+    step to look for the next."""
+    while place < touches.shape[0] and touches[place] >= 0:
+        found = touches[place]
+        if found >= key:
+            return wp.where(found == key, impulses[place], wp.vec3()), place
+        place += 1
+    return wp.vec3(), place
+
+
+@wp.func
+def end_of_samples(t: Tables, body: wp.int32, thing: Thing):
+    """Of those of a body that a thing may touch, if any does."""
+    ends = t.bodies.sample_ends[body]
+    if thing.other >= 0:
+        return ends[2]
+    return wp.where(thing.fixture >= 0, ends[3], ends[1])
+
+
+@wp.func
+def hold_point(
+    touches: wp.array[wp.int32],
+    impulses: wp.array[wp.vec3],
+    masses: wp.array[float],
+    eases: wp.array[wp.mat33d],
+    grips: wp.array[Grip],
+    own: Thing,
+    thing: Thing,
+    key: wp.int32,
+    point: wp.vec3,
+    normal: wp.vec3,
+    gap: float,
+    places: wp.vec2i,
+):
+    """Put a point at which a body touches a thing into the list.
+
+    Args:
+        own: the body.
+        places: how long the list is, and where to look in that of the step before.
+    """
+    grip = Grip()
+    grip.key = key
+    grip.body = own.other
+    grip.other = thing.other
+    grip.normal = normal
+    grip.arm = point - own.center
+    grip.other_arm = point - thing.center
+    grip.moving = thing.velocity + wp.cross(thing.spin, grip.other_arm)
+    grip.gap = clear_gap(gap, own.reach, own.center)
+    grip.ease = ease_at(masses, eases, grip, normal)
+    grip.friction = friction_between(own.friction, thing.friction)
+    grip.restitution = wp.sqrt(own.restitution * thing.restitution)
+    impulse, place = last_impulse(touches, impulses, key, places[1])
+    grip.impulse = impulse
+    grips[places[0]] = grip
+    return wp.vec2i(places[0] + 1, place)
+
+
+@cache
+def holding_function(traits: Traits) -> Any:
+    """The function that makes the list."""
+    count_of, body_in, thing_at, gap_to = thing_functions(traits)
+
+    @wp.func
+    def hold_thing(
+        t: Tables,
+        touches: wp.array[wp.int32],
+        impulses: wp.array[wp.vec3],
+        masses: wp.array[float],
+        eases: wp.array[wp.mat33d],
+        grips: wp.array[Grip],
+        own: Thing,
+        thing: Thing,
+        first_key: wp.int32,
+        within: float,
+        places: wp.vec2i,
+    ):
+        """Put the points at which a body is near a thing into the list: its own, and then those of an obstacle.
+
+        Args:
+            own: the body.
+            first_key: of the body's first point there.
+            within: what is no nearer is not met [m].
+            places: as in `hold_point`.
+        """
+        first = t.bodies.sample_ends[own.other][0]
+        count = end_of_samples(t, own.other, thing) - first
+        all_points = count
+        if wp.static(traits.fixtures):
+            if thing.fixture >= 0:
+                all_points += t.fixtures.sample_ends[thing.fixture][1] - t.fixtures.sample_ends[thing.fixture][0]
+        for number in range(all_points):
+            bearer = own
+            met = thing
+            side = float(1.0)
+            told = t.bodies.samples[first + wp.min(number, count - 1)]
+            if wp.static(traits.fixtures):
+                if number >= count:  # a point of the obstacle, at the body
+                    bearer = thing
+                    met = own
+                    side = -1.0
+                    told = t.fixtures.samples[t.fixtures.sample_ends[thing.fixture][0] + number - count]
+            point = bearer.center + wp.quat_rotate(bearer.turn, wp.vec3(told[0], told[1], told[2]))
+            gap, normal = gap_to(t, met, point, told[3], within)
+            if gap < within and places[0] < grips.shape[0]:
+                point -= told[3] * normal
+                places = hold_point(
+                    touches, impulses, masses, eases, grips, own, thing, first_key + number, point, side * normal, gap,
+                    places,
+                )  # fmt: skip
+        return places
+
+    @wp.func
+    def take_hold(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float, pull: float):
+        """How many points touch something in a step that begins at a time."""
+        bodies = state.body_positions.shape[1]
+        touches, impulses, grips = state.body_touches[world], state.body_impulses[world], working.grips[world]
+        masses, eases = working.body_masses[world], working.body_eases[world]
+        things = count_of(t, state)
+        fastest = t.fixtures.fastest
+        most = wp.int32(0)
+        for body in range(bodies):
+            fastest = wp.max(fastest, speed_of(t, state, eases[body], world, body, pull))
+            most = wp.max(most, t.bodies.sample_ends[body][3] - t.bodies.sample_ends[body][0])
+        if wp.static(traits.fixtures):
+            most += t.fixtures.samples.shape[0]
+        places = wp.vec2i(0, 0)
+        for body in range(bodies):
+            own = body_in(t, state, world, body)
+            within = LOOKED_AHEAD * t.step_seconds * (speed_of(t, state, eases[body], world, body, pull) + fastest)
+            for number in range(things):
+                thing = thing_at(t, state, world, number, time)
+                if thing.other != body:
+                    away = wp.length(own.center - thing.center)
+                    if thing.fixture < 0 and thing.other < 0:
+                        away = wp.dot(own.center - thing.center, t.up)
+                    if away - own.reach - thing.reach < within:
+                        key = (body * things + number) * most
+                        places = hold_thing(
+                            t, touches, impulses, masses, eases, grips, own, thing, key, within, places
+                        )  # fmt: skip
+        return places[0]
+
+    return take_hold

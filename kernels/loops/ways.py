@@ -1,0 +1,287 @@
+"""Solids as seen from themselves: where they let a particle go, or a ball, at any speed and angle."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact_tables import Solid
+from balloon_warp.kernels.laws.contact import without_approach
+from balloon_warp.kernels.laws.fixture import BALL_LOOKS, LEAST_STEP, MESH, MOST_LOOKS, MOST_SLIDES, UNSEEN, toward
+from balloon_warp.kernels.loops.solids import surface_function
+
+SAME_SIDE = wp.constant(0.1)
+"""product of the normals at both ends of a way: more on one side of a mesh, as a rule"""
+DEEPER = wp.constant(4.0)
+"""times what float32 tells: as deep a way is to come in that touches, and does not slide along a side"""
+
+
+@wp.struct
+class Touch:
+    """What a solid does to a straight way."""
+
+    normal: wp.vec3  # of its surface where the way comes in, zero if it does not
+    place: wp.vec3  # on the surface there
+    clear: wp.vec3  # a place of the way before that
+    part: float  # of the way up to there
+
+
+@wp.func
+def raised(end: wp.vec3, touch: Touch, lift: float):
+    """The end of a way that slides on from where it touches, a little above the surface there [m]."""
+    return end + wp.max(wp.dot(touch.place - end, touch.normal) + lift, 0.0) * touch.normal
+
+
+@wp.func
+def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
+    """What is left of a course beside a surface; along the crease, where that goes into the one before, too."""
+    aside = without_approach(course, wp.vec3(), normal)
+    if wp.dot(aside, before) < 0.0:
+        crease = wp.normalize(wp.cross(before, normal))
+        aside = wp.dot(course, crease) * crease
+    return aside
+
+
+@wp.func
+def beside_both(start: wp.vec3, end: wp.vec3, touch: Touch, before: Touch, lift: float):
+    """The end of a way that slides on from where it touches, off a second surface: along the crease of both, where
+    the first is in the way once more."""
+    aside = raised(end, touch, lift)
+    if wp.dot(before.place - aside, before.normal) > 0.0:
+        crease = wp.normalize(wp.cross(before.normal, touch.normal))
+        aside = start + wp.dot(end - start, crease) * crease
+    return aside
+
+
+@cache
+def touch_function(meshes: bool) -> Any:
+    """The function that says where a straight way comes into a solid first, as seen from the solid.
+
+    Args:
+        meshes: whether any is a mesh.
+    """
+    surface_at = surface_function(meshes)
+
+    @wp.func
+    def touch_convex(solid: Solid, up: wp.vec3, start: wp.vec3, way: float, ahead: wp.vec3, radius: float):
+        """Along a line the distance to a convex solid is a convex function. So Newton's method comes to where it first
+        vanishes, and never past that, at any angle. A way that comes to an edge and goes on along a side is outside."""
+        touch = Touch()
+        near = LEAST_STEP * (way + wp.length(start))
+        gone = float(0.0)
+        looks = wp.int32(0)
+        while looks < MOST_LOOKS:
+            here = start + gone * ahead
+            distance, normal = surface_at(solid, up, here, radius, way)
+            falling = -wp.dot(normal, ahead)
+            looks += 1
+            if distance - falling * (way - gone) >= -near:  # all the rest is outside
+                looks = MOST_LOOKS
+            elif distance > near and looks < MOST_LOOKS:
+                gone += distance / falling
+            else:
+                further = wp.min(gone + (wp.max(distance, 0.0) + DEEPER * near) / falling, way)
+                depth, _normal = surface_at(solid, up, start + further * ahead, radius, way)
+                if distance < -near or depth < -near or looks == MOST_LOOKS:
+                    touch.normal = normal
+                    touch.place = here - distance * normal
+                    touch.clear = here
+                    touch.part = gone / way
+                    looks = MOST_LOOKS
+                else:
+                    gone = further
+        return touch
+
+    @wp.func
+    def touch_mesh(
+        solid: Solid,
+        up: wp.vec3,
+        start: wp.vec3,
+        way: float,
+        ahead: wp.vec3,
+        radius: float,
+        farthest: float,
+    ):
+        """A ray finds where the center of what moves would pass triangles, and no angle is too small for it. Up to
+        there looks, as far apart as the surface is away (Hart 1996, *Sphere tracing*), but at least half the skin or a
+        part of the way, find where its skin comes in."""
+        touch = Touch()
+        skin = solid.thickness + radius
+        near = LEAST_STEP * (way + solid.reach)
+        first, facing = surface_at(solid, up, start, radius, farthest)
+        ray = wp.mesh_query_ray(solid.mesh, start, ahead, way + near)
+        passing = wp.where(ray.result, ray.t, way)
+        inside = bool(False)
+        if solid.closed != 0:
+            inside = first + skin < -near or (ray.result and wp.dot(ray.normal, ahead) > 0.0)
+            if first + skin <= near and not ray.result:  # it is on the surface, as float32 sees it
+                last, _normal = surface_at(solid, up, start + way * ahead, radius, farthest)
+                inside = inside or last + skin < 0.0
+        if inside:
+            touch.normal = facing
+            touch.place = start - first * facing
+            touch.clear = start
+        else:
+            unseen = near + UNSEEN * skin - wp.min(first, 0.0)
+            looks = wp.where(radius > 0.0, BALL_LOOKS, MOST_LOOKS)  # a ray tells all of a particle, not of a ball
+            step = wp.max(0.5 * skin, way / float(looks))
+            before = float(0.0)
+            gone = wp.max(first, step)
+            while skin > 0.0 and gone < passing:
+                here = start + gone * ahead
+                distance, normal = surface_at(solid, up, here, radius, farthest)
+                if distance < -unseen:
+                    touch.normal = normal
+                    touch.place = here - distance * normal
+                    gone = passing
+                else:
+                    before = gone
+                    gone += wp.max(distance, step)
+            if ray.result and wp.length_sq(touch.normal) == 0.0:
+                normal = wp.where(wp.dot(ray.normal, ahead) > 0.0, -ray.normal, ray.normal)
+                touch.normal = normal
+                touch.place = start + passing * ahead + skin * normal
+                before = wp.max(before, passing - (skin + near) / wp.max(-wp.dot(normal, ahead), LEAST_STEP))
+            touch.clear = start + before * ahead
+            touch.part = before / way
+        return touch
+
+    @wp.func
+    def touch_at(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
+        """Where the way from a start to an end comes in first."""
+        way = wp.length(end - start)
+        touch = Touch()
+        if way > 0.0:
+            ahead = (end - start) / way
+            if wp.static(meshes):
+                if solid.kind == MESH:
+                    touch = touch_mesh(solid, up, start, way, ahead, radius, farthest)
+                else:
+                    touch = touch_convex(solid, up, start, way, ahead, radius)
+            else:
+                touch = touch_convex(solid, up, start, way, ahead, radius)
+        return touch
+
+    return touch_at
+
+
+@cache
+def slide_function(meshes: bool) -> Any:
+    """The function that says where a way ends that a solid may be in, as seen from the solid."""
+    surface_at = surface_function(meshes)
+    touch_at = touch_function(meshes)
+
+    @wp.func
+    def slide(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
+        """The end of its way, which slides on from where it comes in, as its speed does; then along which unit vector
+        it is held back, zero if it is not; and what part of the way is left to slide.
+
+        Beside a mesh the second way is looked at as the first was. Where it comes in again each time, in a wedge, it
+        ends at the last place that is outside.
+        """
+        let = end
+        outward = wp.vec3()
+        part = float(1.0)
+        touch = touch_at(solid, up, start, end, radius, farthest)
+        if wp.length_sq(touch.normal) > 0.0:
+            outward = touch.normal
+            part = 1.0 - touch.part
+            if wp.static(not meshes) or solid.kind != MESH:
+                let = raised(end, touch, 0.0)
+            else:
+                lift = LEAST_STEP * (wp.length(end - start) + solid.reach)
+                clear = touch.clear + lift * touch.normal
+                let = raised(end, touch, lift)
+                course = along_both(end - start, touch.normal, wp.vec3())
+                slides = wp.int32(1)
+                while slides > 0:
+                    distance, normal = surface_at(solid, up, let, radius, farthest)
+                    if distance < -lift:
+                        let -= distance * normal
+                        course = along_both(course, normal, wp.vec3())
+                    again = touch_at(solid, up, clear, let, radius, farthest)
+                    slides += 1
+                    if wp.length_sq(again.normal) == 0.0:
+                        slides = 0
+                    else:
+                        part = 0.0
+                        course = along_both(course, again.normal, touch.normal)
+                        clear = again.clear + lift * again.normal
+                        let = beside_both(clear, let, again, touch, lift)
+                        touch = again
+                        if slides > MOST_SLIDES:
+                            let = again.clear
+                            slides = 0
+                outward = toward(course - (end - start), outward)
+        return let, outward, part
+
+    return slide
+
+
+@cache
+def way_function(meshes: bool) -> Any:
+    """The function that says where a solid lets a particle go, as seen from the solid."""
+    surface_at = surface_function(meshes)
+    slide = slide_function(meshes)
+
+    @wp.func
+    def is_straight(
+        solid: Solid,
+        start: wp.vec3,
+        end: wp.vec3,
+        radius: float,
+        first: float,
+        facing: wp.vec3,
+        last: float,
+        normal: wp.vec3,
+    ):
+        """Whether a way passes nothing on the way to the surface at its end.
+
+        Of a convex solid nothing is above the plane of a side: so where a way begins above that of its end, it passes
+        nothing, whichever side it comes in by. What slides from one box to the next, flush one, does so.
+        """
+        way = wp.length(end - start)
+        near = LEAST_STEP * (way + wp.length(start))
+        straight = last < 0.0 and wp.dot(start - end, normal) + last >= -near
+        if wp.static(meshes):
+            if solid.kind == MESH:
+                skin = solid.thickness + radius
+                alike = wp.dot(normal, facing) >= SAME_SIDE
+                straight = alike and first + skin >= 0.0 and last + skin >= 0.0 and first + last + 2.0 * skin >= way
+                if last < 0.0 and not straight and alike and (radius == 0.0 or way <= skin):
+                    near = LEAST_STEP * (way + solid.reach)
+                    above = start + near * facing
+                    beside = end + (near - last) * normal - above
+                    length = wp.length(beside)
+                    ray = wp.mesh_query_ray(solid.mesh, above, toward(beside, normal), length)
+                    straight = not ray.result
+        return straight
+
+    @wp.func
+    def let_through(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
+        """The end of a particle's way, on the surface if that is in it; then along which unit vector it is held back,
+        or else zero; how far from the end there is nothing for sure; and what part of its way it may slide."""
+        way = wp.length(end - start)
+        farthest = way + solid.thickness + radius + 0.1 * solid.reach
+        let = end
+        outward = wp.vec3()
+        part = float(1.0)
+        first, facing = surface_at(solid, up, start, radius, farthest)
+        free = wp.min(first, farthest) - way
+        if first <= way:
+            last, normal = surface_at(solid, up, end, radius, farthest)
+            free = wp.min(last, farthest)
+            if last < 0.0 or first + last < way:
+                if not is_straight(solid, start, end, radius, first, facing, last, normal):
+                    slid, held, left = slide(solid, up, start, end, radius, farthest)
+                    let = slid
+                    outward = held
+                    part = left
+                if wp.length_sq(outward) == 0.0 and last < 0.0:
+                    let = end - last * normal
+                    outward = normal
+                if wp.length_sq(outward) > 0.0:
+                    free = 0.0
+        return let, outward, free, part
+
+    return let_through

@@ -1,0 +1,137 @@
+"""How the iterations of the projective solver hasten, and when they end.
+
+An iteration of the solver is a step down g along A^-1 times its slope; A is at least the curvature of g. What a balloon
+does without stretching is only inertia to g, but springs as well to A: it takes some h^2 k / m iterations to settle.
+With the momentum of Nesterov (1983) it takes the root of that: the next one begins beyond what this one reached, by
+what it moved times n / (n + 3). n counts since the momentum was last dropped, which it is wherever it leads up
+(O'Donoghue and Candes 2015). The balloon's own momentum stays as it is.
+
+A world has settled once an iteration changes little beside what springs do in the whole substep, both by the root of
+their energies: |du|^2 = du A du, of the springs (u - w) (M + h C) (u - w). Where coordinates are large and springs
+stiff, float32 resolves no more than that: then too, but not before `LEAST_OF_ROUNDED` iterations.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+TOLERANCE = 2.0e-3
+"""of what springs move in a substep: what the last iteration may change"""
+WORTH_SAYING = 1.0e-2
+"""of the same: more is told"""
+LEAST_ITERATIONS, MOST_ITERATIONS = 10, 200
+"""in a substep, where the scene leaves it to us"""
+LEAST_OF_ROUNDED = wp.constant(60)
+"""iterations before a change that float32 does not resolve counts as none"""
+RESOLUTION = wp.constant(3.0e-8)
+"""of coordinates in float32: half of its epsilon, some 1.7 times what changes of settled balloons were seen to be"""
+
+
+@wp.struct
+class Settling:
+    """What is known of each world in a substep, and how far it is to go."""
+
+    least: wp.int32
+    """iterations"""
+    most: wp.int32
+    """iterations"""
+    tolerance: float
+    worth_saying: float
+    diagonals: wp.array2d[float]
+    """of the matrices A [kg], shape (matrix_count, particle_count)"""
+    of_world: wp.array[wp.int32]
+    """the matrix of each world, shape (world_count,)"""
+    iterations: wp.array[wp.int32]
+    """made, shape (world_count,), as the next two"""
+    gathered: wp.array[wp.int32]
+    """of these, in how many momentum was gathered"""
+    going: wp.array[wp.int32]
+    """whether there is more to do"""
+    any_going: wp.array[wp.int32]
+    """in any world, shape (1,)"""
+
+
+@cache
+def settling_kernel(traits: Traits, inertia: Any) -> Any:
+    """The kernel that takes what the global step found, and looks whether that was the last.
+
+    Args:
+        traits: of the model.
+        inertia: see `projective.inertia_function`.
+    """
+    _, read_own = own_functions(traits.columns, traits.balloons)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def apply_increments(
+        # model
+        t: Tables,
+        # state in
+        frame: wp.array[wp.int32],
+        points: wp.array2d[wp.vec3],
+        # in
+        free_displacements: wp.array2d[wp.vec3],
+        residuals: wp.array2d[wp.vec3],
+        increments: wp.array2d[wp.vec3],
+        # in and out
+        settling: Settling,
+        displacements: wp.array2d[wp.vec3],
+        reached: wp.array2d[wp.vec3],
+        # out
+        trial_points: wp.array2d[wp.vec3],
+        unsettled: wp.array[wp.vec2],
+    ):
+        """A block a world, summed in the same order every time, whatever other worlds there are."""
+        world, thread = wp.tid()
+        if settling.going[world] == 0:
+            return
+        iterations = settling.iterations[world] + 1
+        gathered = settling.gathered[world]
+        matrix = settling.of_world[world]
+        part = wp.vec4()
+        for particle in range(thread, points.shape[1], wp.block_dim()):
+            own = read_own(t, world, particle)
+            if own.share > 0.0:
+                increment = increments[world, particle]
+                residual = residuals[world, particle]
+                new = displacements[world, particle] + increment
+                lag = new - free_displacements[world, particle]
+                coarse = settling.diagonals[matrix, particle] * wp.length_sq(points[world, particle])
+                part += wp.vec4(
+                    wp.dot(residual, new - reached[world, particle]),
+                    wp.dot(residual, increment),
+                    inertia(own, t.step_seconds) * wp.length_sq(lag),
+                    coarse,
+                )
+        sums = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+        if sums[0] < 0.0:
+            gathered = 0
+        beyond = float(gathered) / float(gathered + 3)
+        for particle in range(thread, points.shape[1], wp.block_dim()):
+            new = displacements[world, particle] + increments[world, particle]
+            onward = new + beyond * (new - reached[world, particle])
+            reached[world, particle] = new
+            displacements[world, particle] = onward
+            trial_points[world, particle] = points[world, particle] + onward
+        if thread == 0:
+            squared = settling.tolerance * settling.tolerance
+            rounded = sums[1] <= RESOLUTION * RESOLUTION * sums[3]
+            settled = sums[1] <= squared * sums[2] or (rounded and iterations >= LEAST_OF_ROUNDED)
+            ends = iterations >= settling.most or (settled and iterations >= settling.least)
+            settling.iterations[world] = iterations
+            settling.gathered[world] = gathered + 1
+            settling.going[world] = wp.where(ends, 0, 1)
+            if not ends:
+                settling.any_going[0] = 1
+            elif not rounded and sums[1] > settling.worth_saying * settling.worth_saying * sums[2]:
+                change = wp.sqrt(sums[1] / wp.max(sums[2], 1.0e-30))
+                before = unsettled[world]
+                if before[0] == 0.0 or change > before[1]:
+                    unsettled[world] = wp.vec2(float(frame[0] + 1), change)
+
+    return apply_increments

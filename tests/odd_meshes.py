@@ -1,0 +1,163 @@
+"""Meshes whose faces meet oddly: three at an edge, wound this way and that, left out, of one side."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from meshes import joined, mesh_of, quad_sphere
+from numpy.typing import NDArray
+
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.corners import corner_faces, with_corners
+from balloon_warp.mesh.geometry import face_centers, first_coincident
+from balloon_warp.mesh.repair import distinct_faces
+
+Size = Sequence[float]
+
+
+def box(center: Size, size: Size, cells: Sequence[int] = (2, 2, 2)) -> PolygonMesh:
+    """A box of quads, so many along each side, winding outward."""
+    places, faces = {}, []
+    for axis in range(3):
+        one, two = (axis + 1) % 3, (axis + 2) % 3
+        for side in (0, cells[axis]):
+            for i in range(cells[one]):
+                for j in range(cells[two]):
+                    corners = []
+                    for a, b in [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)][:: 1 if side else -1]:
+                        place = [0, 0, 0]
+                        place[axis], place[one], place[two] = side, a, b
+                        corners.append(places.setdefault(tuple(place), len(places)))
+                    faces.append(corners)
+    points = np.array(list(places)) / np.array(cells) - 0.5
+    return mesh_of(points * np.array(size) + np.array(center), faces)
+
+
+def merged(mesh: PolygonMesh, digits: int = 6) -> PolygonMesh:
+    """With one vertex at each place: where boxes stand side by side, edges get three faces and four. Vertices of no
+    face are left out."""
+    first = first_coincident(mesh.points.round(digits) + 0.0)[mesh.face_vertex_indices]
+    used, numbers = np.unique(first, return_inverse=True)
+    return replace(mesh, points=mesh.points[used], face_vertex_indices=numbers.astype(np.int32))
+
+
+def without(mesh: PolygonMesh, drop: NDArray[np.bool_]) -> PolygonMesh:
+    """The mesh less some faces, by a mask."""
+    kept = with_corners(mesh, ~drop[corner_faces(mesh)])
+    return replace(kept, face_vertex_counts=mesh.face_vertex_counts[~drop])
+
+
+def turned_over(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
+    """With some faces run backwards, by a mask."""
+    listed = [
+        face[::-1] if turn else face
+        for face, turn in zip(
+            np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]), faces, strict=True
+        )
+    ]
+    return replace(mesh, face_vertex_indices=np.concatenate(listed).astype(np.int32))
+
+
+def deformed(mesh: PolygonMesh, by: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PolygonMesh:
+    """With each of its points elsewhere."""
+    return replace(mesh, points=by(mesh.points))
+
+
+def chair(holes: bool = True, mixed: bool = True, seed: int = 1) -> PolygonMesh:
+    """A seat, a back and four thin legs: boxes of four materials that share vertices, so that edges have up to four
+    faces and walls stand between; some faces are left out and some turned over. Y up, 1 m high."""
+    seat = box((0.0, 0.45, 0.0), (0.4, 0.05, 0.4), (8, 1, 8))
+    back = box((0.0, 0.725, -0.175), (0.4, 0.5, 0.05), (8, 10, 1))
+    legs = [box((x, 0.2125, z), (0.05, 0.425, 0.05), (1, 8, 1)) for x in (-0.175, 0.175) for z in (-0.175, 0.175)]
+    mesh = merged(joined(seat, back, *legs))
+    numbers = np.random.default_rng(seed)
+    if holes:
+        mesh = without(mesh, numbers.random(mesh.face_count) < 0.06)
+    return turned_over(mesh, numbers.random(mesh.face_count) < 0.3) if mixed else mesh
+
+
+def walled() -> PolygonMesh:
+    """Two rooms of a box with the wall between them, whose edges have three faces."""
+    rooms = [box((x, 0.0, 0.0), (0.5, 1.0, 1.0), (4, 8, 8)) for x in (0.25, -0.25)]
+    return distinct_faces(merged(joined(*rooms)))[0]
+
+
+def two_at_an_edge() -> PolygonMesh:
+    """Two boxes that share an edge, of four faces."""
+    return merged(joined(*(box((x, x, 0.0), (0.5, 0.5, 0.5), (4, 4, 4)) for x in (0.25, -0.25))))
+
+
+def two_at_a_vertex() -> PolygonMesh:
+    """Two boxes that share a vertex."""
+    return merged(joined(*(box((x, x, x), (0.5, 0.5, 0.5), (4, 4, 4)) for x in (0.25, -0.25))))
+
+
+def finned() -> PolygonMesh:
+    """A ball with a sheet that stands on it, whose foot has edges of three faces."""
+    ball = quad_sphere(8, 0.5)
+    around = np.flatnonzero(np.abs(ball.points[:, 0]) < 1e-9)
+    around = around[ball.points[around, 1] > 0.1]
+    around = around[np.argsort(ball.points[around, 2])]
+    rim = ball.points[around] * 1.6
+    strips = [
+        [around[i], around[i + 1], ball.vertex_count + i + 1, ball.vertex_count + i] for i in range(len(around) - 1)
+    ]
+    faces = [*ball.face_vertex_indices.reshape(-1, 4).tolist(), *strips]
+    return mesh_of(np.concatenate([ball.points, rim]), faces)
+
+
+def band(quads: int = 40, rows: int = 4, turns: float = 0.5) -> PolygonMesh:
+    """A strip that closes with so many half turns: with an odd number, it has one side."""
+    points, faces = [], []
+    for i in range(quads):
+        turn = 2.0 * np.pi * i / quads
+        for j in range(rows + 1):
+            width = 0.3 * (2.0 * j / rows - 1.0)
+            reach = 1.0 + width * np.cos(turns * turn)
+            points.append((reach * np.cos(turn), reach * np.sin(turn), width * np.sin(turns * turn)))
+    for i in range(quads):
+        for j in range(rows):
+            right = [(i + 1) * (rows + 1) + j, (i + 1) * (rows + 1) + j + 1]
+            if i == quads - 1:
+                right = [rows - j, rows - j - 1] if round(2 * turns) % 2 else [j, j + 1]
+            faces.append([i * (rows + 1) + j, right[0], right[1], i * (rows + 1) + j + 1])
+    return mesh_of(points, faces)
+
+
+def klein(n: int = 24, m: int = 12) -> PolygonMesh:
+    """A bottle without an inside: closed, and of one side."""
+    points, faces = [], []
+    for i in range(n):
+        u = 2.0 * np.pi * i / n
+        for j in range(m):
+            v = 2.0 * np.pi * j / m
+            reach = 1.0 + 0.4 * (np.cos(u / 2) * np.sin(v) - np.sin(u / 2) * np.sin(2 * v))
+            points.append(
+                (
+                    reach * np.cos(u),
+                    reach * np.sin(u),
+                    0.4 * (np.sin(u / 2) * np.sin(v) + np.cos(u / 2) * np.sin(2 * v)),
+                )
+            )
+    for i in range(n):
+        for j in range(m):
+            up = (j + 1) % m
+            if i < n - 1:
+                faces.append([i * m + j, (i + 1) * m + j, (i + 1) * m + up, i * m + up])
+            else:
+                faces.append([i * m + j, (m - j) % m, (m - up) % m, i * m + up])
+    return mesh_of(points, faces)
+
+
+def t_junction() -> PolygonMesh:
+    """A box of which one side is meshed finer than those beside it, so that borders run along each other."""
+    whole = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 4, 4))
+    top = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (6, 6, 6))
+    upper = face_centers(whole)[:, 1] > 0.49
+    finer = face_centers(top)[:, 1] > 0.49
+    return merged(joined(without(whole, upper), without(top, ~finer)))
+
+
+def doubled() -> PolygonMesh:
+    """A ball all of whose faces are there twice, the second time with vertices of its own."""
+    return joined(quad_sphere(8, 0.5), quad_sphere(8, 0.5))

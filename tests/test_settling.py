@@ -1,0 +1,109 @@
+"""The iterations of the `projective` solver, left to it: stiff balloons have the size that they should have, and what
+has not settled is told."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from implicit_step import one_step
+from meshes import quad_sphere
+from projective_scenes import kick
+
+from balloon_warp.kernels.solvers.settling import LEAST_ITERATIONS, MOST_ITERATIONS
+from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.batch import run_batch
+
+MESH = quad_sphere(6, radius=0.3)
+
+
+def ball(stiffness: float, push: float, **fields) -> Scene:
+    """A ball of 0.1 kg and so stiff springs [N/m], which is pushed outwards with so much [N]."""
+    springs = Stiffness(structural=stiffness, shear=0.5 * stiffness, flexion=0.1 * stiffness)
+    inflation = Inflation(kind="normal_force", k_normal=push)
+    balloon = Balloon(mesh=MESH, mass=0.1, damping=0.5, stiffness=springs, inflation=inflation)
+    return Scene(balloon=[balloon], gravity=0.0, **({"solver": "projective"} | fields))
+
+
+def after(simulator: Simulator, frames: int) -> Simulator:
+    for _ in range(frames):
+        simulator.advance()
+    return simulator
+
+
+def radii(simulator: Simulator) -> np.ndarray:
+    """The mean distance from the center in each world [m]."""
+    points = simulator.state.points.numpy().astype(np.float64)
+    return np.linalg.norm(points - points.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
+
+
+PARTS = {"structural": 1.0, "shear": 0.5, "flexion": 0.1}
+STIFF = [(20.0, 2.0), (200.0, 4.0), (2000.0, 1.0), (2000.0, 20.0), (10_000.0, 0.5)]
+
+
+@pytest.fixture(scope="module")
+def stiff_balls() -> Simulator:
+    """A world for each of `STIFF`, after a second."""
+    vary = {f"balloon.stiffness.{kind}": [part * k for k, _ in STIFF] for kind, part in PARTS.items()}
+    vary["balloon.inflation.k_normal"] = [push for _, push in STIFF]
+    return after(Simulator(ball(20.0, 1.0), "cpu", len(STIFF), vary), 60)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_stiff_ball_grows_as_in_explicit_steps(number: int, stiff_balls: Simulator):
+    """To 3% of the growth, where both have come to rest: what an implicit step that has settled leaves out is nothing
+    then, and iterations end where 0.2% of what springs do may still change. Ten plain ones made a ball of 2,000 N/m
+    shrink."""
+    expected = radii(after(Simulator(ball(*STIFF[number], solver="symplectic_euler"), "cpu"), 180))[0]
+    rest = radii(Simulator(ball(*STIFF[number]), "cpu"))[0]
+    assert expected > rest
+    # float32 places a point of 0.3 m to 3e-8 m, which counts where the growth is 0.3 mm
+    assert radii(stiff_balls)[number] - rest == pytest.approx(expected - rest, rel=0.03, abs=2e-6)
+
+
+def test_so_many_iterations_are_made_as_it_takes(stiff_balls: Simulator):
+    """Between the bounds, more for stiffer springs, and all of them settled."""
+    iterations = stiff_balls.schedule._settling.iterations.numpy()
+    assert iterations.min() >= LEAST_ITERATIONS
+    assert iterations.max() < MOST_ITERATIONS
+    assert iterations[4] > 2 * iterations[0]
+    assert stiff_balls.warnings == []
+
+
+def test_a_world_does_not_go_by_what_others_need(stiff_balls: Simulator):
+    """To the last bit: alone, the softest one makes a fraction of the iterations that its batch makes."""
+    for number in (0, 3):
+        alone = after(Simulator(ball(*STIFF[number]), "cpu"), 60)
+        np.testing.assert_array_equal(alone.state.points.numpy()[0], stiff_balls.state.points.numpy()[number])
+
+
+def test_a_step_that_has_settled_is_newtons():
+    """Of backward Euler, kicked, to 1% of what the springs do in it."""
+    step, points = one_step("auto", "cpu")
+    expected = step.minimum(points)
+    foreseen = step.start + step.free
+    assert np.abs(points - expected).max() < 0.01 * np.abs(foreseen - expected).max()
+
+
+def test_what_has_not_settled_is_told():
+    """Three iterations are too few for stiff springs, and it is said in which world and frame; a world without springs
+    has nothing to settle. Two hundred may be too few, too."""
+    vary = {f"balloon.stiffness.{kind}": [0.0, part * 2000.0] for kind, part in PARTS.items()}
+    few = after(Simulator(ball(2.0, 0.1, solver_iterations=3), "cpu", 2, vary), 6)
+    (sentence,) = few.warnings
+    assert sentence.startswith('solver "projective": in frame ')
+    assert " of world 1 it had not settled after its iterations" in sentence
+    assert 'solver_iterations = "auto" helps' in sentence
+    many = Simulator(ball(2.0e7, 0.1, substeps=1), "cpu")  # a thousand iterations would be few
+    kick(many)
+    after(many, 1)
+    assert "more substeps or softer springs help" in many.warnings[0]
+
+
+def test_a_batch_tells_of_its_worlds_that_have_not(tmp_path: Path):
+    told: list[str] = []
+    vary = {f"balloon.stiffness.{kind}": [part * k for k in (0.0, 2000.0, 4000.0)] for kind, part in PARTS.items()}
+    run_batch(ball(2.0, 0.1, solver_iterations=3, frames=6), tmp_path, 3, vary, device="cpu", on_warning=told.append)
+    (sentence,) = (each for each in told if each.startswith("solver"))
+    assert " of world 1 " in sentence
+    assert sentence.endswith(" (and 1 world more)")
