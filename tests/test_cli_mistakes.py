@@ -54,7 +54,7 @@ def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
         ("run ball.obj --fps 0", "--fps 0: must be greater than 0 (got 0.0)"),
         ("run ball.obj --seconds -1", "--seconds -1: expected a time above 0"),
         ("run ball.obj --frames 3 --seconds 1", "--frames, --seconds: expected one of them"),
-        ("run two_balloons --fps 1", "--fps 1: balloon.0.inflation.pump: keyframes must be at least a frame apart"),
+        ("run two_balloons --fps 0.5", "--fps 0.5: balloon.0.inflation.pump: keyframes must be at least a frame"),
         ("run ball.obj --set sphere.2.mass=1", "--set sphere.2.mass: cannot be set, the scene has no sphere"),
         ("inspect ball.obj --set baloon.mass=1", "--set baloon.mass: baloon: unknown table; did you mean balloon?"),
         ("batch ball.obj --set gravity=low", "--set gravity: must be a valid number (got 'low')"),

@@ -6,6 +6,7 @@ import pytest
 from meshes import quad_sphere
 
 from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import LengthOptions
 from balloon_warp.mesh.obj import write_obj
 
 
@@ -29,10 +30,10 @@ def ball(tmp_path: Path) -> str:
     ],
 )
 def test_they_give_rate_and_frames(ball: str, options: dict, rate: float, frames: int):
-    scene = Changes([], **options).load(ball)
+    scene = Changes(length=LengthOptions(**options)).load(ball)
     assert (scene.frames_per_second, scene.frames) == (rate, frames)
 
 
 def test_they_count_for_more_than_what_is_set(ball: str):
-    scene = Changes(["frames=7", "frames_per_second=30"], fps=25.0, frames=8).load(ball)
+    scene = Changes(["frames=7", "frames_per_second=30"], length=LengthOptions(fps=25.0, frames=8)).load(ball)
     assert (scene.frames_per_second, scene.frames) == (25.0, 8)

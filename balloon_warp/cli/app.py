@@ -20,6 +20,7 @@ from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
 from balloon_warp.cli.run import run
 from balloon_warp.cli.scenes import scenes
+from balloon_warp.cli.spread import spread
 from balloon_warp.cli.usage import UsageError, usage_sentence
 from balloon_warp.cli.view import view
 from balloon_warp.cli.warm_up import warm_up
@@ -37,7 +38,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for command in (run, view, batch, compare, scenes, inspect, remesh, foil, render, convert, warm_up, bench, doctor):
-    app.command()(command)
+    app.command()(spread(command))
 
 
 @app.callback()

@@ -17,20 +17,13 @@ from balloon_warp.cli.options import (
     MACHINE,
     OUTPUT,
     Device,
-    Frames,
-    FramesPerSecond,
-    Inflate,
     Json,
-    PartsOption,
-    PrimOption,
+    LengthOptions,
+    MeshOptions,
     Resume,
     SceneName,
     Schedule,
-    Seconds,
     Set,
-    UnitOption,
-    UpOption,
-    Weld,
 )
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import first_line, note, opened_by, warn
@@ -130,15 +123,8 @@ def batch(
     export: Export = "none",
     output: Output = None,
     overrides: Set = None,
-    fps: FramesPerSecond = None,
-    frames: Frames = None,
-    seconds: Seconds = None,
-    weld: Weld = False,
-    parts: PartsOption = None,
-    unit: UnitOption = None,
-    prim: PrimOption = None,
-    up: UpOption = None,
-    inflate: Inflate = None,
+    length: LengthOptions,
+    mesh: MeshOptions,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "freeze",
@@ -153,18 +139,7 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(
-        overrides,
-        weld,
-        parts=parts,
-        unit=unit,
-        prim=prim,
-        up=up,
-        inflate=inflate,
-        fps=fps,
-        frames=frames,
-        seconds=seconds,
-    ).load(scene)
+    loaded = Changes(overrides, mesh, length).load(scene)
     name = scene_name(scene)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:

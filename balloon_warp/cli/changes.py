@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import cast, get_args
 
+from balloon_warp.cli.options import LengthOptions, MeshOptions
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.units import METERS
@@ -29,15 +30,8 @@ class Changes:
 
     Args:
         overrides: of `--set`.
-        weld: whether `--weld` is given.
-        parts: of `--parts`.
-        unit: of `--unit`.
-        prim: of `--prim`.
-        up: of `--up`.
-        fps: of `--fps` [1/s].
-        frames: of `--frames`.
-        seconds: of `--seconds`, of simulated time.
-        inflate: of `--inflate`, how much a skin is stretched.
+        mesh: what options say of the mesh.
+        length: what they say of the time.
 
     Raises:
         InputError: an option is not of the form that it has, or stands beside one that says the same.
@@ -45,38 +39,30 @@ class Changes:
 
     def __init__(
         self,
-        overrides: Iterable[str] | None,
-        weld: bool = False,
-        *,
-        parts: str | None = None,
-        unit: str | None = None,
-        prim: str | None = None,
-        up: str | None = None,
-        fps: float | None = None,
-        frames: int | None = None,
-        seconds: float | None = None,
-        inflate: float | None = None,
+        overrides: Iterable[str] | None = None,
+        mesh: MeshOptions = MeshOptions(),  # noqa: B008 (nobody changes it)
+        length: LengthOptions = LengthOptions(),  # noqa: B008
     ):
-        if frames is not None and seconds is not None:
+        if length.frames is not None and length.seconds is not None:
             raise InputError("--frames, --seconds: expected one of them")
-        if seconds is not None and not 0.0 < seconds < 1e9:
-            raise InputError(f"--seconds {seconds:g}: expected a time above 0")
-        if unit not in (None, *METERS):
-            raise InputError(f"--unit {unit}: expected {', '.join(METERS)}")
+        if length.seconds is not None and not 0.0 < length.seconds < 1e9:
+            raise InputError(f"--seconds {length.seconds:g}: expected a time above 0")
+        if mesh.unit not in (None, *METERS):
+            raise InputError(f"--unit {mesh.unit}: expected {', '.join(METERS)}")
         self.overrides: list[Override] = []
         self._options: list[str] = []
-        self._seconds = seconds
+        self._seconds = length.seconds
         for text in overrides or []:
             self._add(*parse_override(text))
         for option, path, value in (
-            ("--weld", "balloon.weld", weld or None),
-            (f"--parts {parts}", "balloon.taken", checked_parts(parts)),
-            (f"--unit {unit}", "balloon.unit", unit),
-            (f"--prim {prim}", "balloon.prim", prim),
-            (f"--up {up}", "balloon.up", up),
-            ("" if fps is None else f"--fps {fps:g}", "frames_per_second", fps),
-            (f"--frames {frames}", "frames", frames),
-            ("" if inflate is None else f"--inflate {inflate:g}", "balloon.inflation.stretch", inflate),
+            ("--weld", "balloon.weld", mesh.weld or None),
+            (f"--parts {mesh.parts}", "balloon.taken", checked_parts(mesh.parts)),
+            (f"--unit {mesh.unit}", "balloon.unit", mesh.unit),
+            (f"--prim {mesh.prim}", "balloon.prim", mesh.prim),
+            (f"--up {mesh.up}", "balloon.up", mesh.up),
+            ("" if length.fps is None else f"--fps {length.fps:g}", "frames_per_second", length.fps),
+            (f"--frames {length.frames}", "frames", length.frames),
+            ("" if mesh.inflate is None else f"--inflate {mesh.inflate:g}", "balloon.inflation.stretch", mesh.inflate),
         ):
             if value is not None:
                 self._add(path, value, option)

@@ -9,7 +9,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import OUTPUT, Device, Frames, FramesPerSecond, SceneName, Schedule, Seconds, Set, Size
+from balloon_warp.cli.options import (
+    OUTPUT,
+    Device,
+    LengthOptions,
+    SceneName,
+    Schedule,
+    Set,
+    Size,
+)
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.size import parse_size
 from balloon_warp.comparison.choices import parse_choices, shown
@@ -74,9 +82,8 @@ def compare(
     scene: SceneName,
     vary: Vary = None,
     overrides: Set = None,
-    fps: FramesPerSecond = None,
-    frames: Frames = None,
-    seconds: Seconds = None,
+    *,
+    length: LengthOptions,
     output: Picture = None,
     table: TableFile = None,
     frame: Frame = None,
@@ -88,7 +95,7 @@ def compare(
 
     Try `balloon-warp compare squirrel_inflate --vary balloon.mass=1,2,4`.
     """
-    loaded = Changes(overrides, fps=fps, frames=frames, seconds=seconds).load(scene)
+    loaded = Changes(overrides, length=length).load(scene)
     if not vary:
         raise InputError("--vary: is missing; expected what differs, as in --vary normals=cached,fresh")
     quiet_warp()

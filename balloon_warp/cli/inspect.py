@@ -12,7 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import Inflate, Json, PartsOption, PrimOption, Set, UnitOption, UpOption, Weld
+from balloon_warp.cli.options import (
+    Json,
+    MeshOptions,
+    Set,
+)
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
@@ -30,16 +34,12 @@ def inspect(
         ),
     ],
     overrides: Set = None,
-    weld: Weld = False,
-    parts: PartsOption = None,
-    unit: UnitOption = None,
-    prim: PrimOption = None,
-    up: UpOption = None,
-    inflate: Inflate = None,
+    *,
+    mesh: MeshOptions,
     as_json: Json = False,
 ) -> None:
     """Say what a mesh or a scene is like: faces, springs, size, what is odd about it, and the step that it allows."""
-    changes = Changes(overrides, weld, parts=parts, unit=unit, prim=prim, up=up, inflate=inflate)
+    changes = Changes(overrides, mesh)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, changes.load(source), as_json)
     else:

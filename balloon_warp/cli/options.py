@@ -1,5 +1,6 @@
 """What several commands take, said once."""
 
+from dataclasses import dataclass
 from typing import Annotated, get_args
 
 import typer
@@ -27,15 +28,6 @@ Set = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
-Weld = Annotated[
-    bool,
-    typer.Option(
-        "--weld",
-        metavar="",
-        help="Join faces wherever vertices are at exactly the same place, and not only along open seams.",
-        rich_help_panel=SCENE,
-    ),
-]
 PartsOption = Annotated[
     str | None,
     typer.Option(
@@ -46,16 +38,6 @@ PartsOption = Annotated[
         rich_help_panel=SCENE,
     ),
 ]
-UnitOption = Annotated[
-    str | None,
-    typer.Option(
-        "--unit",
-        metavar="|".join(METERS),
-        help="The unit of the mesh's numbers. The mesh then has its true size and, if it is run without "
-        "a scene file, true gravity.",
-        rich_help_panel=SCENE,
-    ),
-]
 PrimOption = Annotated[
     str | None,
     typer.Option(
@@ -63,38 +45,6 @@ PrimOption = Annotated[
         metavar="PATH",
         help="Of a USD stage, the mesh to take, such as /Room/Wall0, or what has meshes below it.",
         rich_help_panel=SCENE,
-    ),
-]
-UpOption = Annotated[
-    str | None,
-    typer.Option(
-        "--up",
-        metavar="Y|Z",
-        help="The axis of the mesh's file that points up. CAD, scans and many STL files have Z.",
-        rich_help_panel=SCENE,
-    ),
-]
-Inflate = Annotated[
-    float | None,
-    typer.Option(
-        "--inflate",
-        metavar="STRETCH",
-        help="How much the skin of a balloon is stretched, of which nothing else says how it is inflated: 0.1 makes a "
-        "ball's radius a tenth larger, and is what a mesh by itself gets.",
-        rich_help_panel=SCENE,
-    ),
-]
-FramesPerSecond = Annotated[
-    float | None,
-    typer.Option("--fps", metavar="RATE", help="How many frames a second has, such as 24.", rich_help_panel=SCENE),
-]
-Frames = Annotated[
-    int | None, typer.Option("--frames", metavar="COUNT", help="How many frames to simulate.", rich_help_panel=SCENE)
-]
-Seconds = Annotated[
-    float | None,
-    typer.Option(
-        "--seconds", metavar="TIME", help="How many seconds to simulate, instead of --frames.", rich_help_panel=SCENE
     ),
 ]
 Device = Annotated[
@@ -131,3 +81,72 @@ Resume = Annotated[
 Size = Annotated[
     str, typer.Option(metavar="WIDTHxHEIGHT", help="How large each picture is, in pixels.", rich_help_panel=OUTPUT)
 ]
+
+
+@dataclass(frozen=True)
+class MeshOptions:
+    """What a mesh is taken for."""
+
+    weld: Annotated[
+        bool,
+        typer.Option(
+            "--weld",
+            metavar="",
+            help="Join faces wherever vertices are at exactly the same place, and not only along open seams.",
+            rich_help_panel=SCENE,
+        ),
+    ] = False
+    parts: PartsOption = None
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit",
+            metavar="|".join(METERS),
+            help="The unit of the mesh's numbers. The mesh then has its true size and, if it is run without "
+            "a scene file, true gravity.",
+            rich_help_panel=SCENE,
+        ),
+    ] = None
+    prim: PrimOption = None
+    up: Annotated[
+        str | None,
+        typer.Option(
+            "--up",
+            metavar="Y|Z",
+            help="The axis of the mesh's file that points up. CAD, scans and many STL files have Z.",
+            rich_help_panel=SCENE,
+        ),
+    ] = None
+    inflate: Annotated[
+        float | None,
+        typer.Option(
+            "--inflate",
+            metavar="STRETCH",
+            help="How much the skin of a balloon is stretched, of which nothing else says how it is inflated: 0.1 "
+            "makes a ball's radius a tenth larger, and is what a mesh by itself gets.",
+            rich_help_panel=SCENE,
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class LengthOptions:
+    """How long a simulation is."""
+
+    fps: Annotated[
+        float | None,
+        typer.Option("--fps", metavar="RATE", help="How many frames a second has, such as 24.", rich_help_panel=SCENE),
+    ] = None
+    frames: Annotated[
+        int | None,
+        typer.Option("--frames", metavar="COUNT", help="How many frames to simulate.", rich_help_panel=SCENE),
+    ] = None
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--seconds",
+            metavar="TIME",
+            help="How many seconds to simulate, instead of --frames.",
+            rich_help_panel=SCENE,
+        ),
+    ] = None

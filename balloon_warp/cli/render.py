@@ -7,18 +7,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from balloon_warp.cli.camera import (
-    Aperture,
-    Azimuth,
-    Elevation,
-    Focus,
-    Follow,
-    LookAt,
-    Shutter,
-    Transparent,
-    Zoom,
-    asked_of,
-)
+from balloon_warp.cli.camera import CameraOptions
 from balloon_warp.cli.options import Device
 from balloon_warp.cli.size import parse_frames, parse_size
 from balloon_warp.quiet import quiet_warp
@@ -43,15 +32,7 @@ def render(
         ),
     ] = None,
     size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="How large the picture is, in pixels.")] = "960x540",
-    azimuth: Azimuth = None,
-    elevation: Elevation = None,
-    zoom: Zoom = None,
-    look_at: LookAt = None,
-    follow: Follow = False,
-    aperture: Aperture = 0.0,
-    focus: Focus = None,
-    shutter: Shutter = 0.0,
-    transparent: Transparent = False,
+    camera: CameraOptions,
     frames: Annotated[
         str | None, typer.Option(metavar="FIRST:LAST", help="The part of an animation to show, such as 10:90.")
     ] = None,
@@ -68,7 +49,7 @@ def render(
 
     Try `balloon-warp render squirrel_tether.usdc -o squirrel.mp4 --azimuth 90`.
     """
-    asked = asked_of(locals())
+    asked = camera.asked()
     pixels = parse_size(size)
     part = parse_frames(frames) if frames else None
     quiet_warp()

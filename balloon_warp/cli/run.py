@@ -9,39 +9,20 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from balloon_warp.cli.camera import (
-    Aperture,
-    Asked,
-    Azimuth,
-    Elevation,
-    Focus,
-    Follow,
-    LookAt,
-    Shutter,
-    Transparent,
-    Zoom,
-    asked_of,
-)
+from balloon_warp.cli.camera import Asked, CameraOptions
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.command import command_line
 from balloon_warp.cli.options import (
     LONG,
     OUTPUT,
     Device,
-    Frames,
-    FramesPerSecond,
-    Inflate,
     Json,
-    PartsOption,
-    PrimOption,
+    LengthOptions,
+    MeshOptions,
     Resume,
     SceneName,
     Schedule,
-    Seconds,
     Set,
-    UnitOption,
-    UpOption,
-    Weld,
 )
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.warn import first_line, note, opened_by, warn
@@ -122,28 +103,13 @@ def run(
     *,
     output: Output = None,
     picture: Picture = False,
-    azimuth: Azimuth = None,
-    elevation: Elevation = None,
-    zoom: Zoom = None,
-    look_at: LookAt = None,
-    follow: Follow = False,
-    aperture: Aperture = 0.0,
-    focus: Focus = None,
-    shutter: Shutter = 0.0,
-    transparent: Transparent = False,
+    camera: CameraOptions,
     save_points: SavePoints = None,
     no_lights: NoLights = False,
     no_ground: NoGround = False,
     overrides: Set = None,
-    fps: FramesPerSecond = None,
-    frames: Frames = None,
-    seconds: Seconds = None,
-    weld: Weld = False,
-    parts: PartsOption = None,
-    unit: UnitOption = None,
-    prim: PrimOption = None,
-    up: UpOption = None,
-    inflate: Inflate = None,
+    length: LengthOptions,
+    mesh: MeshOptions,
     device: Device = None,
     schedule: Schedule = "auto",
     on_blowup: OnBlowup = "stop",
@@ -155,22 +121,11 @@ def run(
 
     Try `balloon-warp run squirrel_tether --picture`, then `balloon-warp run YOUR_MESH.obj --picture`.
     """
-    asked = asked_of(locals())
+    asked = camera.asked()
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
         raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
-    loaded = Changes(
-        overrides,
-        weld,
-        parts=parts,
-        unit=unit,
-        prim=prim,
-        up=up,
-        inflate=inflate,
-        fps=fps,
-        frames=frames,
-        seconds=seconds,
-    ).load(scene)
+    loaded = Changes(overrides, mesh, length).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
     begin_driver(device)

@@ -8,7 +8,9 @@ from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import Inflate, PartsOption, UnitOption
+from balloon_warp.cli.options import (
+    MeshOptions,
+)
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.scene.write import scene_toml, write_scene
@@ -23,27 +25,26 @@ def scenes(
             metavar="SCENE",
         ),
     ] = None,
-    parts: PartsOption = None,
-    unit: UnitOption = None,
+    *,
+    mesh: MeshOptions,
     output: Annotated[
         Path | None,
         typer.Option(
             "--output", "-o", metavar="FILE", help="The scene file to write, .toml. If not given, it is printed."
         ),
     ] = None,
-    inflate: Inflate = None,
 ) -> None:
     """List the bundled scenes, or write one as a file to change.
 
     Try `balloon-warp scenes squirrel_tether -o mine.toml`, then `balloon-warp run mine.toml`.
     """
     if scene is None:
-        if output or inflate is not None:
-            option = f"--output {output}" if output else f"--inflate {inflate:g}"
+        if output or mesh.inflate is not None:
+            option = f"--output {output}" if output else f"--inflate {mesh.inflate:g}"
             raise InputError(f"{option}: expected a scene to write")
         _list_scenes()
         return
-    loaded = Changes(None, parts=parts, unit=unit, inflate=inflate).load(scene)
+    loaded = Changes(mesh=mesh).load(scene)
     if output is None:
         print(scene_toml(loaded, Path()), end="")
         return

@@ -13,14 +13,9 @@ from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.options import (
     OUTPUT,
     Device,
-    Inflate,
-    PartsOption,
-    PrimOption,
+    MeshOptions,
     SceneName,
     Set,
-    UnitOption,
-    UpOption,
-    Weld,
 )
 from balloon_warp.cli.warn import first_line, note, warn
 from balloon_warp.quiet import quiet_warp
@@ -32,6 +27,7 @@ if TYPE_CHECKING:
 
 def view(
     scene: SceneName,
+    *,
     open_page: Annotated[bool, typer.Option("--open", metavar="", help="Open the page in the browser.")] = False,
     port: Annotated[
         int | None,
@@ -53,12 +49,7 @@ def view(
         ),
     ] = Path("."),
     overrides: Set = None,
-    weld: Weld = False,
-    parts: PartsOption = None,
-    unit: UnitOption = None,
-    prim: PrimOption = None,
-    up: UpOption = None,
-    inflate: Inflate = None,
+    mesh: MeshOptions,
     device: Device = None,
     host: Annotated[
         str,
@@ -73,7 +64,7 @@ def view(
 
     Try `balloon-warp view squirrel_tether --open`.
     """
-    loaded = Changes(overrides, weld, parts=parts, unit=unit, prim=prim, up=up, inflate=inflate).load(scene)
+    loaded = Changes(overrides, mesh).load(scene)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 
