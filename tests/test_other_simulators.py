@@ -1,5 +1,6 @@
 """What a stage says for others than viewers: simulators that go on, and renderers that know OpenPBR."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
 
 from balloon_warp import animate
 from balloon_warp.mesh.geometry import triangulate
+
+ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +36,14 @@ def test_a_balloon_is_a_surface_deformable(written: Path):
     assert gravity.GetGravityMagnitudeAttr().Get() == pytest.approx(abs(scene().gravity))
 
 
+def test_the_extra_brings_what_is_imported_here():
+    """Else these tests would skip themselves wherever they run."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (others,) = (each for each in extras["test"] if each.startswith("balloon-warp["))
+    brought = extras["test"] + [each for name in extras if name in others for each in extras[name]]
+    assert {"newton", "newton-usd-schemas", "MaterialX"} <= {each.partition(">=")[0] for each in brought}
+
+
 def test_newton_takes_the_balloon_up(written: Path):
     """As cloth of our particles and triangles."""
     pytest.importorskip("newton_usd_schemas")
@@ -46,6 +57,15 @@ def test_newton_takes_the_balloon_up(written: Path):
     np.testing.assert_allclose(taken, start[:, [0, 2, 1]] * [1, -1, 1], atol=1e-5)  # Newton's up axis is Z
     first, end = found["path_cloth_map"]["/World/ball"]["tri"]
     assert end - first == 2 * BALL.face_count
+
+
+def test_every_mesh_has_points_without_a_time_too(written: Path):
+    """Newton refuses a stage with one that has none."""
+    stage = Usd.Stage.Open(str(written))
+    meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    assert any(mesh.GetPath().name.startswith("String") for mesh in meshes)
+    for mesh in meshes:
+        assert len(mesh.GetPointsAttr().Get()), mesh.GetPath()
 
 
 def test_latex_is_a_variant_that_validators_need_not_know(written: Path):

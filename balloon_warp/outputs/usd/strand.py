@@ -23,7 +23,7 @@ class Strand:
         self.curve = curve
         (count,) = curve.GetCurveVertexCountsAttr().Get()
         (width,) = curve.GetWidthsAttr().Get()
-        self._radius = 0.5 * width
+        self._radius, self._begun = 0.5 * width, False
         path = curve.GetPath()
         self.mesh = UsdGeom.Mesh.Define(stage, path.ReplaceName(f"{path.name}_Mesh"))
         counts, indices = tube_topology(np.array([count], np.int32))
@@ -44,6 +44,9 @@ class Strand:
         """Points along the curve, shape (count, 3)."""
         write_lines(self.curve, points, time)
         around = Vt.Vec3fArray.FromNumpy(points_around(points, self._radius))
+        if not self._begun:  # who takes no times, such as a simulator that goes on, has a mesh without points otherwise
+            self.mesh.GetPointsAttr().Set(around)
+            self._begun = True
         self.mesh.GetPointsAttr().Set(around, time)
         self.mesh.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(around), time)
 
