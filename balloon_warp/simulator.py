@@ -30,10 +30,11 @@ from balloon_warp.model import (
 )
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.memory import require_memory
+from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.model.vary import METHODS
 from balloon_warp.reading import Reading
 from balloon_warp.running import Running
-from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
@@ -66,7 +67,7 @@ class Simulator(Running):
         schedule: str = "auto",
         laws: Sequence[Law] = (),
     ):
-        self._begin(build_model(scene_of(scene), pick_device(device), world_count, vary, laws), schedule)
+        self._begin(build_model(scene_to_vary(scene, vary), pick_device(device), world_count, vary, laws), schedule)
 
     @classmethod
     def of_model(cls, model: Model, schedule: str = "auto") -> Self:

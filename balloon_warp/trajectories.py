@@ -15,7 +15,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import lay_out
 from balloon_warp.model.memory import require_memory
-from balloon_warp.scene import Scene, SceneLike, load_scene
+from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.overrides import Override
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
@@ -99,7 +100,7 @@ def simulate(
             not fit into the memory.
         BlowUpError: a world blew up.
     """
-    scene = load_scene(scene, overrides)
+    scene = scene_to_vary(scene, vary, overrides)
     if not isinstance(every, int) or every < 1:
         raise InputError(f"every: must be a whole number, at least 1 (got {every})")
     groups = plan_groups(scene, world_count, vary or {}, laws)

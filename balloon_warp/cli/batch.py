@@ -33,6 +33,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
+from balloon_warp.sweep.values import ends_of, parse_export, parse_vary, spread
 
 if TYPE_CHECKING:
     from balloon_warp.sweep.batch import BatchSummary
@@ -139,8 +140,10 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
-    loaded = Changes(overrides, mesh, length).load(scene)
-    name = scene_name(scene)
+    changes, name = Changes(overrides, mesh, length), scene_name(scene)
+    choices = dict(parse_vary(text, scene) for text in vary or [])
+    with _naming_vary():
+        loaded = changes.load(scene, ends_of(choices))
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:
         begin_driver(device)
@@ -148,10 +151,8 @@ def batch(
         from balloon_warp.sweep.batch import run_batch
         from balloon_warp.sweep.cluster import Cluster
         from balloon_warp.sweep.memory import require_room
-        from balloon_warp.sweep.values import parse_export, parse_vary, spread
 
     workers_of = Cluster(cluster, gpus, workers, prepare=quiet_warp) if spread_over else None
-    choices = dict(parse_vary(text, scene) for text in vary or [])
     require_room(loaded, worlds, choices, device, schedule, spread=spread_over)  # before each gets its values
     with _naming_vary(), frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)

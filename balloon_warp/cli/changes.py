@@ -1,9 +1,9 @@
 """What the options of a command change in its scene."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast, get_args
+from typing import Any, cast, get_args
 
 from balloon_warp.cli.options import LengthOptions, MeshOptions
 from balloon_warp.errors import InputError
@@ -71,17 +71,26 @@ class Changes:
         self.overrides.append((path, value))
         self._options.append(option or f"--set {path}")
 
-    def load(self, scene: str) -> Scene:
+    def load(self, scene: str, vary: Mapping[str, Any] | None = None) -> Scene:
         """The scene of that name, changed.
+
+        Args:
+            vary: what will differ between its worlds.
 
         Raises:
             InputError: names the option whose value is wrong, else the scene.
         """
         with self._naming_options():
-            loaded = load_scene(scene, self.overrides)
+            if vary:
+                from balloon_warp.model.varied_scene import scene_to_vary  # loads what simulates
+
+                loaded = scene_to_vary(scene, vary, self.overrides)
+            else:
+                loaded = load_scene(scene, self.overrides)
         if self._seconds is None:
             return loaded
-        return override_scene(loaded, [("frames", max(1, round(self._seconds * loaded.frames_per_second)))])
+        frames = max(1, round(self._seconds * loaded.frames_per_second))
+        return override_scene(loaded, [("frames", frames)], other_kinds=True)
 
     def balloon_of(self, mesh: Path) -> Balloon:
         """A mesh by itself as a balloon, changed; the mesh is not read.

@@ -65,7 +65,7 @@ def simulate(
         clock: what frames are timed with.
     """
     try:
-        scene = override_scene(scene, values.items())
+        scene = override_scene(scene, values.items(), other_kinds=True)
         frame = scene.picture_frame if "picture_frame" in values else frame  # what a label says is shown, or refused
         figures, seconds = _measured(scene, stage, frame, device, schedule, laws, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:

@@ -66,7 +66,7 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
         OverrideError: the same, by an override.
     """
     if not isinstance(source, str | Path):
-        return _from_python(source, _pairs(overrides))
+        return _from_python(source, pairs_of(overrides))
     bundled = bundled_scenes()
     path = bundled.get(str(source), Path(source))
     if not os.path.exists(path):  # no error either where no file can have such a name
@@ -75,7 +75,7 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
             raise InputError(f"{source}: no such file" + (f" in {Path.cwd()}" if not path.is_absolute() else ""))
         names = f"; bundled scenes are {', '.join(bundled)}; or give a .toml scene or a mesh"
         raise InputError(f"{source}: no such scene or file{hint or names}")
-    pairs = _pairs(overrides)
+    pairs = pairs_of(overrides)
     if path.suffix.lower() == ".toml":
         return _overridden(_read_toml(path), pairs, path)
     return _around(path, pairs, path)
@@ -97,7 +97,7 @@ def _from_python(source: Scene | MeshLike, overrides: Sequence[Override]) -> Sce
         InputError: it is neither, or as `load_scene`.
     """
     if isinstance(source, Scene):
-        return override_scene(source, overrides)
+        return override_scene(source, overrides, other_kinds=True)
     if not is_mesh(source):
         kinds = "a Scene, the name of a bundled scene, a file, or a mesh"
         raise InputError(f"scene: must be {kinds} (got {type(source).__name__})")
@@ -105,7 +105,7 @@ def _from_python(source: Scene | MeshLike, overrides: Sequence[Override]) -> Sce
     return _around(mesh, overrides, Path(mesh.name))
 
 
-def _pairs(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override]:
+def pairs_of(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override]:
     """Paths and values as pairs.
 
     Raises:

@@ -102,8 +102,12 @@ def _of_preset(table: dict[str, Any], name: str) -> Any:
     return list(numbers) if isinstance(numbers, tuple) else {}
 
 
-def override_scene(scene: Scene, overrides: Iterable[Override]) -> Scene:
+def override_scene(scene: Scene, overrides: Iterable[Override], other_kinds: bool = False) -> Scene:
     """A scene with other values at some paths. A mesh file is taken as it is given, not sought beside a scene file.
+
+    Args:
+        other_kinds: whether a field of another kind of inflation asks for that kind, where the scene names none, as in
+            a scene file; what is running keeps its own.
 
     Raises:
         InputError: names the path or field that is wrong.
@@ -113,6 +117,9 @@ def override_scene(scene: Scene, overrides: Iterable[Override]) -> Scene:
         for plain, meshed in zip(table[name], getattr(scene, name), strict=True):
             if meshed.mesh is not None:
                 plain["mesh"] = meshed.mesh
+    for plain, balloon in zip(table["balloon"], scene.balloon, strict=True):
+        if other_kinds and not balloon.inflation.names_its_kind:
+            plain["inflation"] = {k: v for k, v in plain["inflation"].items() if k in balloon.inflation.own_fields}
     apply_overrides(table, overrides)
     try:
         return Scene.model_validate(table)

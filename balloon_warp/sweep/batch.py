@@ -13,8 +13,9 @@ from balloon_warp.endings import BadEnding, ending_sentences
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences
+from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.resume import CHECKPOINT_SECONDS
-from balloon_warp.scene import Scene, SceneLike, scene_of
+from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.schedules.touching import crowding_remarks
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
@@ -135,7 +136,7 @@ def run_batch(
         WorkersLostError: the cluster's workers end, or its scheduler does; what was there stays.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
     """
-    scene = scene_of(scene)
+    scene = scene_to_vary(scene, vary)
     check_policy(on_blowup)
     vary, chosen = vary or {}, _chosen(scene, export, world_count)
     device = cluster.device(device) if cluster else device

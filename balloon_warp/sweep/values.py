@@ -2,7 +2,7 @@
 
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +51,13 @@ def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
         f"--vary {text}: expected PATH=LOW:HIGH with LOW below HIGH, or PATH=NUMBER,NUMBER,..., as in "
         "--vary balloon.inflation.k_normal=0:8 or --vary sphere.0.mass=1,10,100; `compare` varies words, too"
     )
+
+
+def ends_of(choices: Mapping[str, Choice]) -> dict[str, list[float] | list[str]]:
+    """The ends of ranges, and the values of lists, by their paths."""
+    return {
+        path: [choice.low, choice.high] if isinstance(choice, Range) else choice for path, choice in choices.items()
+    }
 
 
 def spread(choices: dict[str, Choice], world_count: int, seed: int = 0, grid: bool = False) -> dict[str, NDArray]:

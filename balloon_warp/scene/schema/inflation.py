@@ -4,7 +4,7 @@ import itertools
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, model_validator
 
 from balloon_warp.scene.schema.fields import (
     Index,
@@ -92,13 +92,20 @@ class Inflation(Table):
         value = getattr(self, self.keyframed)
         return value if isinstance(value, list) else [(0.0, value)]
 
-    @model_validator(mode="before")
+    @property
+    def names_its_kind(self) -> bool:
+        """whether its kind was given; else other fields than it has ask for another one"""
+        return "kind" in self.model_fields_set
+
+    @model_validator(mode="wrap")
     @classmethod
-    def _kind_of_what_is_given(cls, given: Any) -> Any:
+    def _kind_of_what_is_given(cls, given: Any, checked: ModelWrapValidatorHandler[Self]) -> Self:
         if not isinstance(given, dict) or given.get("kind") is not None:
-            return given
+            return checked(given)
         fitting = (kind for kind, fields in FIELDS_OF_KINDS.items() if not given.keys().isdisjoint(fields))
-        return given | {"kind": next(fitting, "pressure")}
+        inflation = checked(given | {"kind": next(fitting, "pressure")})
+        inflation.model_fields_set.discard("kind")
+        return inflation
 
     @model_validator(mode="after")
     def _fields_of_its_kind(self) -> Self:
