@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.display import Displayed
-from balloon_warp.errors import BlowUpError
+from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import State
@@ -37,14 +37,29 @@ class Running(Displayed):
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
         """Why a world is bad that was found so after a frame."""
 
-    def step(self) -> None:
-        """Advance every world by one frame.
+    def step(self, world: int = 0) -> Frame:
+        """Advance every world by one frame, and hand one of them out: `frame = simulator.step()`.
+
+        Raises:
+            InputError: there is no such world; nothing is advanced then.
+            BlowUpError: the simulation blew up.
+        """
+        self._require_world(world)
+        self.step_unread()
+        return self.read_frame(world)
+
+    def step_unread(self) -> None:
+        """Advance every world by one frame, of which nothing is read but whether all are well.
 
         Raises:
             BlowUpError: the simulation blew up.
         """
         self._begin_step()
         self._raise_if_bad(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
+
+    def _require_world(self, world: int) -> None:
+        if not isinstance(world, int | np.integer) or not 0 <= world < self.model.world_count:
+            raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")
 
     def run(self, world: int = 0, ahead: bool = False) -> Iterator[Frame]:
         """The frames of one world: the start, then as many as the scene asks for, one after the other.

@@ -1,46 +1,31 @@
 """The simulator: a scene in, frames out."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
 
-import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
-from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import (
-    DueChange,
-    Model,
-    Vary,
-    build_model,
-    carry_over,
-    fitting,
-    initial_state,
-    overwrite,
-    world_bytes,
-)
-from balloon_warp.model.gas import keep_pressures
+from balloon_warp.model import Model, Vary, build_model, initial_state, overwrite, world_bytes
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.varied_scene import scene_to_vary
-from balloon_warp.model.vary import METHODS
 from balloon_warp.reading import Reading
-from balloon_warp.running import Running
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
+from balloon_warp.steering import Steered
 
 
-class Simulator(Running):
+class Simulator(Steered):
     """Advances a batch of worlds frame by frame.
 
     Args:
@@ -91,7 +76,7 @@ class Simulator(Running):
         self.schedule = kind(self.model)  # while a thread still compiles what places balloons
         self.state = initial_state(model)
         self._late_spheres = LateSpheres(model)
-        self.frame_number = 0
+        self.frame_number, self._sets = 0, []
         self._forget_records()
 
     def reset(self) -> None:
@@ -141,59 +126,13 @@ class Simulator(Running):
         return self._begin_reading(world, net_forces).frame()
 
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:
-        if not isinstance(world, int | np.integer) or not 0 <= world < self.model.world_count:
-            raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")
+        self._require_world(world)
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
         return self._frame_reader.begin(self.state, self.frame_number, world, wanted, buffer)
 
     def mass_properties(self) -> MassProperties:
         """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
         return mass_properties(self.model, self.state.points)
-
-    def set_parameters(self, parameters: Mapping[str, ArrayLike]) -> None:
-        """Write parameters where the kernels read them; they hold from the next frame on.
-
-        Args:
-            parameters: arrays by their names in `Model.parameters`, of the shapes there; a row for all worlds, too.
-
-        Raises:
-            InputError: there is no such parameter, or its values have another shape or are not finite.
-        """
-        written = {name: fitting(self.model, name, values) for name, values in parameters.items()}
-        self._origins.forget()  # what comes now does not follow from them
-        keep_pressures(self.model, self.state, written)
-        first, schedule = self._first
-        if first.parameters is self.model.parameters:
-            self._first = first.with_own_parameters(), schedule
-        for name, values in written.items():
-            self.model.parameters[name].assign(values)
-        if not self.schedule.depends_on.isdisjoint(parameters):
-            self._make_schedule()
-
-    def go_on_in(self, model: Model, spheres: Sequence[int | None] | None = None) -> None:
-        """Go on from here in another model of the same balloons.
-
-        Args:
-            model: with other substeps, say, or with more or fewer spheres and strings.
-            spheres: for each sphere of the model its number until now, or None if it is new and starts where the model
-                puts it; all as they are, when missing.
-        """
-        self._origins.forget()
-        if spheres is not None:
-            until_now, self.state = self.state, initial_state(model)
-            carry_over(self.state, until_now, spheres)
-        if model.scene.contact != self.model.scene.contact:  # where momentum is exchanged, they have acted already
-            self.state.sphere_forces.zero_()
-        if model.scene.solver != self.model.scene.solver:
-            self._asked_schedule = "auto"  # what was asked for may be of the other solver
-        self.model = model
-        self._late_spheres = LateSpheres(model)
-        self._make_schedule()
-
-    def _make_schedule(self) -> None:
-        """The schedule of the model as it is now, and nothing left of the last."""
-        self.schedule = solver_named(self._asked_schedule, self.model)(self.model)
-        self._forget_records()
 
     def _forget_records(self) -> None:
         """What was recorded or laid out for another schedule."""
@@ -213,49 +152,6 @@ class Simulator(Running):
         if bad is None:
             bad = int(self.state.first_bad.numpy()[world])
         return diagnose(again.model, again.state, again.schedule, world, frame, bad)
-
-    def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go on, bit for bit, from where another simulator of the same scene, worlds and schedule was.
-
-        Only at the start: what the scene has changed until then, of parameters and methods, is changed again.
-
-        Args:
-            saved: the contents of that one's state, by the names of its fields.
-        """
-        frame = int(saved["frame"][0])
-        self.frame_number = frame - 1
-        self.take_due_turns()
-        self.frame_number = frame
-        self._origins.forget()
-        for name, array in vars(self.state).items():
-            if array.size:  # what the scene does not have may not be among what was saved
-                array.assign(saved[name])
-
-    def drop_turns(self) -> None:
-        """Forget the changes that the scene has planned from here on."""
-        self._turns.clear()
-        self._origins.forget()
-
-    @property
-    def _turn_is_due(self) -> bool:
-        return bool(self._turns) and self._turns[0].frame <= self.frame_number
-
-    def take_due_turns(self) -> None:
-        """Make the changes that the scene has planned for the start of the next frame."""
-        while self._turn_is_due:
-            self._take_turn(self._turns.popleft())
-
-    def _take_turn(self, turn: DueChange) -> None:
-        """Change what the scene says changes at this frame."""
-        changed = {name: self.model.parameters[name].numpy().copy() for name in turn.values}
-        for name, rows in changed.items():
-            turn.apply(name, rows)
-        self.set_parameters(changed)
-        methods = {name: getattr(turn.scene, name) for name in METHODS}
-        if any(getattr(self.model.scene, name) != method for name, method in methods.items()):
-            substeps = self.model.substeps if turn.scene.substeps == "auto" else turn.scene.substeps
-            scene = self.model.scene.model_copy(update=methods)
-            self.go_on_in(replace(self.model, scene=scene, substeps=substeps))
 
     @cached_property
     def _frame_reader(self) -> FrameReader:

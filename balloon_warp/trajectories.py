@@ -110,7 +110,7 @@ def simulate(
         simulator = Simulator.of_model(lay_out(group.plan, pick_device(device)), schedule)
         for number in range(scene.frames + 1):
             if number:
-                simulator.step()
+                simulator.step_unread()
             if number % every == 0:
                 _record(tracks, simulator, group, number // every)
             on_frame(number)

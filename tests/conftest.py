@@ -39,7 +39,8 @@ LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 
 BRIEF = (
     *("atmosphere", "collision", "contact", "diagnosis", "empty", "euler", "free_frames", "gas", "gas_heat", "grazing"),
-    *("health", "law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "tubes", "water"),
+    *("health", "law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "setting"),
+    *("tubes", "water"),
 )
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
 written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and

@@ -28,6 +28,7 @@ LAYERS = (
     ("blow_ups", "outputs", "endings", "frame_reader"),
     ("display",),
     ("running",),
+    ("steering",),
     ("simulator",),
     ("resume",),
     ("job",),

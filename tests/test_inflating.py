@@ -4,7 +4,7 @@ import pytest
 from meshes import quad_sphere
 
 from balloon_warp.errors import InputError
-from balloon_warp.model.plan import plan_model
+from balloon_warp.model.setting import plan_setting
 from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.viewer import playground as module
 from balloon_warp.viewer.by_hand import inflating
@@ -34,11 +34,11 @@ def test_a_pump_s_curve_stays():
 
 
 def test_many_balloons_are_inflated_at_once(monkeypatch: pytest.MonkeyPatch):
-    """One by one each had the whole model planned again: a page of a hundred balloons stood still."""
+    """One by one a page of a hundred balloons stood still."""
     playground = Playground(load_scene("helium_rise"), "cpu")
     playground.set("gravity", 9.0)  # what the scene had planned is over now
     plans = []
-    monkeypatch.setattr(module, "plan_model", lambda *args, **kw: plans.append(1) or plan_model(*args, **kw))
+    monkeypatch.setattr(module, "plan_setting", lambda *args, **kw: plans.append(1) or plan_setting(*args, **kw))
     playground.inflate(0.5 * playground.inflation)
     assert len(plans) == 1
     assert len({balloon.inflation.keyframes[0][1] for balloon in playground.live.balloon}) == 1

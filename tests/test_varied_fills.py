@@ -75,5 +75,5 @@ def test_what_cannot_be_is_said_of_what_differs(overrides: dict, litres: list, s
 
 def test_a_kind_that_is_named_stays():
     named = load_scene(SCENE, {"balloon.inflation.kind": "normal_force"})
-    with pytest.raises(InputError, match='needs kind = "gas" .got kind = "normal_force"'):
+    with pytest.raises(InputError, match=r'needs kind = "gas" \(got kind = "normal_force"\)'):
         Simulator(named, "cpu", 2, {"balloon.inflation.moles": [1.0, 2.0]})

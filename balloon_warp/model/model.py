@@ -150,6 +150,17 @@ class Model:
         """The same with parameters that may be written, though others use this model."""
         return self._with_parameters(wp.clone)
 
+    def with_rows_of_worlds(self) -> Self:
+        """The same with parameters of which each world has its own."""
+
+        def for_each(array: wp.array) -> wp.array:
+            if array.size == 0 or array.shape[0] == self.world_count:
+                return wp.clone(array)
+            rows = np.repeat(array.numpy(), self.world_count, axis=0)
+            return wp.array(rows, dtype=array.dtype, device=array.device)
+
+        return self._with_parameters(for_each)
+
     def of_world(self, world: int, copied: bool = True) -> Self:
         """A batch of a single world, with the parameters that one has.
 

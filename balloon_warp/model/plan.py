@@ -144,7 +144,7 @@ def plan_model(
         require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
     changes = list(turns(scene, rows))
     network = Network(shapes, held, (*LAWS, *laws))
-    substeps = _substeps(scene, network, parameters, changes, start_velocities(shapes, parameters))
+    substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
         substeps = max(substeps, substeps_of_solids(scene, bodies, parameters))
     return ModelPlan(
@@ -188,7 +188,7 @@ def _settled(
     return parameters | settle_gas(scene, shapes, parameters)
 
 
-def _substeps(
+def substeps_over_time(
     scene: Scene,
     network: Network,
     parameters: Parameters,

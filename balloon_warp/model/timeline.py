@@ -11,7 +11,7 @@ from balloon_warp.kernels.laws import Parameter
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.parameters import parameters_at
 from balloon_warp.model.rows import KEYFRAME_VALUES
-from balloon_warp.model.vary import require_changeable
+from balloon_warp.model.vary import METHODS, require_changeable
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import scenes_over_time
 
@@ -25,6 +25,8 @@ class DueChange:
     """as it is from then on"""
     values: dict[str, tuple[NDArray[np.bool_], NDArray[np.float64]]]
     """by the parameters' names, which entries of a world change, and to what"""
+    methods: frozenset[str]
+    """which of `METHODS` the scene changes"""
 
     def apply(self, name: str, rows: NDArray) -> None:
         """Change a parameter's rows, shape (W, ...), in place."""
@@ -45,7 +47,7 @@ def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
                 raise InputError(f'{automatic[0]}: must be a number or keyframes (got "auto")')
         except InputError as mistake:
             raise InputError(f"change.{number}.set: {mistake}") from None
-    before = parameters_at(scene, rows, 0)
+    before, scene_before = parameters_at(scene, rows, 0), scene
     for frame, now in scenes_over_time(scene):
         with_law_tables(now, rows)
         after = parameters_at(now, rows, frame)
@@ -57,5 +59,6 @@ def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
             for name, array in after.items()
             if (different := (array[0] != before[name][0]) & ~np.isnan(array[0])).any()
         }
-        yield DueChange(frame, now, values)
-        before = after
+        methods = frozenset(name for name in METHODS if getattr(now, name) != getattr(scene_before, name))
+        yield DueChange(frame, now, values, methods)
+        before, scene_before = after, now

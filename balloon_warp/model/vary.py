@@ -93,8 +93,13 @@ def _refuse(
     raise InputError(f"{path}: cannot differ between worlds, but between runs of compare; what can is {names}")
 
 
-def require_changeable(scene: Scene, rows: Sequence[Parameter], paths: Iterable[str]) -> None:
+def require_changeable(
+    scene: Scene, rows: Sequence[Parameter], paths: Iterable[str], mass_follows: bool = False
+) -> None:
     """Make sure that values may change while the scene is simulated.
+
+    Args:
+        mass_follows: whether the mass of what is of rubber or film becomes what its thickness asks for.
 
     Raises:
         InputError: names the path that may not.
@@ -103,7 +108,7 @@ def require_changeable(scene: Scene, rows: Sequence[Parameter], paths: Iterable[
     for path in paths:
         named = [place for known, place in places.items() if known == path or known.startswith(f"{path}.")]
         names = {name for place in named for name, _ in place}
-        if THICKNESS.name in names:
+        if THICKNESS.name in names and not mass_follows:
             raise InputError(f"{path}: cannot change, for the balloon's mass follows from it")
         at_start = any(name.startswith(START) for name in names)
         if path not in METHODS and (at_start or not named):

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +11,16 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import lay_out, plan_model
-from balloon_warp.model.acting import acting_laws
 from balloon_warp.model.plan import ModelPlan
 from balloon_warp.model.pressure import with_settled_pressure
+from balloon_warp.model.setting import plan_setting
 from balloon_warp.model.small_spheres import without_small_spheres
-from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there, scenes_over_time
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.bodies import as_vector
 from balloon_warp.viewer.by_hand import blowing, inflating
-from balloon_warp.viewer.differing import what_differs
 from balloon_warp.viewer.journal import Journal
 from balloon_warp.viewer.moment import Moment
 
@@ -89,7 +87,7 @@ class Playground:
         Raises:
             BlowUpError: the simulation blew up.
         """
-        self.simulator.step()
+        self.simulator.step_unread()
 
     def set(self, path: str, value: Any) -> None:
         """Change a value of the scene.
@@ -217,15 +215,17 @@ class Playground:
         override_scene(self.live, changes)
         self._take_over()
         scene = override_scene(self.live, changes)
-        plan, model = self._plan(scene), self.simulator.model
-        if any(path in METHODS for path, _ in changes) or acting_laws(plan) != acting_laws(model):  # other kernels run
-            self._rebuild(scene, list(range(len(scene.sphere))), plan=plan)
-        else:
-            self.live = scene
-            self.simulator.set_parameters(what_differs(plan, model))
-            self._go_at(plan.substeps)
+        model, simulator = self.simulator.model, self.simulator
+        asked = replace(model, scene=model.scene.model_copy(update={"substeps": self._asked_substeps(scene)}))
+        setting = plan_setting(asked, dict(changes), (), self.frame)
+        self._require_playable(setting.substeps)
+        substeps = max(setting.substeps, self._least_substeps) if self.keep_stable else model.substeps
+        simulator.go_on_with(replace(setting, substeps=substeps))
+        self.live = scene
         for path, value in changes:
             self.journal.change(self.frame, path, value)
+        if substeps != model.substeps:
+            self.journal.change(self.frame, "substeps", substeps)
 
     def _take_over(self) -> None:
         """From the first touch on, what the scene itself had planned does not happen."""
@@ -254,30 +254,35 @@ class Playground:
         Raises:
             InputError: it needs too many.
         """
-        unstable = scene.solver == "forward_euler" and not self.keep_stable
-        substeps = self.simulator.model.substeps if unstable else "auto"
-        scene = scene.model_copy(update={"substeps": substeps})
+        scene = scene.model_copy(update={"substeps": self._asked_substeps(scene)})
         plan = plan_model(scene, shapes=self._first_model.shapes, laws=self._first_model.own_laws)
-        if self.keep_stable and plan.substeps > MOST_SUBSTEPS:
-            raise InputError(
-                f"this takes {plan.substeps:,} substeps a frame to be stable, too many to play with; with the substeps "
-                "as they are it would blow up"
-            )
+        self._require_playable(plan.substeps)
         values = plan.parameters["keyframe_values"]  # as many as at the start: so they give the same to the last bit
         missing = self._first_model.parameters["keyframe_values"].shape[2] - values.shape[2]
         values = np.pad(values, [(0, 0), (0, 0), (0, missing)], mode="edge")
         parameters = {**plan.parameters, "keyframe_values": values}
         return replace(plan, parameters=parameters, substeps=max(plan.substeps, self._least_substeps))
 
+    def _asked_substeps(self, scene: Scene) -> int | Literal["auto"]:
+        """As many as stability asks; as they are where somebody wants to see what is unstable."""
+        unstable = scene.solver == "forward_euler" and not self.keep_stable
+        return self.simulator.model.substeps if unstable else "auto"
+
+    def _require_playable(self, substeps: int) -> None:
+        if self.keep_stable and substeps > MOST_SUBSTEPS:
+            raise InputError(
+                f"this takes {substeps:,} substeps a frame to be stable, too many to play with; with the substeps as "
+                "they are it would blow up"
+            )
+
     def _rebuild(
         self,
         scene: Scene,
         spheres: Sequence[int | None] | None = None,
         substeps: int | None = None,
-        plan: ModelPlan | None = None,
     ) -> None:
-        """Go on in a scene with other spheres or strings, or another method."""
-        plan = plan or self._plan(scene)
+        """Go on in a scene with other spheres or strings."""
+        plan = self._plan(scene)
         running = self.simulator.model.substeps
         wanted = substeps or (plan.substeps if self.keep_stable else running)
         if wanted != running and substeps is None:
@@ -286,10 +291,3 @@ class Playground:
         model = lay_out(plan, self.simulator.model.device)
         times = self._first_model.keyframe_times
         self.simulator.go_on_in(replace(model, substeps=wanted, keyframe_times=times), spheres)
-
-    def _go_at(self, substeps: int) -> None:
-        """As many substeps as a change needs."""
-        model = self.simulator.model
-        if self.keep_stable and substeps != model.substeps:
-            self.simulator.go_on_in(replace(model, substeps=substeps))
-            self.journal.change(self.frame, "substeps", substeps)

@@ -1,0 +1,186 @@
+"""Values that are set while a model is simulated: by whoever steps it, or plays with it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws import Parameter
+from balloon_warp.model.body_steps import substeps_of_solids
+from balloon_warp.model.law_tables import with_law_tables
+from balloon_warp.model.materials import settle_masses
+from balloon_warp.model.model import Model
+from balloon_warp.model.parameters import Parameters, Place, places_of, scene_parameters
+from balloon_warp.model.plan import substeps_over_time
+from balloon_warp.model.rows import KEYFRAME_VALUES, rows_of
+from balloon_warp.model.stability import Network, names_of_the_step
+from balloon_warp.model.timeline import DueChange
+from balloon_warp.model.touch import settle_touch
+from balloon_warp.model.vary import METHODS, check_vary, require_changeable
+from balloon_warp.scene import Scene
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.scene.timeline import is_there
+
+LASTING = {"sphere_radius": "sphere", "string_stiffness": "string"}
+"""parameters that are 0 of what is not there"""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is set, checked."""
+
+    scene: Scene
+    """as it is from now on; of values that differ between worlds it has the first world's"""
+    parameters: Parameters
+    """those that become others, with a row for each world, or one for all"""
+    substeps: int
+    """in a frame, as many as the scene says, or as all worlds need from now on"""
+
+
+def plan_setting(model: Model, changes: Mapping[str, Any], turns: Sequence[DueChange], frame: int) -> Setting:
+    """Check values that are to be set, and what follows from them.
+
+    Args:
+        model: as it is now, its scene and its parameters.
+        changes: dotted paths as in overrides, and values; or for a number, or the numbers of a vector, an array with
+            one for each world.
+        turns: what the scene still plans.
+        frame: that is simulated next.
+
+    Raises:
+        InputError: names the path or field that is wrong, or cannot change; or the step would not be stable.
+    """
+    if not isinstance(changes, Mapping):
+        raise InputError(f'set: must be paths and values, as in {{"balloon.mass": 2.0}} (got {str(changes)[:60]})')
+    rows = rows_of(model.laws)
+    told = list(_told(model, rows, changes))
+    alike = [(path, value) for path, value, _ in told]
+    scene = with_law_tables(override_scene(model.scene, alike), rows)
+    require_changeable(model.scene, rows, (path for path, _ in alike), mass_follows=True)
+    _require_same_things(model.scene, scene, rows)
+    now: Parameters = {name: array.numpy().astype(np.float64) for name, array in model.parameters.items()}
+    then = dict(now)
+    said, places = scene_parameters(scene, rows), places_of(model.scene, rows)
+    for path, _, by_world in told:
+        for name, index in _places_under(places, path):
+            _require_there(model.scene, path, name, index, frame)
+            value = _said_at(said, path, name, index) if by_world is None else by_world
+            if path in places or not np.isnan(value).any():  # in a table some are left to us
+                then[name] = _put(then[name], index, _number(path, value))
+    _follow(model, scene, now, then)
+    different = {name: values for name, values in then.items() if not np.array_equal(values, now[name])}
+    return Setting(scene, different, _substeps(model, scene, then, {*different}, turns))
+
+
+def _told(
+    model: Model, rows: Sequence[Parameter], changes: Mapping[str, Any]
+) -> Iterator[tuple[str, Any, NDArray[np.float64] | None]]:
+    """Paths, values for the scene, and for each world where they are given so; a vector then has a path a number."""
+    places = places_of(model.scene, rows)
+    for path, value in changes.items():
+        size = 0 if isinstance(value, str) else np.ndim(np.asarray(value, dtype=object))
+        axes = [known for known in places if known.startswith(f"{path}.")]
+        columns = {}
+        if path in places and size == 1:
+            columns = {path: value}
+        elif path not in places and size == 2 and np.shape(value)[1] == len(axes):
+            columns = dict(zip(axes, np.asarray(value).T, strict=True))
+        for each, values in check_vary(model.scene, rows, model.world_count, columns).items():
+            yield each, float(values[0]), values
+        if not columns:
+            yield path, value, None
+
+
+def _places_under(places: Mapping[str, Sequence[Place]], path: str) -> list[Place]:
+    """Those of a number, or of all that is in a table or a vector."""
+    below = (each for known, found in places.items() if known.startswith(f"{path}.") for each in found)
+    return list(places[path]) if path in places else list(below)
+
+
+def _require_same_things(before: Scene, after: Scene, rows: Sequence[Parameter]) -> None:
+    """Make sure that there are as many things, and that no balloon begins, or ceases, to soften or to burst.
+
+    Raises:
+        InputError: it is not so.
+    """
+    first, second = ({path for path, found in places_of(scene, rows).items() if found[0][0] != KEYFRAME_VALUES.name}
+                     for scene in (before, after))  # fmt: skip
+    different = {path.rpartition(".")[0] for path in first ^ second}
+    for number, pair in enumerate(zip(before.balloon, after.balloon, strict=False)):
+        for field in ("softening", "strength"):
+            if len({getattr(balloon.material, field) is None for balloon in pair}) > 1:
+                different.add(f"balloon.{number}.material.{field}")
+    if different:
+        raise InputError(f"{min(different)}: cannot begin or end while it is simulated")
+
+
+def _require_there(scene: Scene, path: str, name: str, index: Sequence[Any], frame: int) -> None:
+    """Make sure that a sphere or string is there.
+
+    Raises:
+        InputError: it is not.
+    """
+    if name in LASTING and not is_there(scene, getattr(scene, LASTING[name])[index[0]], frame):
+        raise InputError(f"{path}: {LASTING[name]} {index[0]} is not there in frame {frame}")
+
+
+def _said_at(said: Parameters, path: str, name: str, index: Sequence[Any]) -> float:
+    """What a scene says at a place of a parameter, NaN where it leaves it to us.
+
+    Raises:
+        InputError: it says keyframes.
+    """
+    values = np.unique(said[name][(0, *index)])
+    if len(values) > 1 and not np.isnan(values).any():
+        raise InputError(f"{path}: must be a number while it is simulated (got keyframes)")
+    return float(values[-1])  # where NaN comes
+
+
+def _number(path: str, value: Any) -> Any:
+    """A value that is left to nobody.
+
+    Raises:
+        InputError: it is.
+    """
+    if np.isnan(value).any():
+        raise InputError(f'{path}: must be a number while it is simulated (got "auto")')
+    return value
+
+
+def _put(rows: NDArray[np.float64], index: Sequence[Any], value: Any) -> NDArray[np.float64]:
+    """Rows with another value, or one for each, at a place."""
+    values = np.ravel(value)
+    rows = np.repeat(rows, len(values), axis=0) if len(rows) == 1 else rows.copy()
+    target = rows[(slice(None), *index)]
+    target[...] = values.reshape(-1, *([1] * (target.ndim - 1)))
+    return rows
+
+
+def _follow(model: Model, scene: Scene, now: Parameters, then: Parameters) -> None:
+    """Put what follows from the values into `then`, where it follows differently than `now`."""
+    for settle in (
+        lambda values: {"mass": settle_masses(scene, model.shapes, values)},
+        lambda values: settle_touch(scene, model.shapes, values),
+    ):
+        before, after = settle(now), settle(then)
+        then.update({name: values for name, values in after.items() if not np.array_equal(values, before[name])})
+
+
+def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str], turns: Sequence[DueChange]) -> int:
+    """In a frame, from now on.
+
+    Raises:
+        InputError: the scene says too few, or what differs between worlds is planned to change.
+    """
+    methods_change = any(getattr(scene, name) != getattr(model.scene, name) for name in METHODS)
+    if not methods_change and names_of_the_step(model.laws).isdisjoint(different):
+        return model.substeps
+    particles = model.string_particle.numpy()
+    held = [int(particle) - model.particle_offsets[string.balloon]
+            for string, particle in zip(scene.string, particles, strict=True)]  # fmt: skip
+    network = Network(model.shapes, held, model.laws)
+    substeps = substeps_over_time(scene, network, then, turns, None)
+    return max(substeps, substeps_of_solids(scene, model.bodies, then)) if scene.substeps == "auto" else substeps
