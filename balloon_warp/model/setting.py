@@ -86,7 +86,7 @@ def _told(
         columns = {}
         if path in places and size == 1:
             columns = {path: value}
-        elif path not in places and size == 2 and np.shape(value)[1] == len(axes):
+        elif path not in places and size == 2 and np.asarray(value).shape[1] == len(axes):
             columns = dict(zip(axes, np.asarray(value).T, strict=True))
         for each, values in check_vary(model.scene, rows, model.world_count, columns).items():
             yield each, float(values[0]), values
