@@ -1,6 +1,6 @@
 """What a person sees of a simulator: a line of text, and in a notebook a picture."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -9,12 +9,13 @@ from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model, State, remark_sentences, remarks_on
 from balloon_warp.outputs.snapshot import snapshot
+from balloon_warp.shown import Shown
 
 NOTEBOOK_SIZE = (480, 270)
 """pixels"""
 
 
-class Displayed(ABC):
+class Displayed(Shown):
     """The part of a simulator that shows what it is and where it is."""
 
     model: Model

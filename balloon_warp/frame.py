@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corners_beside
 from balloon_warp.mesh.geometry import total_area, volume_and_area
+from balloon_warp.shown import Shown, described
 
 
+@described
 @dataclass(frozen=True, repr=False)
-class Frame:
+class Frame(Shown):
     """One world as it is displayed or written, on the host."""
 
     number: int

@@ -43,6 +43,11 @@ class Simulator(Steered):
             into the device's memory, or there is no such device or schedule.
     """
 
+    _internal = (
+        *("advance", "diagnose", "drop_turns", "from_origin", "go_on_in", "go_on_with", "of_model", "schedule"),
+        *("set_parameters", "step_unread", "take_due_turns"),
+    )
+
     def __init__(
         self,
         scene: SceneLike,

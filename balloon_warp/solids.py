@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.measure.solids import SolidSums, measure_solids, sum_solids
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
+from balloon_warp.shown import Shown, described
 
 LANES = 32
 """threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
 
 
+@described
 @dataclass(frozen=True)
-class MassProperties:
+class MassProperties(Shown):
     """Volume, center of mass and inertia of every balloon, as a solid of density 1 kg/m^3. Multiply by a density to get
     those of a material.
 

@@ -18,12 +18,14 @@ from balloon_warp.model.memory import require_memory
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.scene.overrides import Override
+from balloon_warp.shown import Shown, described
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
 
 
+@described
 @dataclass(frozen=True, repr=False)
-class Trajectories:
+class Trajectories(Shown):
     """How everything moved, as arrays of NumPy. With several worlds, all but `times` have world_count as their first
     dimension, before those named here."""
 

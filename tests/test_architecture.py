@@ -17,7 +17,7 @@ TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="u
 
 LAYERS = (
     ("garbage",),
-    ("kernels", "errors", "quiet", "driver"),
+    ("kernels", "errors", "quiet", "driver", "shown"),
     ("files", "device", "launching", "interrupts", "laws", "meant"),
     ("mesh",),
     ("springs", "scene", "foil"),

@@ -1,10 +1,11 @@
 """Meshes that are no files: what Python has for a mesh, as a `PolygonMesh`."""
 
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -22,7 +23,7 @@ class Faceted(Protocol):
         """lists of corners that count points from 0"""
 
 
-MeshLike: TypeAlias = PolygonMesh | Faceted | tuple[ArrayLike, Any]
+MeshLike = TypeAliasType("MeshLike", PolygonMesh | Faceted | tuple[ArrayLike, Any])
 """a mesh, ours or another's; or points and faces, as `Faceted` has them"""
 
 

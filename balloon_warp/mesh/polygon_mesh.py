@@ -6,9 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.shown import Shown, described
 
+
+@described
 @dataclass(frozen=True, repr=False)
-class PolygonMesh:
+class PolygonMesh(Shown):
     """A mesh of polygons of any size, named as in USD. The n-th point is the n-th vertex of the file."""
 
     points: NDArray[np.float64]

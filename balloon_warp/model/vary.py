@@ -6,6 +6,7 @@ from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
@@ -16,7 +17,7 @@ from balloon_warp.model.rows import START
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
-Vary = Mapping[str, ArrayLike]
+Vary = TypeAliasType("Vary", Mapping[str, ArrayLike])
 """a dotted path of the scene, as in overrides, and its value in each world, shape (world_count,)"""
 SHAPING = re.compile(r"balloon\.(\d+\.)?(mesh|scale|stiffness\.(variation|seed|gradient\.[01]))")
 """paths whose values make another model: batches group their worlds by them"""

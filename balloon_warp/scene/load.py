@@ -5,9 +5,10 @@ import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
+from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import legible
@@ -20,7 +21,7 @@ from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, OverrideError, apply_overrides, override_scene
 from balloon_warp.scene.schema import Balloon, Body, Obstacle, Scene
 
-SceneLike: TypeAlias = Scene | str | Path | MeshLike
+SceneLike = TypeAliasType("SceneLike", Scene | str | Path | MeshLike)
 """a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh (file or not)"""
 Meshed = TypeVar("Meshed", Balloon, Obstacle, Body)
 FILES = ("mesh", "print")

@@ -3,14 +3,9 @@
 The tests hold docs/SCENE.md to this.
 """
 
-import ast
 import inspect
-import itertools
-import textwrap
 import typing
 from collections.abc import Iterator
-from functools import cache
-from threading import Lock
 from typing import Any
 
 from pydantic import BaseModel
@@ -22,34 +17,16 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene.nesting import table_in
 from balloon_warp.scene.schema import Scene
 from balloon_warp.scene.toml import toml_value
+from balloon_warp.shown import FieldHelp, docstrings, plain_docstring
 
 Tables = type[BaseModel]
-PARSING = Lock()
-"""Python 3.11 fails where two threads parse at once, as when two recordings are written"""
 
 
 def meaning_of(table: Tables, field: str) -> str:
     """What a field of a table is, with its unit, on one line; of a table within it, the first line of that one's."""
-    said = table.model_fields[field].description or _docstrings(table).get(field)
+    said = table.model_fields[field].description or docstrings(table).get(field)
     inner = table_in(table.model_fields[field].annotation)
     return " ".join((said or (first_line(inner) if inner else "")).split())
-
-
-@cache
-def _docstrings(table: Tables) -> dict[str, str]:
-    """Of the fields, as they stand below them in the source. Pydantic would read it for each process that has scenes,
-    which takes it as long as to load them."""
-    with PARSING:
-        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(table))).body
-    assert isinstance(definition, ast.ClassDef)
-    said: dict[str, str] = {}
-    for base in table.__bases__:  # fields that it has in common with others
-        if issubclass(base, BaseModel) and base.model_fields:
-            said |= _docstrings(base)
-    for field, below in itertools.pairwise(definition.body):
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(below, ast.Expr):
-            said[field.target.id] = inspect.cleandoc(ast.literal_eval(below.value))
-    return said
 
 
 def default_of(table: Tables, field: str) -> str:
@@ -62,7 +39,18 @@ def default_of(table: Tables, field: str) -> str:
 
 def first_line(table: Tables) -> str:
     """What a table is."""
-    return inspect.cleandoc(table.__doc__ or "").partition("\n")[0]
+    return inspect.cleandoc(plain_docstring(table)).partition("\n")[0]
+
+
+def fields_of(table: Tables) -> Iterator[FieldHelp]:
+    """What help() says of a table's fields."""
+    properties = table.model_json_schema(schema_generator=_Schema)["properties"]
+    for field, info in table.model_fields.items():
+        default = ", must be given" if info.is_required() else f" = {info.default!r}"
+        inner, taken = table_in(info.annotation), _taken(properties[field]).replace("`", "")
+        if inner:
+            taken = f"list of {inner.__name__}" if taken.startswith("list") else inner.__name__
+        yield FieldHelp(f"{field}{default} ({taken})" if taken else f"{field}{default}", meaning_of(table, field))
 
 
 def tables(table: Tables = Scene, path: str = "") -> Iterator[tuple[str, Tables]]:
@@ -91,7 +79,7 @@ def as_markdown() -> str:
 
 def _section(heading: str, table: Tables) -> str:
     properties = table.model_json_schema(schema_generator=_Schema)["properties"]
-    lines = [f"## {f'`{heading}`' if heading else 'At the top'}", "", inspect.cleandoc(table.__doc__ or ""), ""]
+    lines = [f"## {f'`{heading}`' if heading else 'At the top'}", "", inspect.cleandoc(plain_docstring(table)), ""]
     lines += ["| field | takes | default | |", "|---|---|---|---|"]
     for field in table.model_fields:
         default = f"`{default_of(table, field)}`".replace("``", "-")

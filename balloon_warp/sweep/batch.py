@@ -17,6 +17,7 @@ from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.schedules.touching import crowding_remarks
+from balloon_warp.shown import Shown, described
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.local import simulate_locally
@@ -29,8 +30,9 @@ from balloon_warp.sweep.task import BatchTask, Outcome
 TABLE_NAMES = ("table.npz", "table.csv")
 
 
+@described
 @dataclass(frozen=True)
-class BatchSummary:
+class BatchSummary(Shown):
     """What was done, how much, and how fast."""
 
     output: str

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
@@ -19,7 +20,7 @@ from balloon_warp.model.vary import SHAPING, VaryError, check_vary
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
-BatchVary = Mapping[str, Any]
+BatchVary = TypeAliasType("BatchVary", Mapping[str, Any])
 """a dotted path of the scene, and a number for each world; for the path of a mesh, a mesh or its file for each"""
 
 

@@ -35,9 +35,13 @@ class Stiffness(Table):
     """Spring constants k [N/m] of the three kinds of springs (paper, figure 3)."""
 
     structural: float = field_of("structural")
+    """along the edges of faces [N/m]; 20.0 when missing"""
     shear: float = field_of("shear")
+    """across faces [N/m]; 10.0 when missing"""
     flexion: float = field_of("flexion")
+    """past one particle, against bending [N/m]; 2.0 when missing"""
     torsion: float = field_of("torsion")
+    """of each edge between two faces, against a change of the angle between them [N m/rad]; 0.0 when missing"""
     variation: UnitInterval = 0.0
     """each spring's constant is drawn uniformly from k (1 - variation) to k (1 + variation)"""
     seed: Index = 0
@@ -51,7 +55,9 @@ class Stiffness(Table):
     constant is multiplied by the mean of those at its ends. From Python also a function that takes the mesh's own
     points, shape (n, 3), and gives the number of each, shape (n,)"""
     viscosity: float = field_of("viscosity")
+    """damping constant of each spring along it, over its spring constant (Tarantino 1996) [s]; 0.0 when missing"""
     yield_stretch: float | None = optional_field_of("yield_stretch")
+    """length over rest length from which on a spring pulls no more (Tarantino 1996) [1]"""
     even: bool = False
     """weigh each spring by the area beside it, so that all together are as stiff everywhere and in all directions,
     however faces divide the surface; and put the mass where springs are stiff, which makes for a long step. Else each
@@ -105,16 +111,29 @@ class Balloon(Table):
     scale: Positive = 1.0
     """factor on the mesh's size, before `rotation`"""
     mass: float = field_of("mass")
+    """of the whole balloon, shared alike by its particles [kg]; 0.1 when missing"""
     helium: float = field_of("helium")
+    """lift for each kilogram of balloon, against gravity's 9.81 [N/kg]; 0.0 when missing"""
     damping: float = field_of("damping")
+    """drag of the whole balloon for each m/s, shared like the mass [N s/m]; 0.1 when missing"""
     drag_coefficient: float = field_of("drag_coefficient")
+    """C_d of 1/2 density C_d A u^2, as for a sphere, u the speed relative to the air [1]; 0.0 when missing"""
     face_drag: float = field_of("face_drag")
+    """C_n of each face in the air: 1/2 density C_n A |u| u_n against the part of u along its normal, which is lift and
+    drag [1]; 0.0 when missing"""
     face_friction: float = field_of("face_friction")
+    """C_t of the same along the face [1]; 0.0 when missing"""
     friction: float | None = optional_field_of("balloon_friction")
+    """Coulomb's coefficient; where two things meet, the geometric mean of both counts; if missing, that of the other
+    thing alone, or between balloons `touch.friction` [1]"""
     stiffness: Stiffness = Stiffness()
+    """Spring constants k [N/m] of the three kinds of springs (paper, figure 3)."""
     material: Material = Material()
+    """What the balloon is made of: springs, as in the paper, or rubber or film that has a thickness."""
     inflation: Inflation = Inflation()
+    """What fills a balloon."""
     neck: Neck | None = None
+    """The neck of a balloon with gas that is let go: open, gas leaves through it in a jet, which drives the balloon."""
     fixed: Annotated[list[Index | Annotated[str, Field(min_length=1)]], BeforeValidator(pins_of)] = []
     """particles that do not move: by the order of the file's vertices, counted from 0, or all of a group of the mesh,
     by its name (`g` and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the

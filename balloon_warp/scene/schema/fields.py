@@ -1,9 +1,10 @@
 """What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
 
+import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -13,6 +14,12 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import PARAMETERS, Parameter
 from balloon_warp.kernels.laws.law import FAR, TINY
 from balloon_warp.scene.complaint import complaint
+from balloon_warp.shown import DOC, FieldHelp, Shown, ShownType, describe
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
 
 Real = Annotated[float, Field(gt=-FAR, lt=FAR)]
 Positive = Annotated[float, Field(ge=TINY, lt=FAR)]
@@ -73,7 +80,12 @@ def missed_between_frames(keyframes: Sequence[Keyframe], frame_seconds: float) -
     return float(abs(missed) / whole) if whole else 0.0
 
 
-class Table(BaseModel):
+class TableType(ShownType, ModelMetaclass):
+    # The type of tables.
+    __doc__ = DOC  # type: ignore
+
+
+class Table(Shown, BaseModel, metaclass=TableType):
     """A table of the scene file: no unknown fields, no NaN, no infinity.
 
     Raises:
@@ -81,6 +93,27 @@ class Table(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, arbitrary_types_allowed=True)
+
+    _internal: ClassVar[tuple[str, ...]] = ("model_config",)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        """Say in help() what its fields are; its signature names them, with their defaults."""
+
+        def fields_of(table: Any) -> Iterator[FieldHelp]:
+            from balloon_warp.scene.reference import fields_of  # stands above, and is for who asks
+
+            return fields_of(table)
+
+        empty, of_name = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
+        describe(
+            cls,
+            fields_of,
+            (
+                inspect.Parameter(name, of_name, default=empty if field.is_required() else field.get_default())
+                for name, field in cls.model_fields.items()
+            ),
+        )
 
     if not TYPE_CHECKING:  # where each table's own fields are the arguments
 

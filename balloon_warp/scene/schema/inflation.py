@@ -48,16 +48,34 @@ class Inflation(Table):
     """of "gas": what a pump gives against a pressure, [[pressure, flow], ...], above the air's [Pa] and [mol/s]: linear
     between them, and nothing beyond the last"""
     breaths: float = field_of("fill_breaths")
+    """of a gas: deep breaths that are blown in, each of 3.5 l at the pressure of the air, an adult's inspiratory
+    capacity [1]; 0.0 when missing"""
     litres: float = field_of("fill_litres")
+    """of a gas: litres, at the pressure of the air, that are blown in [l]; 0.0 when missing"""
     moles: float = field_of("fill_moles")
+    """of a gas: moles that are blown in [mol]; 0.0 when missing"""
     fill_time: float = field_of("fill_time")
+    """of a gas: the time in which breaths, litres or moles are blown in, evenly from the start; with `fill_to_pressure`
+    or `fill_to_diameter`, the time of each breath [s]; 1.0 when missing"""
     fill_to_pressure: float = field_of("fill_to_pressure")
+    """of a gas: blow until it presses so much more than the air, and no further; 0 is no such end [Pa]; 0.0 when
+    missing"""
     fill_to_diameter: float = field_of("fill_to_diameter")
+    """of a gas: blow until a ball of its volume would be so wide, and no further; 0 is no such end [m]; 0.0 when
+    missing"""
     gamma: float = field_of("gamma")
+    """p V^gamma of a sealed gas stays as it is: 1.4 keeps air's heat in, 1.667 helium's; 1 keeps it as warm as the air
+    [1]; 1.0 when missing"""
     breathing_damping: float = field_of("breathing_damping")
+    """of a gas: how much the step damps a balloon's breathing, its quick swelling and shrinking: 1 as backward Euler
+    does; 0 not at all, by the trapezoidal rule, so that balloons breathe on [1]; 1.0 when missing"""
     molar_mass: float = field_of("molar_mass")
+    """of a gas [kg/mol]; 0.0040026 when missing"""
     added_mass: float = field_of("added_mass")
+    """of a gas's balloon: how much air moves along with it, as a part of the air that it displaces; 0.5 for a sphere, 0
+    for none [1]; 0.5 when missing"""
     leak: float = field_of("leak")
+    """of a gas: area of a stream that gets out through pores and pinholes, without thrust [m^2]; 0.0 when missing"""
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
@@ -170,9 +188,14 @@ class Neck(Table):
     """where it is: the "lowest" or "highest" place along the up axis at the start, a vertex by the order of the file's,
     or the faces of a group of the mesh, by its name; the jet goes straight out from there"""
     diameter: float = field_of("neck_diameter")
+    """of the opening, however far the rubber around it is stretched; 0 is closed [m]; 0.01 when missing"""
     discharge: float = field_of("neck_discharge")
+    """part of the opening that the stream fills: 0.95 to 1 of a neck that narrows smoothly, 0.61 of a hole with a sharp
+    edge [1]; 1.0 when missing"""
     opens: float = field_of("neck_opens")
+    """when it is let go [s]; 0.0 when missing"""
     closes: float | None = optional_field_of("neck_closes")
+    """when it is shut again; never when missing [s]"""
 
     @model_validator(mode="after")
     def _closes_later(self) -> Self:

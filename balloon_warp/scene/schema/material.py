@@ -40,18 +40,24 @@ class Material(Table):
     kind: Kind | None = None
     """the law of its stretching; when missing, the preset's, or "springs\""""
     shear_modulus: float | None = optional_field_of("shear_modulus")
+    """at rest; a third of Young's; 3.3e5 when missing [Pa]"""
     thickness: float | None = optional_field_of("thickness")
+    """at rest; 2e-4 when missing [m]"""
     density: Positive | None = None
     """of the material [kg/m^3]; 940 when missing"""
     mooney_ratio: float | None = optional_field_of("mooney_ratio")
+    """of "mooney_rivlin": C2 over C1; 0.1 when missing [1]"""
     ogden_moduli: Vector | None = None
     """of "ogden": mu of each of its three terms [Pa]; the shear modulus is half the sum of mu alpha"""
     ogden_exponents: tuple[Exponent, Exponent, Exponent] | None = None
     """of "ogden": alpha of each"""
     gent_limit: float | None = optional_field_of("gent_limit")
+    """of "gent": what I1 - 3 cannot exceed, I1 the sum of the three squared stretches; 97.2 when missing [1]"""
     wrinkling: bool = True
     """it gives way to compression, as what is thin does; else it resists that as it resists tension"""
     most_stretch: float | None = optional_field_of("most_stretch")
+    """up to which, both ways, the step of "auto" is stable and "gent" holds; 6 when missing, or 0.96 of what "gent"
+    allows [1]"""
     viscosity: NonNegative = 0.0
     """damping of the material's own, against any change of its shape [Pa s]"""
     softening: Annotated[float, Field(ge=0.0, le=0.95)] | None = None

@@ -58,6 +58,7 @@ class Scene(Table):
     up_axis: Literal["Y", "Z"] = "Y"
     """which axis points up"""
     gravity: float = field_of("gravity")
+    """the acceleration against the up axis [m/s^2]; 9.81 when missing"""
     frames: Annotated[int, Field(ge=1)] = 120
     """how many frames follow the start"""
     frames_per_second: Positive = 60.0
@@ -73,6 +74,7 @@ class Scene(Table):
     """after a step, "provot" shortens springs that are longer than (1 + correction_limit) times their rest length to
     that (Provot 1995); with "tarantino" they do not pull there either, as in the paper"""
     correction_limit: float = field_of("correction_limit")
+    """strain beyond which a spring is shortened [1]; 0.1 when missing"""
     correction_sweeps: Annotated[int, Field(ge=1, le=1000)] = 4
     """how often a correction goes through all springs"""
     normals: Literal["cached", "fresh"] = "fresh"
@@ -85,17 +87,29 @@ class Scene(Table):
     picture_frame: Index | None = None
     """the frame that a picture of this scene shows; the last when missing or past the end"""
     picture: Picture | None = None
+    """From where a picture of the scene is taken, unless an option says otherwise."""
     balloon: Annotated[list[Balloon], Field(min_length=1)]
+    """A mesh that becomes a balloon."""
     sphere: list[Sphere] = []
+    """A rigid sphere that collides with balloons, spheres, obstacles and the ground."""
     string: list[String] = []
+    """A string from a fixed anchor to one particle: it pulls when taut and does not push."""
     obstacle: list[Obstacle] = []
+    """A rigid thing that balloons and spheres cannot enter: it stays, or moves as it is told, whatever pushes it."""
     body: list[Body] = []
+    """A free rigid body, with mass and inertia: balloons press on it and carry it."""
     ground: Ground | None = None
+    """A plane across the up axis."""
     water: Water | None = None
+    """A liquid below a level surface: it presses on the outside of balloons, and brakes what moves in it."""
     tube: list[Tube] = []
+    """A tube between two balloons with gas: through it flows the gas that the difference of pressures drives."""
     touch: Touch | None = None
+    """What happens where surfaces of balloons meet. Without this table they pass through each other."""
     box: Box | None = None
+    """A box in which the table of a batch counts balloons, as `in_box`: those whose centers are inside."""
     atmosphere: Atmosphere = Atmosphere()
+    """The air around the balloons, alike everywhere unless it has a `lapse`, `shear`, `roughness` or `gusts`."""
     law: LawTables = {}
     """parameters of laws of one's own that are the world's, by law and name"""
     change: list[Change] = []

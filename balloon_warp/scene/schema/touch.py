@@ -18,8 +18,11 @@ class Touch(Table):
     """whether spheres that are small beside faces touch these, and not only particles: then none comes through, however
     small it is and however fast"""
     thickness: float | None = optional_field_of("touch_thickness")
+    """distance at which surfaces begin to push; a twentieth of an edge of their meshes when missing [m]"""
     stiffness: float | None = optional_field_of("touch_stiffness")
+    """of each particle's contact; a quarter of all of a particle's springs when missing [N/m]"""
     friction: float = field_of("touch_friction")
+    """Coulomb's coefficient of balloons that do not say their own, between balloons [1]; 0.3 when missing"""
 
     @model_validator(mode="after")
     def _something_touches(self) -> Self:
