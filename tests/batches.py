@@ -13,7 +13,7 @@ from balloon_warp.sweep.output import STAGE_NAME
 
 OFTEN = 1e-9
 """seconds between checkpoints: one after every frame"""
-NAMES = ("table.npz", "table.csv", STAGE_NAME)
+NAMES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv", STAGE_NAME)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

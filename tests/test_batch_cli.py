@@ -23,6 +23,8 @@ position = [0, 4, 0]
 radius = 1.2
 """
 
+TABLES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv")
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -106,7 +108,7 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, cap
     assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
     assert warned[0].startswith("warning: the simulation blew up in frame 1, world 1, substep 1 of ")
     assert warned[1:] == ["warning: 1 of 3 worlds blew up: health 0, and the rows of the last good frame"]
-    assert said[1:] == [f"wrote ball_batch/{name}" for name in ("table.npz", "table.csv", "manifest.json")]
+    assert said[1:] == [f"wrote ball_batch/{name}" for name in (*TABLES, "manifest.json")]
 
 
 def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
@@ -123,7 +125,7 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
     assert batch(monkeypatch, "--worlds", "3") == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("removed ball_batch/worlds.usdc")
     left = sorted(path.name for path in (folder / "ball_batch").iterdir())
-    assert left == ["manifest.json", "table.csv", "table.npz"]
+    assert left == sorted([*TABLES, "manifest.json"])
     assert batch(monkeypatch, "--worlds", "3") == 0
     assert "removed" not in capsys.readouterr().out
 

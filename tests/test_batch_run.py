@@ -50,7 +50,8 @@ def written(tmp_path_factory: pytest.TempPathFactory, vary: dict) -> Path:
     assert summary.exported_worlds == 3
     assert summary.unhealthy_worlds == 0
     assert summary.particles == 3 * (56 + 8) + 2 * (98 + 8)
-    assert sorted(map(Path, [*summary.table, str(summary.stage), summary.manifest])) == sorted(folder.iterdir())
+    written = [*summary.table, *summary.worlds_table, str(summary.stage), summary.manifest]
+    assert sorted(map(Path, written)) == sorted(folder.iterdir())
     return folder
 
 
@@ -267,7 +268,8 @@ def test_saving_often_gives_the_same_samples(
 def test_no_export_no_stage(tmp_path: Path):
     summary = run_batch(scene(frames=1), tmp_path, 2, device="cpu")
     assert summary.stage is None
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["manifest.json", "table.csv", "table.npz"]
+    assert {path.stem for path in tmp_path.iterdir()} == {"manifest", "table", "worlds"}
+    assert not (tmp_path / "worlds.usdc").exists()
 
 
 def test_a_world_that_blows_up_is_marked_and_never_written(tmp_path: Path):

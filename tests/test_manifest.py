@@ -62,7 +62,7 @@ def test_it_says_what_was_simulated_and_with_what(folder: Path):
 
 def test_its_hashes_are_those_of_the_files(folder: Path):
     said = manifest(folder / "first")
-    assert set(said["outputs"]) == {"table.npz", "table.csv", "worlds.usdc"}
+    assert set(said["outputs"]) == {"table.npz", "table.csv", "worlds.npz", "worlds.csv", "worlds.usdc"}
     for place, hashes in ((folder / "first", said["outputs"]), (folder, said["meshes"])):
         for name, expected in hashes.items():
             assert hashlib.sha256((place / name).read_bytes()).hexdigest() == expected

@@ -57,7 +57,10 @@ COMMANDS = {
     "batch": (
         BATCH,
         ["scene.toml", "ball.obj"],
-        ["out/table.npz", "out/table.csv", "out/worlds.usdc", "out/manifest.json"],
+        [
+            *(f"out/{name}" for name in ("table.npz", "table.csv", "worlds.npz", "worlds.csv", "worlds.usdc")),
+            "out/manifest.json",
+        ],
     ),
     "compare": (
         ["compare", "scene.toml", "--vary", "gravity=1,9", "-o", "both.png", *ON_CPU],

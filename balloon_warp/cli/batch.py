@@ -218,7 +218,7 @@ def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
     if summary.unhealthy_worlds:
         warn(f"{summary.unhealthy_worlds:,} {of_all}: health 0, and the rows of the last good frame")
     stage = [f"{summary.stage}: {played(summary.frames, rate)}"] if summary.stage else []
-    for written in [*summary.table, *stage, summary.manifest]:
+    for written in [*summary.table, *summary.worlds_table, *stage, summary.manifest]:
         console.print(f"wrote {written}", markup=False)
     if summary.removed_stage:
         removed = f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds"

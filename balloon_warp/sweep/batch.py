@@ -14,6 +14,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences
 from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.outputs.worlds_table import WORLDS_NAMES
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.schedules.touching import crowding_remarks
@@ -38,6 +39,9 @@ class BatchSummary(Shown):
     output: str
     """the folder that was written"""
     table: list[str]
+    """the files that have a row for each world and frame"""
+    worlds_table: list[str]
+    """those that have a row for each world"""
     stage: str | None
     """of the exported worlds"""
     manifest: str
@@ -99,8 +103,8 @@ def run_batch(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> BatchSummary:
-    """Simulate worlds that differ; write `table.npz`, `table.csv`, of the chosen worlds `worlds.usdc`, and
-    `manifest.json`, from which `repeat_batch` makes them again.
+    """Simulate worlds that differ; write tables, `table` of each world and frame and `worlds` of each world, as .npz and
+    .csv, of the chosen worlds `worlds.usdc`, and `manifest.json`, from which `repeat_batch` makes them again.
 
     All in the folder is of one batch: where no world is chosen, the `worlds.usdc` of an earlier one is removed.
 
@@ -153,7 +157,7 @@ def run_batch(
         outcome = _simulate(task, cluster, device, checkpoints, on_frame)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(checkpoints.advice) from None
-    names = [*TABLE_NAMES, *([STAGE_NAME] if len(chosen) else [])]
+    names = [*TABLE_NAMES, *WORLDS_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
     for sentence in _remarks(outcome):
@@ -203,6 +207,7 @@ def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
     return BatchSummary(
         output=str(task.folder),
         table=[str(task.folder / table) for table in TABLE_NAMES],
+        worlds_table=[str(task.folder / table) for table in WORLDS_NAMES],
         stage=stage if len(task.chosen) else None,
         manifest=str(task.folder / MANIFEST_NAME),
         removed_stage=stage if outcome.removed_stage else None,

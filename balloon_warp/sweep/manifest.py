@@ -15,6 +15,7 @@ from balloon_warp.provenance import (
     installed_versions,
     meshes_of,
 )
+from balloon_warp.sweep.columns import describe_columns
 from balloon_warp.sweep.groups import vary_columns
 from balloon_warp.sweep.task import BatchTask, Outcome
 
@@ -70,6 +71,7 @@ def write_manifest(
         "restarted_worlds": {str(world): substeps for world, substeps in outcome.failures.restarted.items()},
         "blow_ups": [report.as_json() for report in outcome.failures.reports],
         **description,
+        "columns": describe_columns(task.scene, task.vary, task.laws),
         "outputs": {name: hash_of_file(task.folder / name) for name in names},
     }
     path = task.folder / MANIFEST_NAME

@@ -1,8 +1,9 @@
-"""What a batch leaves behind: the table of all worlds, and the stage of the chosen ones."""
+"""What a batch leaves behind: the tables of all worlds, and the stage of the chosen ones."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 
 from balloon_warp.endings import BadEnding, LastFrame, bad_endings
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable
+from balloon_warp.files import check_writable, whole_file
 from balloon_warp.outputs.table import TableWriter
+from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
 from balloon_warp.sweep.recorder import Record, columns_of
@@ -30,7 +32,8 @@ class BatchOutput:
     """Writes frames of a batch; its files appear when the `with` block ends well.
 
     Args:
-        folder: where `table.npz`, `table.csv` and `worlds.usdc` go; made if it is not there.
+        folder: where `table.npz`, `table.csv`, `worlds.npz`, `worlds.csv` and `worlds.usdc` go; made if it is not
+            there.
         scene: what all worlds have in common.
         groups: the worlds.
         chosen: those of the stage, ascending; where there are none there is no stage, and an earlier batch's goes.
@@ -48,6 +51,7 @@ class BatchOutput:
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
         self.table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, columns_of(scene), worlds)
+        self._endings: dict[int, str] = {}
         self.stage_path = folder / STAGE_NAME
         self.removed_stage = False
         """whether the stage of an earlier batch was there and this one has none"""
@@ -64,9 +68,11 @@ class BatchOutput:
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
+            worlds = [files.enter_context(whole_file(self.table.folder / name)) for name in WORLDS_NAMES]
             files.enter_context(self.table)
             if self.stage:
                 files.enter_context(self.stage)
+            files.push(partial(self._write_worlds, *worlds))  # the first to be written, the last to be in their places
             self._files = files.pop_all()
         return self
 
@@ -120,8 +126,13 @@ class BatchOutput:
             velocities = [rate * (end - begin) for begin, end in zip(before, points, strict=True)]
             poses, torn = self.stage.last_obstacle_poses(group, place), self.stage.last_torn(group, place)
             for ending in bad_endings(plan, LastFrame(plan.scene.frames, points, velocities, poses, torn)):
+                self._endings.setdefault(world, ending.kind)
                 found.append(replace(ending, sentence=f"world {world}: {ending.sentence}"))
         return found
+
+    def _write_worlds(self, npz: Path, text: Path, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            write_worlds(npz, text, self.table, self._endings)
 
     def health_of(self, group: int) -> NDArray[np.int32]:
         """Of the worlds of a group in all frames, shape (frame_count, world_count)."""

@@ -1,0 +1,63 @@
+"""A batch's summary: a row for each world, as .npz and .csv of the same columns."""
+
+import csv
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.outputs.npz import write_npz
+from balloon_warp.outputs.table import TableWriter
+
+WORLDS_NAMES = ("worlds.npz", "worlds.csv")
+BLOCK = 4096
+"""worlds whose rows are made text together: more would only fill the memory"""
+WELL, BLEW_UP = "finished", "blew up"
+"""how a world ended, where nothing else is known of it"""
+EXTREMES = {"end": "at the end", "min": "the least until then", "max": "the most until then"}
+"""what of each measure is told, by how the names of its columns end"""
+
+
+def write_worlds(npz: Path, text: Path, table: TableWriter, endings: Mapping[int, str]) -> None:
+    """Write the two files.
+
+    Args:
+        table: with all its frames.
+        endings: what is known of how worlds ended that did not blow up.
+    """
+    write_npz(npz, _columns(table, endings))
+    columns = dict(_columns(table, endings))
+    with text.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for begin in range(0, table.world_count, BLOCK):
+            block = slice(begin, begin + BLOCK)
+            writer.writerows(zip(*(_texts(column[block]) for column in columns.values()), strict=True))
+
+
+def worlds_columns(varied: list[str], measures: list[str]) -> list[str]:
+    """The names of the columns, in order."""
+    return ["world", *varied, "health", "ending", "last_frame", *(f"{m}_{end}" for m in measures for end in EXTREMES)]
+
+
+def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[str, NDArray]]:
+    """Names and values, shape (world_count,); of a world that blew up the last good frame is the end."""
+    worlds, good = np.arange(table.world_count, dtype=np.int32), table.health != 0
+    health = table.health[-1]
+    words = [endings.get(world, WELL) if well else BLEW_UP for world, well in enumerate(health.tolist())]
+    measured = (
+        part
+        for number in range(len(table.measures))
+        for values in [table.values[:, :, number]]
+        for part in (values[-1], values.min(axis=0), values.max(axis=0))
+    )
+    first = [worlds, *table.varied.values(), health, np.array(words), good.sum(axis=0, dtype=np.int32) - 1]
+    yield from zip(worlds_columns(list(table.varied), table.measures), [*first, *measured], strict=True)
+
+
+def _texts(values: NDArray) -> list[str]:
+    """Nine digits give back every float32, and repr every float64."""
+    if values.dtype == np.float32:
+        return [f"{value:.9g}" for value in values.tolist()]
+    return [str(value) for value in values.tolist()]

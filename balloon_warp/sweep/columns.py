@@ -1,0 +1,86 @@
+"""What the columns of a batch's tables are, with their units: it stands in the manifest."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, cast
+
+from balloon_warp.kernels.laws import LAWS, Law
+from balloon_warp.model.law_tables import with_law_tables
+from balloon_warp.model.parameters import places_of
+from balloon_warp.model.rows import KEYFRAME_VALUES, rows_of
+from balloon_warp.outputs.worlds_table import EXTREMES
+from balloon_warp.scene import Scene
+from balloon_warp.scene.nesting import table_in
+from balloon_warp.scene.reference import meaning_of
+from balloon_warp.sweep.recorder import columns_of
+
+OF_ROWS = {
+    "world": ("1", "number of the world, from 0"),
+    "frame": ("1", "number of the frame; 0 is the start"),
+    "time": ("s", "simulated since the start"),
+    "health": (
+        "1",
+        "1 as long as all is well; 0 from the frame on in which the world blew up, whose rows repeat the last good "
+        "one; 2 of a world that was simulated again, in shorter steps",
+    ),
+    "ending": (
+        "",
+        "finished, or blew up; or of a world of the stage whose end was looked at what became of a balloon that ended "
+        "badly, such as falling or collapsed",
+    ),
+    "last_frame": ("1", "the last good frame"),
+}
+"""unit and meaning of the columns that every table has"""
+MEASURED = {
+    "volume": ("m^3", "that all balloons enclose"),
+    "area": ("m^2", "of all balloons"),
+    "pressure": ("Pa", "above the air's, the mean of the balloons' by area; of normal forces, their sum over the area"),
+    "center_height": ("m", "of the balloons' center, along the up axis"),
+    "largest_stretch": ("1", "of a spring, its length over its rest length; or of rubber or film, either way"),
+    "kinetic_energy": ("J", "of all balloons"),
+    "in_box": ("1", "balloons whose center is in the box"),
+    "burst": ("1", "balloons that have burst"),
+    "moles": ("mol", "of gas in all balloons"),
+    "mean_stretch": ("1", "root of the area over that at the start"),
+    "thrust": ("N", "of the jets of all necks"),
+}
+"""the same of what is measured"""
+KEYFRAMED_UNITS = {"k_normal": "100 N", "pressure": "Pa", "pump": "mol/s"}
+
+
+def describe_columns(scene: Scene, varied: Iterable[str], laws: Sequence[Law] = ()) -> dict[str, dict[str, str]]:
+    """Unit and meaning of each column of `table` and of `worlds`, by name; the unit of numbers without one is "1", and
+    that of words is empty.
+
+    Args:
+        varied: the paths of what differs.
+        laws: your own.
+    """
+    told = dict(OF_ROWS) | {path: (unit, _meaning(path)) for path, unit in _units(scene, varied, laws).items()}
+    for name in columns_of(scene):
+        unit, meaning = MEASURED.get(name, ("m", "of its center, along the up axis"))
+        told[name] = unit, meaning
+        told |= {f"{name}_{end}": (unit, f"{meaning}; {when}") for end, when in EXTREMES.items()}
+    return {name: {"unit": unit, "meaning": meaning} for name, (unit, meaning) in told.items()}
+
+
+def _units(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[str, str]:
+    rows = rows_of((*LAWS, *laws))
+    places, units = places_of(with_law_tables(scene, rows), rows), {row.name: row.unit for row in rows}
+    found = {}
+    for path in paths:
+        name = places[path][0][0] if path in places else ""
+        if name == KEYFRAME_VALUES.name:
+            found[path] = next(unit for field, unit in KEYFRAMED_UNITS.items() if f".{field}" in path)
+        else:
+            found[path] = "" if path.endswith(".mesh") else units.get(name, "1")
+    return found
+
+
+def _meaning(path: str) -> str:
+    """What the schema says of a field, or of what its path ends in."""
+    said, table = "", cast("Any", Scene)
+    for name in (name for name in path.split(".") if not name.isdecimal()):
+        if table is None or name not in table.model_fields:
+            return ""  # of a law of one's own
+        said, table = meaning_of(table, name), table_in(table.model_fields[name].annotation)
+    return said
