@@ -67,6 +67,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
     return ByGroups(config, log)
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "long: simulates for longer than it takes to optimize its kernels")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest come first, or a process has nothing to do while another ends; the brief come last, since kernels
     that are optimized serve them, too, and not the other way round."""
@@ -98,9 +102,9 @@ def is_left_to_the_matrix(item: pytest.Item) -> bool:
 
 
 def is_brief(item: pytest.Item) -> bool:
-    """Whether its kernels stay as they are written."""
+    """Whether its kernels stay as they are written: not those of a test that is marked as `long` in such a file."""
     group = group_of(item.nodeid)
-    return group.startswith("matrix ") or group in BRIEF
+    return (group.startswith("matrix ") or group in BRIEF) and not item.get_closest_marker("long")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

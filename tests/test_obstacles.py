@@ -261,6 +261,7 @@ def test_what_cuts_a_corner_is_stopped(device: str):
     np.testing.assert_allclose(last.velocities[0], [[70.0, 0.0, 0.0]] * 4, atol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("schedule", ["octets", "block"])
 def test_looking_at_the_nearest_alone_is_enough(schedule: str, device: str):
     """Where each obstacle stands twice, none is alone the nearest, and all are looked at. The second of two has nothing

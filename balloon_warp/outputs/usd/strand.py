@@ -17,18 +17,21 @@ class Strand:
 
     Args:
         curve: one that has its material and no points yet.
+        start: points along the curve before there are any frames, shape (count, 3): who takes no times, such as a
+            simulator that goes on, has them.
     """
 
-    def __init__(self, stage: Usd.Stage, curve: UsdGeom.BasisCurves):
+    def __init__(self, stage: Usd.Stage, curve: UsdGeom.BasisCurves, start: NDArray[np.floating]):
         self.curve = curve
         (count,) = curve.GetCurveVertexCountsAttr().Get()
         (width,) = curve.GetWidthsAttr().Get()
-        self._radius, self._begun = 0.5 * width, False
+        self._radius = 0.5 * width
         path = curve.GetPath()
         self.mesh = UsdGeom.Mesh.Define(stage, path.ReplaceName(f"{path.name}_Mesh"))
         counts, indices = tube_topology(np.array([count], np.int32))
         self.mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(counts))
         self.mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(indices))
+        self.mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points_around(start, self._radius)))
         self.mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.catmullClark)
         self.mesh.CreateDisplayColorAttr(curve.GetDisplayColorAttr().Get())
         material, _ = UsdShade.MaterialBindingAPI(curve.GetPrim()).ComputeBoundMaterial()
@@ -44,14 +47,11 @@ class Strand:
         """Points along the curve, shape (count, 3)."""
         write_lines(self.curve, points, time)
         around = Vt.Vec3fArray.FromNumpy(points_around(points, self._radius))
-        if not self._begun:  # who takes no times, such as a simulator that goes on, has a mesh without points otherwise
-            self.mesh.GetPointsAttr().Set(around)
-            self._begun = True
         self.mesh.GetPointsAttr().Set(around, time)
         self.mesh.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(around), time)
 
 
-def points_around(points: NDArray[np.float32], radius: float) -> NDArray[np.float32]:
+def points_around(points: NDArray[np.floating], radius: float) -> NDArray[np.float32]:
     """`SIDES` points about each point of a curve in a plane, in the order of `tube_topology`.
 
     Returns:

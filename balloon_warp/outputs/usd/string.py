@@ -31,7 +31,8 @@ class StringPrim:
         self.particle = int(model.string_particle.numpy()[number]) - model.particle_offsets[self.string.balloon]
         held = model.shapes[self.string.balloon].mesh
         self.prim = define_string(stage, path, held)
-        self._strand = Strand(stage, self.prim)
+        start = np.linspace(np.array(self.string.anchor), held.points[self.particle], POINT_COUNT)
+        self._strand = Strand(stage, self.prim, start)
         self._knot = None
         if has_knot(self.string, model.scene.balloon[self.string.balloon]):
             self._knot = KnotPrim(stage, knot_path(path), model.scene, number, held, self.particle)

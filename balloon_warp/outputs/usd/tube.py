@@ -24,7 +24,8 @@ class TubePrim:
         size = min(float(np.ptp(points, axis=0).max()) for points in (first, second))
         self.prim = define_lines(stage, path, [2], width=0.1 * size)
         paint(self.prim, STRING_COLOR, roughness=0.5)
-        self._strand = Strand(stage, self.prim)
+        ends = first[self.particles[0]], second[self.particles[1]]
+        self._strand = Strand(stage, self.prim, np.array(ends))
 
     def write(self, frame: Frame) -> None:
         ends = zip(self.balloons, self.particles, strict=True)
