@@ -103,8 +103,8 @@ def run_batch(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> BatchSummary:
-    """Simulate worlds that differ; write tables, `table` of each world and frame and `worlds` of each world, as .npz and
-    .csv, of the chosen worlds `worlds.usdc`, and `manifest.json`, from which `repeat_batch` makes them again.
+    """Simulate worlds that differ; write tables as .npz and .csv, `table` of each world and frame and `worlds` of each
+    world, `worlds.usdc` of the chosen worlds, and `manifest.json`, from which `repeat_batch` makes them again.
 
     All in the folder is of one batch: where no world is chosen, the `worlds.usdc` of an earlier one is removed.
 
