@@ -54,5 +54,5 @@ def set_state(simulator: Simulator, **arrays: np.ndarray) -> None:
 
 def advanced(simulator: Simulator, frames: int) -> Frame:
     for _ in range(frames):
-        simulator.step()
+        simulator.step_unread()
     return simulator.read_frame()

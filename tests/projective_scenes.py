@@ -58,5 +58,5 @@ def full_scene(**fields) -> Scene:
 def after_frames(scene: Scene, device: str, frames: int = 4, worlds: int = 1, vary=None, schedule="auto") -> Simulator:
     simulator = Simulator(scene, device, worlds, vary, schedule)
     for _ in range(frames):
-        simulator.step()
+        simulator.step_unread()
     return simulator

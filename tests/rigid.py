@@ -27,7 +27,7 @@ def started(device: str, *bodies: Body, schedule: str = "gather", **fields: Any)
 
 def after(simulator: Simulator, frames: int) -> Simulator:
     for _ in range(frames):
-        simulator.step()
+        simulator.step_unread()
     return simulator
 
 

@@ -126,5 +126,5 @@ def touching(simulator: Simulator) -> int:
 def run(scene: Scene, device: str, schedule: str, frames: int) -> Simulator:
     simulator = Simulator(scene, device, schedule=schedule)
     for _ in range(frames):
-        simulator.step()
+        simulator.step_unread()
     return simulator

@@ -16,7 +16,7 @@ are chaotic: a difference doubles every few frames."""
 def after_frames(scene: Scene, schedule: str, device: str, frames: int = 3, worlds: int = 1) -> Simulator:
     simulator = Simulator(scene, device, worlds, schedule=schedule)
     for _ in range(frames):
-        simulator.step()
+        simulator.step_unread()
     return simulator
 
 
@@ -55,7 +55,7 @@ def _from(start: dict[str, np.ndarray], scene: Scene, schedule: str, device: str
     for name, array in start.items():
         getattr(simulator.state, name).assign(array)
     for _ in range(frames):
-        simulator.step()
+        simulator.step_unread()
     return simulator
 
 
