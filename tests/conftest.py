@@ -38,8 +38,8 @@ LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 """schedules that tests of physics leave out on a CPU"""
 
 BRIEF = (
-    *("atmosphere", "collision", "contact", "diagnosis", "empty", "euler", "free_frames", "gas", "gas_heat", "grazing"),
-    *("health", "law_schedules", "membrane_schedules", "necks", "obstacles", "odd_meshes", "restore", "setting"),
+    *("atmosphere", "collision", "contact", "diagnosis", "euler", "free_frames", "gas", "gas_heat", "grazing"),
+    *("health", "law_schedules", "necks", "obstacles", "odd_meshes", "restore", "setting"),
     *("tubes", "water"),
 )
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
