@@ -1,7 +1,9 @@
 """What a mesh looks like by its own file: colors and images, face by face."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,16 @@ class Picture:
     """of a file, with a hash of its content: different images have different names"""
     data: bytes
     """the file's content"""
+
+    @cached_property
+    def mean(self) -> Color:
+        """linear RGB"""
+        from PIL import Image  # only for a mesh that has images
+
+        with Image.open(io.BytesIO(self.data)) as image:
+            image.thumbnail((64, 64))
+            red, green, blue = linear(np.asarray(image.convert("RGB")) / 255.0).mean(axis=(0, 1)).tolist()
+        return red, green, blue
 
     @property
     def path(self) -> str:
@@ -84,6 +96,15 @@ class Looks:
             own = (self.of_corners < 0) & np.isfinite(self.colors).all(axis=1)
             found[own] = self.colors[own]
         return found
+
+    def mean(self, otherwise: Color) -> Color:
+        """Linear RGB over all corners; arguments as above."""
+        colors = self.color_at_corners(otherwise)
+        for number, look in enumerate(self.materials):
+            if look.picture is not None:
+                colors[self.of_corners == number] *= np.array(look.picture.mean, np.float32)
+        red, green, blue = colors.mean(axis=0).tolist()
+        return red, green, blue
 
     @property
     def pictures(self) -> list[Picture]:

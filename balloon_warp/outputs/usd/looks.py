@@ -20,6 +20,16 @@ def looks_of_file(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body) -> 
     return None if mesh is None or covered else mesh.looks
 
 
+def mean_color(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body, otherwise: Color) -> Color:
+    """What a thing looks like in one color.
+
+    Args:
+        otherwise: its color where its mesh's file says none, or less than the scene.
+    """
+    looks = looks_of_file(mesh, said)
+    return otherwise if looks is None else looks.mean(otherwise)
+
+
 def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
     """Write the images that a stage names into the folder beside it.
 
