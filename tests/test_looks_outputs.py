@@ -11,7 +11,7 @@ from painted import SIDES, color_in, seen_sides, write_obj_cube, write_painted
 from PIL import Image
 from pxr import Usd, UsdGeom, UsdShade, UsdValidation
 
-from balloon_warp import export_stage, load_scene
+from balloon_warp import InputError, export_stage, load_scene
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.model import build_model, plan_model
 from balloon_warp.outputs.render import render_stage
@@ -160,6 +160,15 @@ def test_what_the_scene_says_counts_for_more(tmp_path: Path):
     assert not (path.parent / "textures").exists()
     looks = load_mesh(path).looks
     np.testing.assert_allclose(looks.color_at_corners((0, 0, 0)), np.tile([(0.1, 0.2, 0.3)], (24, 1)), atol=1e-6)
+
+
+def test_a_file_in_the_place_of_the_folder_is_found_before_the_work(tmp_path: Path):
+    mesh = write_painted(tmp_path, "obj")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/textures").write_text("mine")
+    with pytest.raises(InputError, match="textures"):
+        written(mesh)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["textures"]
 
 
 SOLIDS = """

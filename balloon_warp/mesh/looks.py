@@ -43,13 +43,17 @@ class Picture:
         """as a stage names it"""
         return f"./{FOLDER}/{self.name}"
 
+    def beside(self, stage: Path) -> Path:
+        """Where it is, if a stage names it."""
+        return stage.parent / FOLDER / self.name
+
     def write_beside(self, stage: Path) -> None:
         """Write the file into the folder beside a stage.
 
         Raises:
             InputError: it cannot be written.
         """
-        path = stage.parent / FOLDER / self.name
+        path = self.beside(stage)
         try:
             path.parent.mkdir(exist_ok=True)
             known = path.is_file() and path.read_bytes() == self.data

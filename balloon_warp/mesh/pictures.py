@@ -78,8 +78,10 @@ def _picture(named: str, data: bytes) -> Picture | None:
         with Image.open(io.BytesIO(data)) as image:
             suffix = KEPT.get(image.format or "")
             if suffix is None or image.mode not in ("RGB", "RGBA", "L", "P"):
+                deep = image.mode.startswith("I")  # gray in 16 bits
+                shown = image.convert("I").point(lambda value: value / 257).convert("L") if deep else image
                 with io.BytesIO() as packed:
-                    image.convert("RGB").save(packed, "PNG")
+                    shown.convert("RGB").save(packed, "PNG")
                     suffix, data = KEPT["PNG"], packed.getvalue()
             else:
                 image.load()  # to the end: what is cut off would fail once all is done

@@ -17,7 +17,7 @@ from balloon_warp.files import whole_file
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.grid_layout import ROOM, grid_shifts, horizontal_axes, world_bounds
 from balloon_warp.outputs.usd.grid_world import GridWorld
-from balloon_warp.outputs.usd.looks import write_textures
+from balloon_warp.outputs.usd.looks import check_textures, write_textures
 from balloon_warp.outputs.usd.metadata import describe_stage
 from balloon_warp.outputs.usd.planes import SIZES, define_square, planes_of
 from balloon_warp.outputs.usd.prototypes import Prototypes
@@ -50,6 +50,7 @@ class GridWriter:
 
     def __init__(self, path: Path, groups: Sequence[GridGroup]):
         self.path, self.groups = path, groups
+        check_textures(path, [group.plan for group in groups])
         self._frame_bytes = [2 * 12 * group.plan.particle_count * len(group.rows) for group in groups]
         self._unsaved_bytes = 0
         self._is_whole = True

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Sdf, UsdGeom, UsdShade, Vt
 
+from balloon_warp.files import check_writable
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import face_starts
-from balloon_warp.mesh.looks import Color, Looks
+from balloon_warp.mesh.looks import Color, Looks, Picture
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.outputs.usd.material import bind, color_from, define_material, put_image
 from balloon_warp.scene import Balloon, Body, Obstacle
@@ -30,6 +31,19 @@ def mean_color(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body, otherw
     return otherwise if looks is None else looks.mean(otherwise)
 
 
+def check_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
+    """Make sure, before any work is done, that `write_textures` can write.
+
+    Raises:
+        InputError: it cannot.
+    """
+    for picture in _pictures(models):
+        path = picture.beside(stage)
+        if path.parent.exists():
+            check_writable(path, (path.suffix,))
+            return
+
+
 def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
     """Write the images that a stage names into the folder beside it.
 
@@ -39,6 +53,12 @@ def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
     Raises:
         InputError: one cannot be written.
     """
+    for picture in _pictures(models):
+        picture.write_beside(stage)
+
+
+def _pictures(models: Iterable[Model | ModelPlan]) -> list[Picture]:
+    """Those that are seen, by their names."""
     pictures = {}
     for model in models:
         scene, solids = model.scene, [*model.obstacles, *(body.solid for body in model.bodies)]
@@ -46,8 +66,7 @@ def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
         for mesh, said in zip(meshes, (*scene.balloon, *scene.obstacle, *scene.body), strict=True):
             if looks := looks_of_file(mesh, said):
                 pictures |= {picture.name: picture for picture in looks.pictures}
-    for _, picture in sorted(pictures.items()):
-        picture.write_beside(stage)
+    return [pictures[name] for name in sorted(pictures)]
 
 
 def place_texture(prim: UsdGeom.Mesh, mesh: PolygonMesh) -> None:

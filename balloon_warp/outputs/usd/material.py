@@ -105,6 +105,7 @@ def put_image(material: UsdShade.Material, image: str, tint: Color = (1.0, 1.0, 
     texture = UsdShade.Shader.Define(stage, path.AppendChild("Print"))
     texture.CreateIdAttr("UsdUVTexture")
     texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(image)
+    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
     if tint != (1.0, 1.0, 1.0):
         texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*tint, 1.0))
     for name in ("wrapS", "wrapT"):

@@ -15,7 +15,7 @@ from balloon_warp.model import Model
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.body import BodyPrim, body_names
 from balloon_warp.outputs.usd.deformable import define_gravity
-from balloon_warp.outputs.usd.looks import write_textures
+from balloon_warp.outputs.usd.looks import check_textures, write_textures
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
@@ -64,6 +64,7 @@ class StageWriter:
         self.lights, self.ground = lights, ground
         self._provenance = provenance
         check_writable(self.path, STAGE_SUFFIXES)
+        check_textures(self.path, [model])
         self._file = ExitStack()
         self._grows = self.path.suffix.lower() != ".usda"
         self._unsaved_bytes = 0
