@@ -94,6 +94,14 @@ def test_faces_without_places_stand_beside_some_with_an_image(tmp_path: Path):
     assert dict(seen_sides(mesh))[0] == SIDES[0]
 
 
+def test_without_places_a_material_has_its_color(tmp_path: Path):
+    path = write_obj_cube(tmp_path, "newmtl paint\nKd 0.5 0.25 0.125\nmap_Kd images/the atlas.png\n")
+    path.write_text(path.read_text().replace("vt 0", "vt nan", 1))
+    mesh = load_mesh(path)
+    assert mesh.texture_coordinates is None
+    assert [(look.color, look.picture) for look in mesh.looks.materials] == [((0.5, 0.25, 0.125), None)]
+
+
 @pytest.mark.parametrize(
     "line", ["images\\the atlas.png", "-s 1 1 1 -clamp on images/the atlas.png", "C:\\mine\\images\\other.png"]
 )

@@ -80,8 +80,10 @@ def read_obj(path: Path | str) -> PolygonMesh:
         groups=groups.of_vertices(counts, indices),
     )
     _check_numbers(path, mesh, vertex_lines, face_lines)
-    looks = materials.of_corners(mesh, textures.has_some)
-    places = textures.of_corners(partly=looks is not None and len(looks.pictures) > 0)
+    places = textures.of_corners(partly=True)
+    looks = materials.of_corners(mesh, placed=places is not None)
+    if looks is None or not looks.pictures:
+        places = textures.of_corners()
     return replace(mesh, texture_coordinates=places, looks=looks, warnings=materials.warnings)
 
 

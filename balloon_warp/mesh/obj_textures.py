@@ -46,11 +46,6 @@ class ObjTextures:
         except (IndexError, ValueError, OverflowError):
             self._complete = False
 
-    @property
-    def has_some(self) -> bool:
-        """Whether some faces have them."""
-        return self._complete and len(self._corners) > 0 and len(self._coordinates) > 0
-
     def of_corners(self, partly: bool = False) -> NDArray[np.float32] | None:
         """u and v at the corners of all faces, shape (corner_count, 2); None unless all corners have them.
 
@@ -58,7 +53,7 @@ class ObjTextures:
             partly: whether faces may have none, so that zeros stand there.
         """
         coordinates = np.frombuffer(self._coordinates).reshape(-1, 2)
-        if not self.has_some or (self._before and not partly):
+        if not (self._complete and self._corners and len(coordinates)) or (self._before and not partly):
             return None
         corners = np.concatenate([np.full(self._before, NOWHERE), np.frombuffer(self._corners, dtype=np.int32)])
         nowhere = (corners == NOWHERE) & partly
