@@ -39,17 +39,19 @@ def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path: Path):
 
 
 def torn_up(mesh: PolygonMesh) -> PolygonMesh:
-    """Every vertex of each face by itself, faces in another order, one turned over and one twice."""
+    """Every vertex of each face by itself, faces in another order, one turned over, one twice and one of no size."""
     corners = mesh.face_vertex_indices.reshape(mesh.face_count, -1)
     order = np.random.default_rng(1).permutation(mesh.face_count)
     numbers = np.arange(corners.size).reshape(corners.shape)[order]
     numbers[0] = numbers[0, ::-1]
-    numbers = np.concatenate([numbers, numbers[-1:]])
+    numbers = np.concatenate([np.full_like(numbers[:1], numbers[2, 0]), numbers, numbers[-1:]])
     return replace(
         mesh,
         points=mesh.points[mesh.face_vertex_indices[numbers.ravel()]],
         face_vertex_counts=np.full(len(numbers), corners.shape[1], np.int32),
-        face_vertex_indices=np.arange(numbers.size, dtype=np.int32),
+        face_vertex_indices=np.where(np.arange(numbers.size) < numbers.shape[1], 0, np.arange(numbers.size)).astype(
+            np.int32
+        ),
         texture_coordinates=mesh.texture_coordinates[numbers.ravel()],
         looks=mesh.looks.at(numbers.ravel()),
     )
@@ -63,11 +65,19 @@ def test_seams_and_turned_faces_keep_their_places_in_the_image(kind: str, tmp_pa
 
 
 def test_a_lid_has_the_material_of_what_is_around_it(tmp_path: Path):
-    path = write_obj_cube(tmp_path, PLAIN)
-    path.write_text(path.read_text().rpartition("usemtl")[0])
-    mesh = prepared(load_mesh(path), "cube", Treatment())
-    assert len(mesh.looks.of_corners) == len(mesh.face_vertex_indices) == len(mesh.texture_coordinates)
-    assert (mesh.looks.of_corners >= 0).all()
+    ball = trimesh.creation.icosphere(2)
+    upper = ball.triangles_center[:, 1] > 0.0
+    top = int(ball.triangles_center[:, 1].argmax())
+    lines = ["mtllib ball.mtl", *(f"v {x} {y} {z}" for x, y, z in ball.vertices)]
+    for name, some in (("high", upper), ("low", ~upper)):
+        kept = [face + 1 for number, face in enumerate(ball.faces) if some[number] and number != top]
+        lines += [f"usemtl {name}", *(f"f {a} {b} {c}" for a, b, c in kept)]
+    (tmp_path / "ball.obj").write_text("\n".join(lines))
+    (tmp_path / "ball.mtl").write_text("newmtl high\nKd 1 0 0\nnewmtl low\nKd 0 0 1\n")
+    mesh = prepared(load_mesh(tmp_path / "ball.obj"), "ball", Treatment())
+    colors = mesh.looks.color_at_corners((0, 0, 0)).reshape(-1, 3, 3)
+    assert len(colors) == mesh.face_count == len(ball.faces)
+    assert (colors[-1] == (1, 0, 0)).all()
 
 
 def test_materials_of_an_obj_stay_on_their_faces(tmp_path: Path):
