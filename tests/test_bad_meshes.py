@@ -201,17 +201,26 @@ def test_a_pipe_and_a_huge_file_are_refused_unread(tmp_path: Path) -> None:
 
 
 FILES_BESIDE = {
-    "mesh.obj": b"mtllib beside.mtl\nusemtl a\n" + CUBE,
-    "mesh.ply": b"ply\nformat ascii 1.0\ncomment TextureFile beside.png\nelement vertex 3\nproperty float x\n"
-    b"property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n"
-    b"property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n",
+    "mesh.obj": (b"mtllib beside.mtl\nvt 0 0\n" + CUBE + b"usemtl a\nf 1/1 2/1 3/1\n", ["beside.mtl", "beside.png"]),
+    "unused.obj": (b"mtllib beside.mtl\n" + CUBE, []),
+    "mesh.ply": (
+        b"ply\nformat ascii 1.0\ncomment TextureFile beside.png\nelement vertex 3\nproperty float x\n"
+        b"property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n"
+        b"property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n",
+        [],
+    ),
 }
+"""meshes, and what they have opened beside them: the materials and the base textures that are used"""
 
 
 @pytest.mark.parametrize("name", FILES_BESIDE)
-def test_libraries_of_materials_and_textures_are_never_opened(name: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_bytes(FILES_BESIDE[name])
-    (tmp_path / "beside.mtl").write_text("newmtl a\nmap_Kd beside.png\n")
+def test_only_used_materials_and_base_textures_are_opened(name: str, tmp_path: Path) -> None:
+    content, others = FILES_BESIDE[name]
+    (tmp_path / name).write_bytes(content)
+    (tmp_path / "beside.mtl").write_text(
+        "newmtl a\nmap_Kd beside.png\nmap_Bump other.png\nnewmtl b\nmap_Kd other.png\n"
+    )
+    (tmp_path / "other.png").write_bytes(b"no picture")
     (tmp_path / "beside.png").write_bytes(b"no picture")
     program = (
         "import sys; from pathlib import Path; from balloon_warp.mesh.load import load_mesh\n"
@@ -223,4 +232,4 @@ def test_libraries_of_materials_and_textures_are_never_opened(name: str, tmp_pat
     )
     arguments = [sys.executable, "-c", program, str(tmp_path), name]
     result = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
-    assert (result.stdout.split(), result.stderr) == ([name], "")
+    assert (result.stdout.split(), result.stderr) == ([name, *others], "")

@@ -4,8 +4,10 @@ import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from meshes import quad_sphere
 
@@ -50,13 +52,15 @@ DRAWN = """<?xml version="1.0"?>
 </svg>
 """
 ON_CPU = ["--device", "cpu"]
+BALL = ["ball.obj", "beside.mtl", "beside.png"]
+"""the mesh, its library of materials and the texture that this names"""
 BATCH = ["batch", "scene.toml", "--worlds", "3", "--vary", "gravity=1:9", "--export", "1", "-o", "out", *ON_CPU]
 COMMANDS = {
-    "inspect": (["inspect", "ball.obj"], ["ball.obj"], []),
-    "run": (["run", "scene.toml", "--picture", *ON_CPU], ["scene.toml", "ball.obj"], ["scene.usdc", "scene.png"]),
+    "inspect": (["inspect", "ball.obj"], BALL, []),
+    "run": (["run", "scene.toml", "--picture", *ON_CPU], ["scene.toml", *BALL], ["scene.usdc", "scene.png"]),
     "batch": (
         BATCH,
-        ["scene.toml", "ball.obj"],
+        ["scene.toml", *BALL],
         [
             *(f"out/{name}" for name in ("table.npz", "table.csv", "worlds.npz", "worlds.csv", "worlds.usdc")),
             "out/manifest.json",
@@ -64,12 +68,12 @@ COMMANDS = {
     ),
     "compare": (
         ["compare", "scene.toml", "--vary", "gravity=1,9", "-o", "both.png", *ON_CPU],
-        ["scene.toml", "ball.obj"],
+        ["scene.toml", *BALL],
         ["both.png"],
     ),
     "render": (["render", "textured.usda", "-o", "face.png"], ["textured.usda"], ["face.png"]),
     "convert": (["convert", "textured.usda", "-o", "face.glb"], ["textured.usda"], ["face.glb"]),
-    "remesh": (["remesh", "ball.obj", "-o", "quads.obj", "--cells", "6"], ["ball.obj"], ["quads.obj"]),
+    "remesh": (["remesh", "ball.obj", "-o", "quads.obj", "--cells", "6"], BALL, ["quads.obj"]),
     "foil": (["foil", "heart.svg", "-o", "heart.obj"], ["heart.svg"], ["heart.obj"]),
 }
 """each with the files that it is given, and those that it is to write"""
@@ -83,7 +87,9 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict
     if not sys.platform.startswith("linux"):
         pytest.skip("needs inotify")
     folder = tmp_path_factory.mktemp("watched")
-    write_obj(folder / "ball.obj", quad_sphere(3))
+    ball = quad_sphere(3)
+    places = np.zeros((len(ball.face_vertex_indices), 2), np.float32)
+    write_obj(folder / "ball.obj", replace(ball, texture_coordinates=places))
     mesh = (folder / "ball.obj").read_text()
     (folder / "ball.obj").write_text(f"mtllib beside.mtl\nusemtl painted\n{mesh}")
     (folder / "scene.toml").write_text('frames = 2\n[[balloon]]\nmesh = "ball.obj"\n')

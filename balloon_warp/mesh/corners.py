@@ -44,6 +44,7 @@ def with_corners(mesh: PolygonMesh, corners: NDArray[np.integer | np.bool_]) -> 
         mesh,
         face_vertex_indices=mesh.face_vertex_indices[corners],
         texture_coordinates=None if textures is None else textures[corners],
+        looks=mesh.looks and mesh.looks.at(corners),
     )
 
 

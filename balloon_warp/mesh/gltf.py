@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.gltf_looks import GltfMaterials
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.trimesh_formats import read_triangles
 
@@ -23,7 +24,8 @@ JSON_CHUNK, GLB_HEADER = 0x4E4F534A, 12
 
 def read_gltf(path: Path | str) -> PolygonMesh:
     """Read all meshes of a glTF or GLB file as one, in meters, joined at vertices of the same place: glTF repeats a
-    vertex for each normal and texture coordinate there. Normalized integers are decoded.
+    vertex for each normal and texture coordinate there. Normalized integers are decoded. Base colors, base textures and
+    vertex colors go along.
 
     Raises:
         InputError: the file requires an extension that is not decoded, or as `read_triangles`.
@@ -37,8 +39,11 @@ def read_gltf(path: Path | str) -> PolygonMesh:
     if unknown := [name for name in _texts(required) if not _is_decoded(name)]:
         helps = "; pip install DracoPy, or export without compression" if unknown == [COMPRESSED] else ""
         raise InputError(f"{path}: requires the extension {', '.join(unknown)}, which is not decoded here{helps}")
-    source = BytesIO(_file_of(tree, rest)) if _scale_normalized(tree) else None
-    return replace(read_triangles(path, joined=True, source=source), unit_known=True, up_known=True)
+    _scale_normalized(tree)
+    materials = GltfMaterials(path, tree, (rest or b"")[8:])
+    materials.name_materials()
+    mesh = read_triangles(path, joined=True, source=BytesIO(_file_of(tree, rest)), materials=materials)
+    return replace(mesh, unit_known=True, up_known=True, warnings=materials.warnings)
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes | None]:
@@ -71,8 +76,8 @@ def _is_decoded(name: str) -> bool:
     return name.startswith(HARMLESS)
 
 
-def _scale_normalized(tree: dict[str, Any]) -> bool:
-    """Hang meshes of normalized integers into nodes that scale them to what they stand for; whether there are any.
+def _scale_normalized(tree: dict[str, Any]) -> None:
+    """Hang meshes of normalized integers into nodes that scale them to what they stand for.
 
     The most negative integer, which stands for -1 as its neighbor does, becomes a little less.
     """
@@ -87,7 +92,6 @@ def _scale_normalized(tree: dict[str, Any]) -> bool:
         mesh = node.pop("mesh")
         node["children"] = [*node.get("children", []), len(nodes)]
         nodes.append({"mesh": mesh, "scale": [scales[mesh]] * 3})
-    return bool(scales)
 
 
 def _file_of(tree: dict[str, Any], rest: bytes | None) -> bytes:

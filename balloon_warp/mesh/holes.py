@@ -217,14 +217,14 @@ def lid_across(loop: NDArray[np.int64], points: NDArray[np.float64], taken: set[
 
 
 def _closed(mesh: PolygonMesh, lids: list[Lid]) -> PolygonMesh:
-    """The mesh and its lids. Texture coordinates of their corners are those of a corner at the vertex."""
+    """The mesh and its lids. Texture coordinates and looks of their corners are those of a corner at the vertex."""
     corners = np.concatenate([corner for lid in lids for corner in lid.faces])
     counts = np.array([len(face) for lid in lids for face in lid.faces], dtype=np.int32)
+    every = np.arange(len(mesh.face_vertex_indices))
+    first = np.zeros(mesh.vertex_count, dtype=np.int64)
+    first[mesh.face_vertex_indices[::-1]] = every[::-1]
+    like = np.concatenate([every, first[corners]])
     textures = mesh.texture_coordinates
-    if textures is not None:
-        first = np.zeros(mesh.vertex_count, dtype=np.int64)
-        first[mesh.face_vertex_indices[::-1]] = np.arange(len(textures))[::-1]
-        textures = np.concatenate([textures, textures[first[corners]]])
     one = len(lids) == 1
     largest = max(lids, key=lambda lid: len(lid.loop))
     which = "it has" if one else "the largest has"
@@ -238,6 +238,7 @@ def _closed(mesh: PolygonMesh, lids: list[Lid]) -> PolygonMesh:
         mesh,
         face_vertex_counts=np.concatenate([mesh.face_vertex_counts, counts]),
         face_vertex_indices=np.concatenate([mesh.face_vertex_indices, corners.astype(np.int32)]),
-        texture_coordinates=textures,
+        texture_coordinates=None if textures is None else textures[like],
+        looks=mesh.looks and mesh.looks.at(like),
         warnings=(*mesh.warnings, sentence),
     )

@@ -1,12 +1,13 @@
 """Wavefront OBJ files: vertices and polygons, kept as they are written. The n-th `v` line is vertex n.
 
-Texture coordinates go along, and the names of groups and objects. Normals, materials, lines and curves are passed over,
-and no other file is opened.
+Texture coordinates go along, base colors and base textures of the .mtl, and the names of groups and objects. Normals,
+lines and curves are passed over.
 """
 
 import io
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import legible, whole_file
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
 from balloon_warp.mesh.obj_groups import ObjGroups
+from balloon_warp.mesh.obj_materials import ObjMaterials
 from balloon_warp.mesh.obj_textures import ObjTextures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
@@ -38,13 +40,15 @@ def read_obj(path: Path | str) -> PolygonMesh:
     # Arrays of machine numbers: lists would take ten times as much memory as the file.
     coordinates, vertex_lines = array("d"), array("i")
     corners, sizes, face_lines = array("i"), array("i"), array("i")
-    textures, groups = ObjTextures(), ObjGroups()
+    textures, groups, materials = ObjTextures(), ObjGroups(), ObjMaterials(path)
     for number, line in _lines(path):
         kind, *rest = line.split(None, 1) or [b""]
         words = rest[0].split() if rest and kind in (b"v", b"f", b"vt") else []
         try:
             if kind == b"v":
                 coordinates.extend(_coordinates(words))
+                if len(words) > 5:
+                    materials.add_vertex(words)
                 vertex_lines.append(number)
             elif kind == b"f":
                 face = _face(words, len(vertex_lines))
@@ -56,6 +60,10 @@ def read_obj(path: Path | str) -> PolygonMesh:
                 textures.add_vertex(words)
             elif kind in (b"g", b"o"):
                 groups.begin(kind, rest[0] if rest else b"", len(sizes))
+            elif kind == b"usemtl":
+                materials.use(rest[0] if rest else b"", len(sizes))
+            elif kind == b"mtllib" and rest:
+                materials.add_library(rest[0])
         except _LineError as problem:
             raise InputError(f"{path}, line {number}: {problem} (got {_quote(line)})") from None
     if not vertex_lines:
@@ -69,9 +77,20 @@ def read_obj(path: Path | str) -> PolygonMesh:
         face_vertex_counts=counts,
         face_vertex_indices=indices,
         name=legible(path.stem),
-        texture_coordinates=textures.of_corners(),
         groups=groups.of_vertices(counts, indices),
     )
+    _check_numbers(path, mesh, vertex_lines, face_lines)
+    places = textures.of_corners(partly=True)
+    looks = materials.of_corners(mesh, placed=places is not None)
+    if looks is None or not looks.pictures:
+        places = textures.of_corners()
+    return replace(mesh, texture_coordinates=places, looks=looks, warnings=materials.warnings)
+
+
+def _check_numbers(path: Path, mesh: PolygonMesh, vertex_lines: Sequence[int], face_lines: Sequence[int]) -> None:
+    """Raises:
+    InputError: a coordinate is too large, or a face names a vertex that is not there; it names the line.
+    """
     outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
     if outside.any():
         vertex = int(outside.argmax())
@@ -83,11 +102,9 @@ def read_obj(path: Path | str) -> PolygonMesh:
     missing = mesh.face_vertex_indices >= mesh.vertex_count
     if missing.any():
         corner = int(missing.argmax())
-        line = face_lines[int(np.searchsorted(np.cumsum(sizes), corner, side="right"))]
-        raise InputError(
-            f"{path}, line {line}: there is no vertex {corners[corner] + 1}, the file has {mesh.vertex_count}"
-        )
-    return mesh
+        line = face_lines[int(np.searchsorted(np.cumsum(mesh.face_vertex_counts), corner, side="right"))]
+        vertex = mesh.face_vertex_indices[corner] + 1
+        raise InputError(f"{path}, line {line}: there is no vertex {vertex}, the file has {mesh.vertex_count}")
 
 
 LOADERS = {".obj": read_obj}
@@ -161,7 +178,7 @@ def _content(path: Path) -> bytes:
 
 
 def _coordinates(words: list[bytes]) -> list[float]:
-    """The first three numbers of a `v` line. A weight or a color may follow: it is dropped."""
+    """The first three numbers of a `v` line. A weight or a color may follow."""
     if len(words) < 3:
         raise _LineError(f"a vertex needs three coordinates, not {len(words)}")
     try:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.mesh.looks import Looks
 from balloon_warp.shown import Shown, described
 
 
@@ -32,6 +33,8 @@ class PolygonMesh(Shown):
     """whether that is said, by the file or by whoever gives it; else it is a guess"""
     texture_coordinates: NDArray[np.float32] | None = None
     """u and v at each corner, shape (corner_count, 2), if the file has them"""
+    looks: Looks | None = None
+    """colors and images, if the file has some"""
     stand_ins: NDArray[np.int64] | None = None
     """for each vertex the one that faces have in its place, itself where it was not welded, shape (vertex_count,); None
     where nothing was"""

@@ -101,6 +101,7 @@ def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
         face_vertex_counts=kept.face_vertex_counts,
         face_vertex_indices=kept.face_vertex_indices,
         texture_coordinates=None,
+        looks=None,
         groups={},
         stand_ins=None,
     )

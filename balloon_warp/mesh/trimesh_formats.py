@@ -1,25 +1,33 @@
 """Formats that trimesh reads as triangles: STL, PLY and OFF here, glTF in `gltf`."""
 
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import legible
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.geometry import first_coincident
+from balloon_warp.mesh.gltf_looks import COLORS, GltfMaterials, moved
+from balloon_warp.mesh.looks import linear, looks_of, together
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 
-def read_triangles(path: Path | str, joined: bool = False, source: BytesIO | None = None) -> PolygonMesh:
+def read_triangles(
+    path: Path | str, joined: bool = False, source: BytesIO | None = None, materials: GltfMaterials | None = None
+) -> PolygonMesh:
     """Read a mesh through trimesh: all of a scene's parts as one, in its world, polygons split into triangles.
 
-    Vertices keep the file's order.
+    Vertices keep the file's order. Colors of vertices or faces go along.
 
     Args:
         joined: make vertices at exactly the same place one.
         source: what to read in place of the file, with the files beside it.
+        materials: of the file, whose numbers are their names in `source`.
 
     Raises:
         InputError: trimesh cannot read the file, or it has no triangles.
@@ -29,28 +37,70 @@ def read_triangles(path: Path | str, joined: bool = False, source: BytesIO | Non
     path = Path(path)
     try:
         # process=False: trimesh would merge and reorder vertices. Textures stay closed.
-        read = trimesh.load_mesh(
+        read = trimesh.load_scene(
             source or path,
             file_type=path.suffix[1:].lower(),
             resolver=trimesh.resolvers.FilePathResolver(str(path)),
             process=False,
-            skip_materials=True,
+            skip_materials=materials is None,
         )
+        parts = [part for part in read.dump() if isinstance(part, trimesh.Trimesh)]
     except Exception as error:  # its readers let any exception of the parsing through
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({reason})") from error
-    points, triangles = np.array(read.vertices, dtype=np.float64), np.array(read.faces, dtype=np.int64)
+    meshes = [_of_part(part, materials) for part in parts]
+    points = np.concatenate([np.zeros((0, 3)), *(mesh.points for mesh in meshes)])
+    begins = np.cumsum([0, *(mesh.vertex_count for mesh in meshes)])
+    each = [mesh.face_vertex_indices.astype(np.int64) + begin for mesh, begin in zip(meshes, begins, strict=False)]
+    corners = np.concatenate([np.zeros(0, np.int64), *each])
     if joined:
         kept, merged = np.unique(first_coincident(points), return_inverse=True)
-        points, triangles = points[kept], merged[triangles]
+        points, corners = points[kept], merged[corners]
     mesh = PolygonMesh(
-        points=points.reshape(-1, 3),
-        face_vertex_counts=np.full(len(triangles), 3, dtype=np.int32),
-        face_vertex_indices=triangles.ravel().astype(np.int32),
+        points=points,
+        face_vertex_counts=np.full(len(corners) // 3, 3, dtype=np.int32),
+        face_vertex_indices=corners.astype(np.int32),
         name=legible(path.stem),
+        **(together(meshes) if meshes else {}),
     )
     check_mesh(mesh, str(path))
     return mesh
+
+
+def _of_part(part: Any, materials: GltfMaterials | None) -> PolygonMesh:
+    """A part of a scene of trimesh's, with what it looks like."""
+    points, triangles = np.array(part.vertices, dtype=np.float64), np.array(part.faces, dtype=np.int64)
+    corners, visual = triangles.ravel(), part.visual
+    shape = {"points": points.reshape(-1, 3), "face_vertex_counts": np.full(len(triangles), 3, dtype=np.int32)}
+    mesh = PolygonMesh(**shape, face_vertex_indices=corners.astype(np.int32))
+    shades, of_corners, known, places = None, np.full(len(corners), -1), [], None
+    if visual.kind == "texture" and materials is not None:
+        number = int(visual.material.name)
+        of_corners[:], known = number, materials.looks
+        if visual.uv is not None and len(visual.uv) == len(points):
+            places = moved(np.asarray(visual.uv, np.float64)[corners], materials.transforms[number])
+    elif visual.kind == "vertex":
+        shades = visual.vertex_colors
+    elif visual.kind == "face":
+        shades = np.repeat(visual.face_colors, 3, axis=0)
+    shades = part.vertex_attributes.get(COLORS, shades)
+    if shades is not None:
+        shades = np.asarray(shades)
+        shades = _lightness(shades if visual.kind == "face" else shades[corners], materials is None)
+    if places is None or not np.isfinite(places).all():
+        places, known = None, [look and replace(look, picture=None) for look in known]
+    return replace(mesh, texture_coordinates=places, looks=looks_of(known, of_corners, shades))
+
+
+def _lightness(colors: NDArray, encoded: bool) -> NDArray[np.float32]:
+    """Linear RGB of colors in any type of numbers.
+
+    Args:
+        encoded: whether they are sRGB, as all but glTF has them.
+    """
+    most = np.iinfo(colors.dtype).max if np.issubdtype(colors.dtype, np.integer) else 1.0
+    shares = colors[:, :3].astype(np.float64) / most
+    return linear(shares) if encoded else np.clip(shares, 0.0, 1.0).astype(np.float32)
 
 
 def read_joined_triangles(path: Path | str) -> PolygonMesh:

@@ -15,7 +15,10 @@ from balloon_warp.files import legible
 from balloon_warp.meant import did_you_mean
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.corners import backward_corners, with_corners
+from balloon_warp.mesh.looks import together
+from balloon_warp.mesh.pictures import Pictures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.usd_looks import read_looks
 
 SCENERY = "balloonWarpScenery"
 """key of the custom data of meshes in our own stages that are no mesh to simulate, such as the ground"""
@@ -27,9 +30,10 @@ def read_stage(path: Path | str, prim: str | Sequence[str] | None) -> PolygonMes
     """See `read_usd`."""
     stage = open_stage(path)
     chosen = choose_prims(stage, path, prim)
-    parts = [_read_prim(stage, each, f"{path}: {each.GetPath()}") for each in chosen.prims]
+    pictures = Pictures(path)
+    parts = [_read_prim(stage, each, f"{path}: {each.GetPath()}", pictures) for each in chosen.prims]
     mesh = parts[0] if len(parts) == 1 else _together(chosen.prims, parts, _name(prim, path))
-    return replace(mesh, warnings=chosen.warnings)
+    return replace(mesh, warnings=(*chosen.warnings, *pictures.warnings))
 
 
 def open_stage(path: Path | str) -> Usd.Stage:
@@ -127,7 +131,6 @@ def _together(prims: list[Usd.Prim], parts: list[PolygonMesh], name: str) -> Pol
         every = np.arange(part.vertex_count, dtype=np.int32)
         for group, vertices in {own: every, **part.groups}.items():
             groups[group] = np.union1d(groups.get(group, every[:0]), vertices + np.int32(begin)).astype(np.int32)
-    textured = all(part.texture_coordinates is not None for part in parts)
     return replace(
         parts[0],
         points=np.concatenate([part.points for part in parts]),
@@ -136,12 +139,12 @@ def _together(prims: list[Usd.Prim], parts: list[PolygonMesh], name: str) -> Pol
             [part.face_vertex_indices + np.int32(begin) for begin, part in zip(first.tolist(), parts, strict=True)]
         ),
         name=name,
-        texture_coordinates=np.concatenate([part.texture_coordinates for part in parts]) if textured else None,
         groups=groups,
+        **together(parts),
     )
 
 
-def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str) -> PolygonMesh:
+def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, pictures: Pictures) -> PolygonMesh:
     geometry = UsdGeom.Mesh(prim)
     points = points_of(geometry, source)
     counts = np.array(_value(geometry.GetFaceVertexCountsAttr(), source), dtype=np.int32)
@@ -164,9 +167,11 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str) -> PolygonMesh:
         unit_known=UsdGeom.StageHasAuthoredMetersPerUnit(stage),
     )
     check_mesh(mesh, source)
+    places, looks = read_looks(geometry, counts, indices, pictures)
     mesh = replace(
         mesh,
-        texture_coordinates=_texture_coordinates(geometry, indices),
+        texture_coordinates=places,
+        looks=looks,
         groups=_groups(geometry, counts, indices, len(points)),
     )
     if left_handed != (np.linalg.det(to_world[:3, :3]) < 0.0):
@@ -186,18 +191,6 @@ def _groups(
         elif subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.point:
             groups[subset.GetPrim().GetName()] = np.unique(named[(named >= 0) & (named < point_count)])
     return groups
-
-
-def _texture_coordinates(geometry: UsdGeom.Mesh, indices: NDArray[np.int32]) -> NDArray[np.float32] | None:
-    """`primvars:st` at each corner, shape (corner_count, 2); None without it, or where it does not fit the mesh."""
-    primvar = UsdGeom.PrimvarsAPI(geometry).GetPrimvar("st")
-    value = primvar.ComputeFlattened() if primvar and primvar.HasValue() else None
-    flat = np.array(value if value is not None else (), dtype=np.float32)
-    if flat.ndim != 2 or flat.shape[1] != 2 or not np.isfinite(flat).all():
-        return None
-    if primvar.GetInterpolation() in (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying) and len(flat) > indices.max():
-        return flat[indices]
-    return flat if primvar.GetInterpolation() == UsdGeom.Tokens.faceVarying and len(flat) == len(indices) else None
 
 
 def points_of(geometry: UsdGeom.Mesh, source: str) -> NDArray[np.float64]:

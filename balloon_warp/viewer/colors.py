@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.outputs.usd import material
+from balloon_warp.outputs.usd.looks import mean_color
 from balloon_warp.outputs.usd.material import BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS
 from balloon_warp.scene import Scene
 
@@ -33,9 +35,9 @@ STRAIN: tuple[Color, ...] = (
 )
 
 
-def balloon_color(scene: Scene, number: int) -> Color:
-    """As in the stage."""
-    return _encoded(material.balloon_color(scene, number))
+def balloon_color(scene: Scene, number: int, mesh: PolygonMesh) -> Color:
+    """As in the stage; one for all of a mesh that has several of its own."""
+    return _encoded(mean_color(mesh, scene.balloon[number], material.balloon_color(scene, number)))
 
 
 def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:
@@ -43,14 +45,16 @@ def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:
     return _encoded(own or SPHERE_COLORS[number % len(SPHERE_COLORS)])
 
 
-def obstacle_color(scene: Scene, number: int) -> Color:
-    """As in the stage: the scene's, or gray."""
-    return _encoded(scene.obstacle[number].color or OBSTACLE_COLOR)
+def obstacle_color(scene: Scene, number: int, mesh: PolygonMesh | None) -> Color:
+    """As in the stage: the scene's, the mesh's own, or gray."""
+    said = scene.obstacle[number]
+    return _encoded(said.color or mean_color(mesh, said, OBSTACLE_COLOR))
 
 
-def body_color(number: int, own: tuple[float, float, float] | None) -> Color:
-    """As in the stage: its own, or the palette's."""
-    return _encoded(own or BODY_COLORS[number % len(BODY_COLORS)])
+def body_color(scene: Scene, number: int, mesh: PolygonMesh | None) -> Color:
+    """As in the stage: the scene's, the mesh's own, or the palette's."""
+    said = scene.body[number]
+    return _encoded(said.color or mean_color(mesh, said, BODY_COLORS[number % len(BODY_COLORS)]))
 
 
 def water_color() -> Color:

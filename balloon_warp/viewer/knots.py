@@ -42,7 +42,7 @@ class KnotLayer:
         for number, balloon, particle in tied:
             held = picture.model.shapes[balloon].mesh
             made = knot_mesh(knot_size(held), picture.scene.up)
-            color, triangles = colors.balloon_color(picture.scene, balloon), triangulate(made)[0]
+            color, triangles = colors.balloon_color(picture.scene, balloon, held), triangulate(made)[0]
             mesh = scene.add_mesh_simple(f"{ROOT}/{number}", made.points, triangles, color=color, side="double")
             self._knots.append((Knot(held, particle), mesh))
 

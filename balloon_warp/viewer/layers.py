@@ -16,7 +16,7 @@ from balloon_warp.viewer.levels import LevelLayer
 from balloon_warp.viewer.obstacles import ROOT as OBSTACLES
 from balloon_warp.viewer.obstacles import ObstacleLayer
 from balloon_warp.viewer.picture import Picture
-from balloon_warp.viewer.prints import Printed, hang, image_of
+from balloon_warp.viewer.prints import Printed, hang, image_of, only_picture
 from balloon_warp.viewer.smooth import surfaces_of
 
 LAYERS = {
@@ -136,14 +136,15 @@ class Layers:
 
     def _add_balloon(self, picture: Picture, number: int, points: NDArray[np.float32]) -> Any:
         """Its surface, with its print if it has one."""
+        mesh = picture.model.shapes[number].mesh
         name, surface, color = (
             f"/balloons/{number}",
             self._surfaces[number],
-            colors.balloon_color(picture.scene, number),
+            colors.balloon_color(picture.scene, number, mesh),
         )
-        image = image_of(picture.scene.balloon[number].print)
+        image = image_of(picture.scene.balloon[number].print or only_picture(mesh, picture.scene.balloon[number]))
         if image is not None:
-            surface, color = Printed(surface, picture.model.shapes[number].mesh), colors.PAPER
+            surface, color = Printed(surface, mesh), colors.PAPER
             self._surfaces[number] = surface
         balloon = self.server.scene.add_mesh_simple(
             name, surface.points(points), surface.triangles, color=color, side="double"

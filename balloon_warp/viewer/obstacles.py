@@ -38,8 +38,8 @@ class ObstacleLayer:
         self._meshes, self._surfaces, seen = [], [], [np.zeros((0, 3))]
         model = picture.model
         shapes = [*model.obstacles, *(body.solid for body in model.bodies)]
-        own_colors = [colors.obstacle_color(picture.scene, n) for n in range(len(model.obstacles))]
-        own_colors += [colors.body_color(n, body.color) for n, body in enumerate(picture.scene.body)]
+        own_colors = [colors.obstacle_color(picture.scene, n, shape.mesh) for n, shape in enumerate(model.obstacles)]
+        own_colors += [colors.body_color(picture.scene, n, body.solid.mesh) for n, body in enumerate(model.bodies)]
         for number, (shape, pose, color) in enumerate(zip(shapes, _poses(picture), own_colors, strict=True)):
             below = Rotation.from_quat(pose[3:]).inv().apply(center - pose[:3])
             points, triangles = surface_of(shape, picture.scene.up, below, SIZES * size)

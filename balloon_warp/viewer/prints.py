@@ -4,6 +4,7 @@ For that, two things that nobody sees hang below a balloon's node: the image, an
 is (right, up, twin) for a point of the balloon: where it is in the image, and the first point at the same place.
 """
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.outputs.usd.looks import looks_of_file
+from balloon_warp.scene import Balloon
 from balloon_warp.viewer.smooth import Plain, Smooth
 
 LARGEST = 1024
@@ -45,7 +48,15 @@ class Printed:
         return self._surface.points(points)[self._points]
 
 
-def image_of(file: Path | None) -> NDArray[np.uint8] | None:
+def only_picture(mesh: PolygonMesh, said: Balloon) -> io.BytesIO | None:
+    """The image of a mesh's file, where it is on all of its faces and the scene says no color."""
+    looks = looks_of_file(mesh, said)
+    if looks is None or len(looks.pictures) != len(looks.materials) or len(looks.materials) != 1:
+        return None
+    return io.BytesIO(looks.pictures[0].data) if (looks.of_corners == 0).all() else None
+
+
+def image_of(file: Path | io.BytesIO | None) -> NDArray[np.uint8] | None:
     """A print as the page gets it, shape (height, width, 3); None where there is none, or it cannot be read."""
     if file is None:
         return None

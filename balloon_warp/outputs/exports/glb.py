@@ -6,22 +6,17 @@ No library that is kept up writes morph targets, so the file is put together her
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
-from balloon_warp.mesh.geometry import triangulate, vertex_normals
-from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.exports.glb_buffer import CORNERS, VERTICES, GlbBuffer
+from balloon_warp.outputs.exports.glb_surface import Surface, surface_of
 from balloon_warp.outputs.exports.parts import Animation, Part
-from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
-from balloon_warp.outputs.render.prims import is_round
 from balloon_warp.outputs.render.printed import packed_image
 
 MOST_TARGETS = 256
@@ -35,33 +30,11 @@ OPAQUE = 0.9
 wrong order, which costs more than the last tenth"""
 
 
-class Surface(NamedTuple):
-    """A mesh in triangles and in vertices of one normal and one texture coordinate each."""
-
-    topology: PolygonMesh
-    """the mesh in vertices of one normal each, whose points do not count"""
-    points: NDArray[np.integer]
-    """the mesh's point at each of those, shape (topology.vertex_count,)"""
-    vertices: NDArray[np.integer]
-    """which of those each vertex is, shape (vertex_count,)"""
-    triangles: NDArray[np.uint32]
-    """shape (triangle_count, 3)"""
-    texture_coordinates: NDArray[np.float32] | None
-    """shape (vertex_count, 2), v down as glTF has it"""
-
-    def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Positions and unit normals for the mesh's points, each of shape (vertex_count, 3)."""
-        moved = replace(self.topology, points=points[self.points])
-        normals = vertex_normals(moved)
-        normals[~normals.any(axis=1)] = (0.0, 1.0, 0.0)  # glTF wants unit vectors everywhere
-        return moved.points[self.vertices].astype(np.float32), normals[self.vertices].astype(np.float32)
-
-
 def write_glb(
     output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
 ) -> None:
     """Write the file, whose size is said before; arguments as `export_stage` has them."""
-    surfaces = [_surface(part) for part in animation.parts]
+    surfaces = [surface_of(part) for part in animation.parts]
     moving = [len(surface.vertices) for part, surface in zip(animation.parts, surfaces, strict=True) if part.soft]
     frames, thinned = _shown_frames(animation, sum(moving))
     size = VERTEX_BYTES * sum(moving) * len(frames) + 4 * len(moving) * (len(frames) - 1) * len(frames)
@@ -108,24 +81,6 @@ def _ordinal(number: int) -> str:
     return f"{number}{ending}"
 
 
-def _surface(part: Part) -> Surface:
-    """What moves is smooth everywhere: what bends sharply in one frame is round in the next."""
-    smooth = part.soft or is_round(UsdGeom.Mesh(part.prim))
-    cut = leave_whole(part.mesh) if smooth else cut_at_creases(part.mesh)
-    points, counts = part.mesh.points[cut.vertex_points], part.mesh.face_vertex_counts
-    topology = PolygonMesh(points, counts, cut.corner_vertices)
-    uv = part.mesh.texture_coordinates
-    if uv is None:
-        triangles = triangulate(topology)[0].astype(np.uint32)
-        return Surface(topology, cut.vertex_points, np.arange(len(points)), triangles, None)
-    corners = np.column_stack([cut.corner_vertices.astype(np.float64), uv.astype(np.float64)])
-    unique, number = np.unique(corners, axis=0, return_inverse=True)
-    split = PolygonMesh(points, counts, number.ravel().astype(np.int32))
-    triangles = triangulate(split)[0].astype(np.uint32)
-    flipped = (unique[:, 1:] * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)
-    return Surface(topology, cut.vertex_points, unique[:, 0].astype(np.int64), triangles, flipped)
-
-
 class _Glb:
     """The file as it grows, part by part."""
 
@@ -155,12 +110,17 @@ class _Glb:
         }
         if surface.texture_coordinates is not None:
             attributes["TEXCOORD_0"] = self.buffer.add(surface.texture_coordinates, VERTICES)
-        primitive: dict[str, Any] = {
-            "attributes": attributes,
-            "indices": self.buffer.add(surface.triangles.ravel(), CORNERS),
-            "material": len(self._materials),
-        }
-        mesh: dict[str, Any] = {"name": part.name, "primitives": [primitive]}
+        if surface.colors is not None:
+            attributes["COLOR_0"] = self.buffer.add(surface.colors, VERTICES)
+        primitives: list[dict[str, Any]] = [
+            {
+                "attributes": attributes,
+                "indices": self.buffer.add(surface.triangles[surface.covers == number].ravel(), CORNERS),
+                "material": len(self._materials) + number,
+            }
+            for number in range(len(part.covering.covers))
+        ]
+        mesh: dict[str, Any] = {"name": part.name, "primitives": primitives}
         targets = [
             {
                 "POSITION": self.buffer.add(later - positions, VERTICES, bounded=True),
@@ -169,11 +129,14 @@ class _Glb:
             for later, turned in shapes
         ]
         if targets:
-            primitive["targets"], mesh["weights"] = targets, [0.0] * len(targets)
+            for primitive in primitives:
+                primitive["targets"] = targets
+            mesh["weights"] = [0.0] * len(targets)
             mesh["extras"] = {"targetNames": [f"frame {frame}" for frame in self.frames[1:]]}
         self._nodes.append(node)
         self._meshes.append(mesh)
-        self._materials.append(_material(part, self._image(part)))
+        for number in range(len(part.covering.covers)):
+            self._materials.append(_material(part, number, self._image(part, number), surface.colors is not None))
         if targets:  # the first frame is the mesh itself, and each other a target of its own
             weights = np.eye(len(targets) + 1, dtype=np.float32)[:, 1:]
             self._animate("weights", weights.ravel())
@@ -181,14 +144,15 @@ class _Glb:
             self._place(node, matrices)
         self._show(part, node)
 
-    def _image(self, part: Part) -> int | None:
-        """The number of the texture that is on a part; parts with the same file share it."""
-        if part.texture is None:
+    def _image(self, part: Part, number: int) -> int | None:
+        """The number of the texture of a part's material; materials with the same file share it."""
+        texture = part.covering.covers[number].texture
+        if texture is None:
             return None
-        if part.texture.path not in self._pictures:
-            data, kind = packed_image(part.texture)
-            self._pictures[part.texture.path] = {"bufferView": self.buffer.add_bytes(data), "mimeType": kind}
-        return list(self._pictures).index(part.texture.path)
+        if texture.path not in self._pictures:
+            data, kind = packed_image(texture)
+            self._pictures[texture.path] = {"bufferView": self.buffer.add_bytes(data), "mimeType": kind}
+        return list(self._pictures).index(texture.path)
 
     def write(self, path: Path) -> None:
         root: dict[str, Any] = {"name": "World", "children": list(range(len(self._nodes)))}
@@ -261,27 +225,23 @@ def _is_placed(matrix: NDArray[np.float64]) -> bool:
     return bool(sizes.all() and np.linalg.det(rows) > 0.0 and square)
 
 
-def _material(part: Part, image: int | None) -> dict[str, Any]:
-    """Of a part.
+def _material(part: Part, number: int, image: int | None, colored: bool) -> dict[str, Any]:
+    """Of a part's material.
 
     Args:
         image: the number of the texture that takes the place of its color.
+        colored: whether vertices say the color.
     """
-    finish = part.finish
+    cover, finish = part.covering.covers[number], part.covering.covers[number].finish
     opacity = 1.0 if finish.opacity >= OPAQUE else finish.opacity
-    color = np.clip(part.color, 0.0, 1.0).tolist()
-    material: dict[str, Any] = {
-        "name": part.name,
-        "doubleSided": True,
-        "pbrMetallicRoughness": {
-            "baseColorFactor": [*color, opacity],
-            "metallicFactor": finish.metallic,
-            "roughnessFactor": finish.roughness,
-        },
-    }
-    if image is not None:
-        shine = material["pbrMetallicRoughness"]
-        shine |= {"baseColorTexture": {"index": image}, "baseColorFactor": [1.0, 1.0, 1.0, opacity]}
+    corners = np.repeat(part.covering.of_faces, part.mesh.face_vertex_counts) == number
+    color = [1.0] * 3 if colored else part.covering.colors[corners][0].tolist()
+    shine: dict[str, Any] = {"metallicFactor": finish.metallic, "roughnessFactor": finish.roughness}
+    if image is not None and cover.texture is not None:
+        color, shine["baseColorTexture"] = cover.texture.tint, {"index": image}
+    shine["baseColorFactor"] = [*np.clip(color, 0.0, 1.0).tolist(), opacity]
+    name = f"{part.name}_{cover.name}" if cover.name else part.name
+    material: dict[str, Any] = {"name": name, "doubleSided": True, "pbrMetallicRoughness": shine}
     if opacity < 1.0:
         material["alphaMode"] = "BLEND"
     if finish.clearcoat > 0.0:

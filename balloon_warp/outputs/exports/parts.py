@@ -11,10 +11,11 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.outputs.render.appearance import Finish, bound_surface, read_colors, read_finish
+from balloon_warp.mesh.usd_surfaces import texture_coordinates
+from balloon_warp.outputs.render.appearance import read_colors
+from balloon_warp.outputs.render.covering import Covering, plain_covering, read_covering
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.prims import CORNERS, SIDES
-from balloon_warp.outputs.render.printed import Texture, find_texture
 from balloon_warp.outputs.render.stage_reader import DRAWN, RenderStage
 from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology
 from balloon_warp.outputs.usd.presence import is_shown
@@ -35,11 +36,14 @@ class Part:
     """whether its points move in the prim's own coordinates"""
     local_points: Callable[[float], NDArray[np.float64]]
     """of a frame, in the prim's own coordinates, shape (vertex_count, 3)"""
-    color: tuple[float, float, float]
-    """linear RGB"""
-    finish: Finish
-    texture: Texture | None = None
-    """an image that is on it, where `mesh.texture_coordinates` say"""
+    covering: Covering
+    """what its faces look like; images are where `mesh.texture_coordinates` say"""
+
+    @property
+    def color(self) -> tuple[float, float, float]:
+        """linear RGB, the mean where it has several"""
+        red, green, blue = self.covering.colors.mean(axis=0).tolist()
+        return red, green, blue
 
     def matrix(self, frame: float) -> NDArray[np.float64]:
         """From the prim's own coordinates to the stage's, of row vectors, shape (4, 4)."""
@@ -131,7 +135,7 @@ def _is_level(part: Part) -> bool:
 
 def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
     """Of a prim that is drawn; None where it has no faces."""
-    soft, uv, texture = False, None, None
+    soft, uv, covering = False, None, None
     place: Callable[[float], NDArray[np.float64]]
     if UsdGeom.Mesh(prim):
         mesh = UsdGeom.Mesh(prim)
@@ -140,13 +144,17 @@ def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
             np.asarray(attribute.Get(first) or [], np.int32)
             for attribute in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
         )
-        texture = find_texture(mesh, bound_surface(prim), indices)
-        place, uv = _points_of(mesh), texture.places if texture else _texture_coordinates(mesh, len(indices))
+        place = _points_of(mesh)
         point_count = len(place(first))
         if np.any(counts < 0) or counts.sum() != len(indices) or np.any((indices < 0) | (indices >= point_count)):
             raise InputError(f"{prim.GetPath()}: its faces do not fit its {point_count} points")
         whole = np.repeat(counts, counts) >= 3
-        counts, indices, uv = counts[counts >= 3], indices[whole], None if uv is None else uv[whole]
+        covering, uv = (
+            read_covering(mesh, counts, indices, point_count, counts >= 3),
+            texture_coordinates(mesh, "st", indices),
+        )
+        counts, indices = counts[counts >= 3], indices[whole]
+        uv = covering.places if covering.places is not None else None if uv is None else uv[whole]
     elif UsdGeom.Cube(prim):
         cube, counts, indices = UsdGeom.Cube(prim), np.full(6, 4, np.int32), SIDES.ravel()
         place = _still(cube.GetSizeAttr().Get(first) * CORNERS)
@@ -175,8 +183,10 @@ def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
     if not len(counts):
         return None
     mesh = PolygonMesh(place(first), counts, indices, name=name, texture_coordinates=uv)
-    red, green, blue = read_colors(UsdGeom.Gprim(prim), np.ones(1, np.int32))[0].tolist()
-    return Part(name, prim, mesh, soft, place, (red, green, blue), read_finish(prim), texture)
+    if covering is None:
+        color = read_colors(UsdGeom.Gprim(prim), np.ones(1, np.int32))
+        covering = plain_covering(prim, color, len(counts), len(indices))
+    return Part(name, prim, mesh, soft, place, covering)
 
 
 def _still(points: NDArray[np.float64]) -> Callable[[float], NDArray[np.float64]]:
@@ -186,10 +196,3 @@ def _still(points: NDArray[np.float64]) -> Callable[[float], NDArray[np.float64]
 def _points_of(prim: UsdGeom.PointBased) -> Callable[[float], NDArray[np.float64]]:
     attribute = prim.GetPointsAttr()
     return lambda frame: np.asarray(attribute.Get(frame) or [], np.float64).reshape(-1, 3)
-
-
-def _texture_coordinates(mesh: UsdGeom.Mesh, corner_count: int) -> NDArray[np.float32] | None:
-    """At each corner, shape (corner_count, 2), where the mesh has them so."""
-    st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
-    values = np.asarray(st.ComputeFlattened() if st and st.HasValue() else [], np.float32).reshape(-1, 2)
-    return values if len(values) == corner_count else None

@@ -8,6 +8,8 @@ from pxr import UsdUtils
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
+from balloon_warp.mesh.pictures import Pictures
+from balloon_warp.mesh.usd_surfaces import content_of
 from balloon_warp.outputs.exports.parts import Animation
 
 
@@ -26,7 +28,18 @@ def write_usdz(
 def write_stage(
     output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
 ) -> None:
-    """Write the stage in one file of another kind of USD."""
+    """Write the stage in one file of another kind of USD, with its images beside it."""
+    flat, pictures = animation.stage.Flatten(), Pictures(animation.path)
+
+    def beside(path: str) -> str:
+        data = content_of(path)
+        picture = pictures.of_bytes(path, data) if data else None
+        if picture is None:
+            return path
+        picture.write_beside(output)
+        return picture.path
+
+    UsdUtils.ModifyAssetPaths(flat, beside)
     with whole_file(output) as temporary:
-        animation.stage.Export(str(temporary))
+        flat.Export(str(temporary))
     on_frame(1, 1)

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdShade
 
+from balloon_warp.mesh.usd_surfaces import at_corners, bound_surface, constant_of, display_colors
+
 PLAIN_COLOR = (0.55, 0.53, 0.50)
 """linear RGB of what has no color of its own"""
 
@@ -28,7 +30,7 @@ def read_finish(prim: Usd.Prim) -> Finish:
     surface = bound_surface(prim)
     if surface is None:
         return Finish()
-    values = {name: _constant(surface, name) for name in ("roughness", "opacity", "clearcoat", "metallic")}
+    values = {name: constant_of(surface, name) for name in ("roughness", "opacity", "clearcoat", "metallic")}
     return Finish(**{name: float(value) for name, value in values.items() if value is not None})
 
 
@@ -40,7 +42,7 @@ def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDAr
         element_counts: points of each curve, over which colors of points are averaged; one for a sphere.
     """
     count = len(element_counts)
-    colors, _ = _authored_colors(gprim)
+    colors, _ = _authored_colors(gprim, bound_surface(gprim.GetPrim()))
     if len(colors) == count:
         return colors
     if len(colors) == element_counts.sum() and count:
@@ -50,54 +52,26 @@ def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDAr
 
 
 def read_corner_colors(
-    mesh: UsdGeom.Mesh, counts: NDArray[np.int32], indices: NDArray[np.int32], point_count: int
+    mesh: UsdGeom.Mesh,
+    surface: UsdShade.Shader | None,
+    counts: NDArray[np.int32],
+    indices: NDArray[np.int32],
+    point_count: int,
 ) -> NDArray[np.float32]:
-    """Linear RGB at each corner of a mesh's faces, shape (len(indices), 3).
-
-    Colors are laid out as their interpolation says; where their number is another's, as that one has it.
-    """
-    colors, interpolation = _authored_colors(mesh)
-    places = {
-        UsdGeom.Tokens.faceVarying: (len(indices), np.arange(len(indices))),
-        UsdGeom.Tokens.vertex: (point_count, indices),
-        UsdGeom.Tokens.varying: (point_count, indices),
-        UsdGeom.Tokens.uniform: (len(counts), np.repeat(np.arange(len(counts)), counts)),
-    }
-    if len(colors) > 1:
-        for name in (interpolation, *places):
-            if name in places and places[name][0] == len(colors):
-                return colors[places[name][1]]
-    return np.tile(_one_color(colors), (len(indices), 1))
+    """Linear RGB at each corner of a mesh's faces where it has a surface, shape (len(indices), 3)."""
+    colors, interpolation = _authored_colors(mesh, surface)
+    found = at_corners(colors, interpolation, counts, indices, point_count)
+    return np.tile(_one_color(colors), (len(indices), 1)) if found is None else found
 
 
-def _authored_colors(gprim: UsdGeom.Gprim) -> tuple[NDArray[np.float32], str]:
-    """The material's color or else the display colors, shape (n, 3), and how they are laid out."""
-    surface = bound_surface(gprim.GetPrim())
-    diffuse = _constant(surface, "diffuseColor") if surface is not None else None
+def _authored_colors(gprim: UsdGeom.Gprim, surface: UsdShade.Shader | None) -> tuple[NDArray[np.float32], str]:
+    """The surface's color or else the display colors, shape (n, 3), and how they are laid out."""
+    diffuse = constant_of(surface, "diffuseColor") if surface is not None else None
     if diffuse is not None:
         return np.asarray([diffuse], np.float32), UsdGeom.Tokens.constant
-    display = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance("displayColor")
-    authored = display.ComputeFlattened() if display else None
-    colors = np.asarray([] if authored is None else authored, np.float32).reshape(-1, 3)
-    return colors, display.GetInterpolation() if display else UsdGeom.Tokens.constant
+    return display_colors(gprim)
 
 
 def _one_color(colors: NDArray[np.float32]) -> NDArray[np.float32]:
     """The mean, or the plain color where there are none."""
     return (colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)).astype(np.float32)
-
-
-def bound_surface(prim: Usd.Prim) -> UsdShade.Shader | None:
-    """The UsdPreviewSurface that a prim's material has."""
-    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
-    shader = material.ComputeSurfaceSource()[0] if material else None
-    return shader if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface" else None
-
-
-def _constant(surface: UsdShade.Shader, name: str):
-    """The value of an input, through connections to the material's own inputs; None where a texture feeds it."""
-    shader_input = surface.GetInput(name)
-    for attribute in shader_input.GetValueProducingAttributes() if shader_input else []:
-        if UsdShade.Utils.GetType(attribute.GetName()) != UsdShade.AttributeType.Output:
-            return attribute.Get()
-    return None

@@ -8,9 +8,10 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.render.appearance import bound_surface, read_colors, read_corner_colors, read_finish
+from balloon_warp.outputs.render.appearance import read_colors, read_finish
+from balloon_warp.outputs.render.covering import Covering, plain_covering, read_covering
 from balloon_warp.outputs.render.moment import Moment
-from balloon_warp.outputs.render.printed import read_print
+from balloon_warp.outputs.render.printed import read_texels
 from balloon_warp.outputs.render.surface import SmoothSurface
 
 
@@ -29,6 +30,27 @@ CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in
 """of a cube of size 1"""
 SIDES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
 """the corners of each, as they go around it seen from outside"""
+
+
+class SurfaceCover:
+    """What the triangles of a surface look like."""
+
+    def __init__(self, surface: SmoothSurface, covering: Covering):
+        self.colors = surface.spread(covering.colors)
+        """at the triangles' corners, three each"""
+        rows = np.array([cover.finish.as_row() for cover in covering.covers])
+        of_triangles = surface.triangles_of(covering.of_faces)
+        self.finishes = rows[of_triangles]
+        """one a triangle, shape (n, 4)"""
+        textures = [cover.texture for cover in covering.covers]
+        self.images = [read_texels(texture) for texture in textures if texture]
+        """linear RGB, shape (height, width, 3) each"""
+        numbers = np.cumsum([texture is not None for texture in textures]) - 1
+        own = [number if texture else -1 for number, texture in zip(numbers.tolist(), textures, strict=True)]
+        self.image_of_triangle = np.array(own)[of_triangles]
+        """-1 where there is none"""
+        self.places = surface.spread(covering.places) if covering.places is not None else None
+        """where in an image the triangles' corners are, three each"""
 
 
 SHRUNK = (0.02, 4.0)
@@ -56,16 +78,13 @@ class MeshPrim:
         # What bends sharply in one frame is smooth in the next.
         self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
         """whether its points move"""
-        self.finish = read_finish(prim)
+        covering = read_covering(self._mesh, counts, indices, len(points), seen)
+        metallic = any(cover.finish.metallic > 0.0 for cover in covering.covers)
         # Foil is two flat sheets at first: where they are joined, its seam is sharp ever after.
-        sharp = self.points(start) if self.soft and self.finish.metallic > 0.0 else points
-        creased = not (self.soft or is_round(self._mesh)) or self.finish.metallic > 0.0
+        sharp = self.points(start) if self.soft and metallic else points
+        creased = not (self.soft or is_round(self._mesh)) or metallic
         self.surface = SmoothSurface(PolygonMesh(sharp, counts[seen], indices[whole]), creased)
-        self.colors = self.surface.spread(read_corner_colors(self._mesh, counts, indices, len(points))[whole])
-        self.printed = read_print(self._mesh, bound_surface(prim), indices)
-        """an image on it, if there is one"""
-        self.places = self.surface.spread(self.printed.places[whole]) if self.printed else None
-        """where in it the corners of the surface's triangles are, three each"""
+        self.cover = SurfaceCover(self.surface, covering)
         self._first_areas = self.surface.vertex_areas(self.points(start)) if self.soft else None
 
     def shrunk(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -98,7 +117,6 @@ class CubePrim:
 
     point_count = 8
     soft = False
-    printed, places = None, None
     used = np.arange(8)
 
     def __init__(self, prim: Usd.Prim, moment: Moment):
@@ -106,8 +124,7 @@ class CubePrim:
         counts, indices = np.full(6, 4, np.int32), SIDES.ravel()
         self.surface = SmoothSurface(PolygonMesh(self.points(moment), counts, indices), creased=True)
         color = read_colors(self._cube, np.ones(1, np.int32))
-        self.colors = self.surface.spread(np.tile(color, (len(indices), 1)))
-        self.finish = read_finish(prim)
+        self.cover = SurfaceCover(self.surface, plain_covering(prim, color, len(counts), len(indices)))
 
     def shrunk(self, _: NDArray[np.float64]) -> NDArray[np.float64]:
         """It does not stretch."""

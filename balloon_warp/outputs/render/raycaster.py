@@ -128,9 +128,9 @@ class RayCaster:
             corners = [mesh.surface.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
             self._corners = np.concatenate(corners)
             self._shapes.corners = self._array(self._corners.ravel(), wp.int32)
-            self._shapes.colors = self._array(np.concatenate([mesh.colors for mesh in meshes]))
+            self._shapes.colors = self._array(np.concatenate([mesh.cover.colors for mesh in meshes]))
             self._shapes.prints = self._prints()
-            finishes = [np.tile(mesh.finish.as_row(), (len(mesh.surface.triangles), 1)) for mesh in meshes]
+            finishes = [mesh.cover.finishes for mesh in meshes]
             self._shapes.finishes = self._array(np.concatenate(finishes), wp.vec4)
         if shapes:
             self._shapes.capsule_colors = self._array(np.concatenate([shape.colors for shape in shapes]))
@@ -150,18 +150,20 @@ class RayCaster:
 
     def _prints(self) -> Any:
         """The images that are on meshes."""
-        prints, meshes = Prints(), self._stage.meshes
-        images = [mesh.printed.texels for mesh in meshes if mesh.printed]
+        prints, covers = Prints(), [mesh.cover for mesh in self._stage.meshes]
+        images = [image for cover in covers for image in cover.images]
         if images:
             starts = np.cumsum([0, *(image.shape[0] * image.shape[1] for image in images)])
             rows = [(start, image.shape[1], image.shape[0]) for start, image in zip(starts, images, strict=False)]
             prints.texels = self._array(np.concatenate([image.reshape(-1, 3) for image in images]))
             prints.images = self._array(np.array(rows), wp.vec3i)
-            numbers = np.cumsum([mesh.printed is not None for mesh in meshes]) - 1
-            counts = [len(mesh.surface.triangles) for mesh in meshes]
-            own = [number if mesh.printed else -1 for number, mesh in zip(numbers, meshes, strict=True)]
-            prints.of_triangle = self._array(np.repeat(own, counts), wp.int32)
-            places = [np.zeros((3 * len(m.surface.triangles), 2)) if m.places is None else m.places for m in meshes]
+            firsts = np.cumsum([0, *(len(cover.images) for cover in covers)])
+            own = [
+                np.where(c.image_of_triangle < 0, -1, c.image_of_triangle + n)
+                for c, n in zip(covers, firsts, strict=False)
+            ]
+            prints.of_triangle = self._array(np.concatenate(own), wp.int32)
+            places = [np.zeros((len(cover.colors), 2)) if cover.places is None else cover.places for cover in covers]
             prints.places = self._array(np.concatenate(places), wp.vec2)
         return prints
 

@@ -26,7 +26,7 @@ class Plane:
 
     def __init__(self, mesh: MeshPrim):
         self._mesh = mesh
-        self.color = mesh.colors[0]
+        self.color = mesh.cover.colors[0]
         """linear RGB, shape (3,)"""
 
     def height(self, moment: Moment) -> float:

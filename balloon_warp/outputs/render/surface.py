@@ -48,8 +48,8 @@ class SmoothSurface:
             self._edges.append(edges)
             self._straight.append(straight)
 
-    def triangles_of(self, faces: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which of its triangles are of these faces of the mesh, shape (face_count,)."""
+    def triangles_of(self, faces: NDArray) -> NDArray:
+        """Values of the mesh's faces, such as whether they are seen, shape (face_count,), at its triangles."""
         return np.repeat(faces[self._faces], 4 ** len(self._edges))
 
     def spread(self, values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -8,7 +8,8 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.deformable import define_deformable
-from balloon_warp.outputs.usd.material import BALLOON_COLORS, offer_latex, paint, print_on
+from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
+from balloon_warp.outputs.usd.material import offer_latex, paint, palette_color, print_on
 from balloon_warp.outputs.usd.velocities import author_velocities
 from balloon_warp.scene import Balloon
 
@@ -16,10 +17,13 @@ MEASURES = ("volume", "area", "pressure", "stretch")
 """per-frame attributes under `userProperties:`, in m^3, m^2 and Pa; the last is the mean over the start"""
 OF_GAS = ("moles", "thrust")
 """the same of balloons with gas, in mol, and in N that of the jet"""
+PAINTED = {"roughness": 0.4, "clearcoat": 0.3}
+"""finish of a mesh with looks of its own, through which no light goes"""
 
 
 def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: int, balloon: Balloon) -> UsdGeom.Mesh:
-    """The mesh's topology, and its material: of the balloon's color, or the palette's for its number; no points yet."""
+    """The mesh's topology, and its looks: the balloon's color, else those of the mesh's file, else the palette's for
+    its number; no points yet."""
     prim = UsdGeom.Mesh.Define(stage, path)
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
@@ -28,17 +32,21 @@ def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: 
     if (mesh.face_vertex_counts == 3).any():
         prim.CreateTriangleSubdivisionRuleAttr(UsdGeom.Tokens.smooth)
     prim.CreateDoubleSidedAttr(True)
-    if mesh.texture_coordinates is not None:
-        kind, each_corner = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
-        st = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("st", kind, each_corner)
-        st.Set(Vt.Vec2fArray.FromNumpy(mesh.texture_coordinates))
-    own = balloon.color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
-    if balloon.looks_like == "foil":
-        material = paint(prim, own, roughness=0.12, metallic=1.0)
+    place_texture(prim, mesh)
+    own, looks_like = balloon.color or palette_color(number), balloon.looks_like
+    if looks_like == "foil":
+        finish = {"roughness": 0.12, "metallic": 1.0}
     else:
         # Of springs it is blown up from the start; rubber is thick until it is.
         opacity = 0.92 if balloon.material.law == "springs" else 0.97
-        material = paint(prim, own, roughness=0.2, opacity=opacity, clearcoat=1.0)
+        finish = {"roughness": 0.2, "opacity": opacity, "clearcoat": 1.0}
+    if looks := looks_of_file(mesh, balloon):
+        if balloon.look is None and looks_like == "latex":
+            finish = PAINTED
+        paint_as_file(prim, mesh, looks, own, **finish)
+        return prim
+    material = paint(prim, own, **finish)
+    if looks_like == "latex":
         offer_latex(material, own)
     if balloon.print is not None:
         print_on(material, balloon.print)

@@ -23,8 +23,8 @@ def body_names(scene: Scene, taken: Collection[str] = ()) -> list[str]:
 def define_body(stage: Usd.Stage, path: Sdf.Path, scene: Scene, shape: BodyShape, number: int) -> UsdGeom.Gprim:
     """Its gprim, with ops for place and turn that have no value yet, and how it turns as `UsdPhysics` has it."""
     body, look = scene.body[number], Look(scene.up_axis, np.zeros(3), 1.0)
-    color = body.color or BODY_COLORS[number % len(BODY_COLORS)]
-    prim = define_obstacle(stage, path, body.model_copy(update={"color": color}), shape.solid, np.zeros(7), look)
+    otherwise = BODY_COLORS[number % len(BODY_COLORS)]
+    prim = define_obstacle(stage, path, body, shape.solid, np.zeros(7), look, otherwise)
     _, axes = _principal(shape)
     from scipy.spatial.transform import Rotation  # takes long to load
 

@@ -17,6 +17,7 @@ from balloon_warp.files import whole_file
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.usd.grid_layout import ROOM, grid_shifts, horizontal_axes, world_bounds
 from balloon_warp.outputs.usd.grid_world import GridWorld
+from balloon_warp.outputs.usd.looks import check_textures, write_textures
 from balloon_warp.outputs.usd.metadata import describe_stage
 from balloon_warp.outputs.usd.planes import SIZES, define_square, planes_of
 from balloon_warp.outputs.usd.prototypes import Prototypes
@@ -49,8 +50,11 @@ class GridWriter:
 
     def __init__(self, path: Path, groups: Sequence[GridGroup]):
         self.path, self.groups = path, groups
+        check_textures(path, [group.plan for group in groups])
         self._frame_bytes = [2 * 12 * group.plan.particle_count * len(group.rows) for group in groups]
         self._unsaved_bytes = 0
+        self._is_whole = True
+        """whether somebody is to look at it"""
         self._last: int | None = None
         """the frame that waits for its velocities"""
 
@@ -158,7 +162,7 @@ class GridWriter:
         def write_velocities(world: GridWorld, number: int) -> None:
             world.write_velocities(number, self._layer)  # which has the frames beside the part, too
 
-        with GridWriter(path, self.groups) as part:
+        with self._another(path) as part:
             part._copy(self._layer, numbers, groups, write_velocities)
             part._layer.startTimeCode = numbers.start
 
@@ -168,8 +172,14 @@ class GridWriter:
         Raises:
             InputError: it cannot be written.
         """
-        with GridWriter(path, self.groups):
+        with self._another(path):
             pass
+
+    def _another(self, path: Path) -> "GridWriter":
+        """A writer of the same worlds into another stage, which nobody is to look at."""
+        part = GridWriter(path, self.groups)
+        part._is_whole = False
+        return part
 
     def _copy(
         self,
@@ -210,4 +220,6 @@ class GridWriter:
                 with Sdf.ChangeBlock():
                     for world in chain.from_iterable(self._worlds):
                         world.write_velocities(last, self._layer)
+            if self._is_whole:
+                write_textures(self.path, [group.plan for group in self.groups])
             self._layer.Save()

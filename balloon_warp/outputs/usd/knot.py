@@ -7,6 +7,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.outputs.knot import Knot, knot_mesh, knot_size
+from balloon_warp.outputs.usd.looks import mean_color
 from balloon_warp.outputs.usd.material import balloon_color, paint
 from balloon_warp.outputs.usd.obstacle import as_gf
 from balloon_warp.scene import Scene
@@ -39,7 +40,9 @@ def define_knot(stage: Usd.Stage, path: Sdf.Path, scene: Scene, number: int, hel
     prim.GetPrim().SetCustomDataByKey(SCENERY, "Knot")
     prim.AddTranslateOp()
     prim.AddOrientOp()
-    paint(prim, balloon_color(scene, scene.string[number].balloon), roughness=0.2, opacity=OPACITY, clearcoat=1.0)
+    balloon = scene.string[number].balloon
+    color = mean_color(held, scene.balloon[balloon], balloon_color(scene, balloon))
+    paint(prim, color, roughness=0.2, opacity=OPACITY, clearcoat=1.0)
     return prim
 
 

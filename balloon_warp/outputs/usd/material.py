@@ -1,15 +1,20 @@
 """Materials and colors: every gprim gets a display color, and a bound UsdPreviewSurface of the same color."""
 
+import colorsys
+import itertools
 from pathlib import Path
 
-from pxr import Gf, Sdf, UsdGeom, UsdShade
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 
+from balloon_warp.mesh.looks import Color
 from balloon_warp.scene import Scene
 
-Color = tuple[float, float, float]
-"""linear RGB"""
-
-BALLOON_COLORS: list[Color] = [(0.80, 0.07, 0.06), (0.05, 0.30, 0.75), (0.95, 0.50, 0.03), (0.10, 0.50, 0.16)]
+BALLOON_COLORS: list[Color] = [
+    *[(0.80, 0.07, 0.06), (0.05, 0.30, 0.75), (0.95, 0.50, 0.03), (0.10, 0.50, 0.16)],
+    *[(0.42, 0.10, 0.58), (0.03, 0.52, 0.52), (0.88, 0.16, 0.40), (0.90, 0.72, 0.08)],
+]
+GOLDEN = 0.618034
+"""the part of the circle of hues between one balloon's and the next's, once these colors are used up"""
 SPHERE_COLORS: list[Color] = [(0.06, 0.16, 0.45), (0.85, 0.60, 0.05), (0.08, 0.40, 0.35), (0.45, 0.10, 0.35)]
 BODY_COLORS: list[Color] = [(0.50, 0.28, 0.10), (0.30, 0.34, 0.40), (0.42, 0.42, 0.16), (0.40, 0.16, 0.12)]
 STRING_COLOR: Color = (0.25, 0.20, 0.16)
@@ -21,9 +26,16 @@ LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.
 """of a rubber balloon, as OpenPBR names it: of thin walls, the subsurface's weight is of light that comes through"""
 
 
+def palette_color(number: int) -> Color:
+    """Of a balloon that says none: each has another."""
+    if number < len(BALLOON_COLORS):
+        return BALLOON_COLORS[number]
+    return colorsys.hsv_to_rgb(GOLDEN * number % 1.0, 0.85, 0.75)
+
+
 def balloon_color(scene: Scene, number: int) -> Color:
     """Of a balloon: its own, or the palette's for its number."""
-    return scene.balloon[number].color or BALLOON_COLORS[number % len(BALLOON_COLORS)]
+    return scene.balloon[number].color or palette_color(number)
 
 
 def paint(
@@ -36,40 +48,91 @@ def paint(
 ) -> UsdShade.Material:
     """Give a gprim its color and a material of its own, under the stage's /World/Looks."""
     gprim.CreateDisplayColorAttr([Gf.Vec3f(*color)])
+    material = define_material(gprim, color, roughness, opacity, clearcoat, metallic)
+    bind(gprim.GetPrim(), material)
+    return material
+
+
+def define_material(
+    gprim: UsdGeom.Gprim,
+    color: Color,
+    roughness: float = 0.5,
+    opacity: float = 1.0,
+    clearcoat: float = 0.0,
+    metallic: float = 0.0,
+    name: str | None = None,
+) -> UsdShade.Material:
+    """A material for a gprim, or, with a name, one of several."""
     stage = gprim.GetPrim().GetStage()
     looks = UsdGeom.Scope.Define(stage, "/World/Looks")
-    material = UsdShade.Material.Define(
-        stage, looks.GetPath().AppendChild("_".join(gprim.GetPath().pathString.split("/")[2:]))
-    )
-    shader = UsdShade.Shader.Define(stage, material.GetPath().AppendChild("Surface"))
+    words = gprim.GetPath().pathString.split("/")[2:]
+    own = "_".join(words if name is None else [*words, Tf.MakeValidIdentifier(name)])
+    free = (own if number == 0 else f"{own}_{number}" for number in itertools.count())
+    paths = (looks.GetPath().AppendChild(each) for each in free)
+    path = next(path for path in paths if name is None or not stage.GetPrimAtPath(path))
+    material = UsdShade.Material.Define(stage, path)
+    shader = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
     shader.CreateIdAttr("UsdPreviewSurface")
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
     finish = {"roughness": roughness, "opacity": opacity, "clearcoat": clearcoat}
     if metallic:
         finish["metallic"] = metallic
-    for name, value in finish.items():
-        shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
+    for each, value in finish.items():
+        shader.CreateInput(each, Sdf.ValueTypeNames.Float).Set(value)
     material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
-    UsdShade.MaterialBindingAPI.Apply(gprim.GetPrim()).Bind(material)
     return material
+
+
+def bind(prim: Usd.Prim, material: UsdShade.Material) -> None:
+    """Have a gprim, or a subset of its faces, look as a material says."""
+    UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
 
 
 def print_on(material: UsdShade.Material, image: Path) -> None:
     """Put an image in place of the color, where the primvar `st` says. It is named by its whole path."""
+    put_image(material, image.resolve().as_posix())
+
+
+def put_image(material: UsdShade.Material, image: str, tint: Color = (1.0, 1.0, 1.0)) -> None:
+    """Put an image in place of the color, where the primvar `st` says.
+
+    Args:
+        image: its file, as the stage is to name it.
+        tint: linear RGB that it is multiplied by.
+    """
     stage, path = material.GetPrim().GetStage(), material.GetPath()
-    places = UsdShade.Shader.Define(stage, path.AppendChild("Places"))
-    places.CreateIdAttr("UsdPrimvarReader_float2")
-    places.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+    places = _reader(material, "Places", "UsdPrimvarReader_float2", "st")
     texture = UsdShade.Shader.Define(stage, path.AppendChild("Print"))
     texture.CreateIdAttr("UsdUVTexture")
-    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(image.resolve().as_posix())
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(image)
+    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
+    if tint != (1.0, 1.0, 1.0):
+        texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*tint, 1.0))
     for name in ("wrapS", "wrapT"):
         texture.CreateInput(name, Sdf.ValueTypeNames.Token).Set("repeat")
     here = places.CreateOutput("result", Sdf.ValueTypeNames.Float2)
     texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(here)
-    color = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
-    surface = UsdShade.Shader(stage.GetPrimAtPath(path.AppendChild("Surface")))
-    surface.GetInput("diffuseColor").ConnectToSource(color)
+    _color_of(material).ConnectToSource(texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
+
+
+def color_from(material: UsdShade.Material, primvar: str, otherwise: Color) -> None:
+    """Have a material take its color from a primvar of what it is on."""
+    reader = _reader(material, "Colors", "UsdPrimvarReader_float3", primvar)
+    reader.CreateInput("fallback", Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*otherwise))
+    _color_of(material).ConnectToSource(reader.CreateOutput("result", Sdf.ValueTypeNames.Float3))
+
+
+def _reader(material: UsdShade.Material, name: str, kind: str, primvar: str) -> UsdShade.Shader:
+    reader = UsdShade.Shader.Define(material.GetPrim().GetStage(), material.GetPath().AppendChild(name))
+    reader.CreateIdAttr(kind)
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(primvar)
+    return reader
+
+
+def _color_of(material: UsdShade.Material) -> UsdShade.Input:
+    """The color of its surface."""
+    path = material.GetPath().AppendChild("Surface")
+    return UsdShade.Shader(material.GetPrim().GetStage().GetPrimAtPath(path)).GetInput("diffuseColor")
 
 
 def offer_latex(material: UsdShade.Material, color: Color) -> None:

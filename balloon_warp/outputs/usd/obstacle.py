@@ -12,7 +12,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.model.obstacle_motion import moves, obstacle_poses
 from balloon_warp.model.obstacles import ObstacleShape
-from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, paint
+from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
+from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, Color, paint
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square
 from balloon_warp.scene import Body, Obstacle, Scene
@@ -40,11 +41,13 @@ def define_obstacle(
     shape: ObstacleShape,
     pose: NDArray[np.float64],
     look: Look,
+    otherwise: Color = OBSTACLE_COLOR,
 ) -> UsdGeom.Gprim:
     """Its gprim and material, with ops for place and turn that have no value yet.
 
     Args:
         pose: at the start, as `obstacle_poses` has it, shape (7,).
+        otherwise: the color where neither the scene nor the mesh's file says one.
     """
     if shape.mesh is not None:
         prim = _define_mesh(stage, path, shape.mesh)
@@ -60,7 +63,11 @@ def define_obstacle(
     prim.AddOrientOp()
     if shape.kind == "box":
         prim.AddScaleOp().Set(Gf.Vec3f(*(2.0 * shape.size).tolist()))
-    paint(prim, obstacle.color or OBSTACLE_COLOR, roughness=0.6)
+    own = obstacle.color or otherwise
+    if shape.mesh is not None and (looks := looks_of_file(shape.mesh, obstacle)):
+        paint_as_file(UsdGeom.Mesh(prim), shape.mesh, looks, own, roughness=0.6)
+    else:
+        paint(prim, own, roughness=0.6)
     return prim
 
 
@@ -111,6 +118,7 @@ def _define_mesh(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh) -> UsdGeom
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     prim.CreateDoubleSidedAttr(True)
     prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
+    place_texture(prim, mesh)
     return prim
 
 

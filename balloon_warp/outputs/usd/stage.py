@@ -15,6 +15,7 @@ from balloon_warp.model import Model
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.body import BodyPrim, body_names
 from balloon_warp.outputs.usd.deformable import define_gravity
+from balloon_warp.outputs.usd.looks import check_textures, write_textures
 from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
@@ -63,9 +64,12 @@ class StageWriter:
         self.lights, self.ground = lights, ground
         self._provenance = provenance
         check_writable(self.path, STAGE_SUFFIXES)
+        check_textures(self.path, [model])
         self._file = ExitStack()
         self._grows = self.path.suffix.lower() != ".usda"
         self._unsaved_bytes = 0
+        self._is_whole = True
+        """whether somebody is to look at it"""
         self._last: int | None = None
         """the frame that waits for its velocities"""
 
@@ -116,7 +120,9 @@ class StageWriter:
 
     def another(self, path: Path) -> "StageWriter":
         """A writer of the same prims into another stage."""
-        return StageWriter(path, self.model, lights=self.lights, ground=self.ground)
+        part = StageWriter(path, self.model, lights=self.lights, ground=self.ground)
+        part._is_whole = False
+        return part
 
     def _copy_frame(self, source: Sdf.Layer, paths: Sequence[Sdf.Path], number: int) -> None:
         """Author a frame as it is in a layer, but for the velocities."""
@@ -159,6 +165,8 @@ class StageWriter:
             if self.lights and self._last is not None:
                 first = int(self.stage.GetStartTimeCode())
                 define_camera(self.stage, self._subjects, list(range(first, self._last + 1)))
+            if self._is_whole:
+                write_textures(self.path, [self.model])
             self.stage.GetRootLayer().Save()
 
     def _define_prims(self) -> list[Prim]:

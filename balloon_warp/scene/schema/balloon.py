@@ -139,10 +139,10 @@ class Balloon(Table):
     by its name (`g` and `o` of an OBJ file, subsets of USD). From Python also a mask, or a function that takes the
     mesh's own points, shape (n, 3), and says yes or no of each, shape (n,)"""
     color: Color | None = None
-    """linear RGB; one of the palette when missing"""
+    """linear RGB; when missing, what the mesh's file says, colors or images, else one of the palette"""
     look: Literal["latex", "foil"] | None = None
     """what it is drawn as, thin rubber that light shines through or foil, which mirrors; when missing, latex, but foil
-    where the material's preset is foil or nylon"""
+    where the material's preset is foil or nylon, and an opaque skin where the color is the mesh's own"""
     print: Path | None = None
     """an image, such as a .png, sought beside the scene file: it is printed on the balloon, in place of its color,
     where the mesh's texture coordinates say"""

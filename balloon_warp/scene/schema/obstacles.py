@@ -29,7 +29,7 @@ class Obstacle(Solid):
     name: str = ""
     """what its prim is called in the stage; its shape when empty"""
     color: Color | None = None
-    """linear RGB; gray when missing"""
+    """linear RGB; when missing, what the mesh's file says, else gray"""
 
     @model_validator(mode="after")
     def _times_increase(self) -> Self:

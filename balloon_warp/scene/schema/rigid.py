@@ -34,7 +34,7 @@ class Body(Solid):
     name: str = ""
     """what its prim is called in the stage; its shape when empty"""
     color: Color | None = None
-    """linear RGB; one of the palette when missing"""
+    """linear RGB; when missing, what the mesh's file says, else one of the palette"""
 
     @model_validator(mode="after")
     def _weighs_something(self) -> Self:

@@ -1,0 +1,180 @@
+"""What a mesh looks like by its own file: colors and images, face by face."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import whole_file
+
+FOLDER = "textures"
+"""where images stand beside a stage"""
+Color = tuple[float, float, float]
+"""linear RGB"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image file that USD and glTF take: PNG or JPEG."""
+
+    name: str
+    """of a file, with a hash of its content: different images have different names"""
+    data: bytes
+    """the file's content"""
+
+    @cached_property
+    def mean(self) -> Color:
+        """linear RGB"""
+        from PIL import Image  # only for a mesh that has images
+
+        with Image.open(io.BytesIO(self.data)) as image:
+            image.thumbnail((64, 64))
+            red, green, blue = linear(np.asarray(image.convert("RGB")) / 255.0).mean(axis=(0, 1)).tolist()
+        return red, green, blue
+
+    @property
+    def path(self) -> str:
+        """as a stage names it"""
+        return f"./{FOLDER}/{self.name}"
+
+    def beside(self, stage: Path) -> Path:
+        """Where it is, if a stage names it."""
+        return stage.parent / FOLDER / self.name
+
+    def write_beside(self, stage: Path) -> None:
+        """Write the file into the folder beside a stage.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        path = self.beside(stage)
+        try:
+            path.parent.mkdir(exist_ok=True)
+            known = path.is_file() and path.read_bytes() == self.data
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        if not known:
+            with whole_file(path) as temporary:
+                temporary.write_bytes(self.data)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A material's base color, or its base texture, whose texels are multiplied by the color."""
+
+    name: str
+    color: Color
+    picture: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Materials, and which of them is where on a mesh."""
+
+    materials: tuple[Look, ...]
+    of_corners: NDArray[np.int32]
+    """the material at each corner, all corners of a face alike, -1 for none, shape (corner_count,)"""
+    colors: NDArray[np.float32] | None = None
+    """linear RGB at corners without a material, such as vertex colors; not a number where the file says none, shape
+    (corner_count, 3)"""
+
+    def at(self, corners: NDArray[np.integer | np.bool_]) -> "Looks":
+        """The looks of a mesh that has those of the corners, in that order, or those where a mask is true."""
+        return Looks(self.materials, self.of_corners[corners], None if self.colors is None else self.colors[corners])
+
+    def color_at_corners(self, otherwise: Color) -> NDArray[np.float32]:
+        """Linear RGB without images, shape (corner_count, 3).
+
+        Args:
+            otherwise: where the file says none.
+        """
+        palette = np.array([*(look.color for look in self.materials), otherwise], np.float32)
+        found = palette[self.of_corners]
+        if self.colors is not None:
+            own = (self.of_corners < 0) & np.isfinite(self.colors).all(axis=1)
+            found[own] = self.colors[own]
+        return found
+
+    def mean(self, otherwise: Color) -> Color:
+        """Linear RGB over all corners; arguments as above."""
+        colors = self.color_at_corners(otherwise)
+        for number, look in enumerate(self.materials):
+            if look.picture is not None:
+                colors[self.of_corners == number] *= np.array(look.picture.mean, np.float32)
+        red, green, blue = colors.mean(axis=0).tolist()
+        return red, green, blue
+
+    @property
+    def pictures(self) -> list[Picture]:
+        """The images of its materials."""
+        return [look.picture for look in self.materials if look.picture is not None]
+
+
+def looks_of(
+    materials: Sequence[Look | None], of_corners: NDArray[np.integer], colors: NDArray[np.floating] | None = None
+) -> Looks | None:
+    """Looks of the materials that are used and say something, or None where nothing is said.
+
+    Args:
+        materials: None for those that say no color.
+        of_corners: as `Looks` has them.
+        colors: vertex colors at all corners, shape (corner_count, 3). They are multiplied by the color of a material,
+            and passed over where it has an image.
+    """
+    own = np.asarray(of_corners, dtype=np.int32).copy()
+    if colors is not None:
+        shades = np.asarray(colors, dtype=np.float32).copy()
+        for number, look in enumerate(materials):
+            if look is None or look.picture is None:
+                shades[own == number] *= np.array((1.0, 1.0, 1.0) if look is None else look.color, np.float32)
+                own[own == number] = -1
+        colors = shades if np.isfinite(shades).all(axis=1).any() else None
+    used = [number for number in np.unique(own).tolist() if number >= 0 and materials[number] is not None]
+    if not used and colors is None:
+        return None
+    renumbered = np.full(len(materials) + 1, -1, np.int32)  # the last is that of -1
+    renumbered[used] = np.arange(len(used))
+    return Looks(tuple(look for n in used if (look := materials[n]) is not None), renumbered[own], colors)
+
+
+def together(parts: Sequence[Any]) -> dict[str, Any]:
+    """The texture coordinates and the looks of meshes that become one, as fields of a `PolygonMesh`.
+
+    Where some have images, others without texture coordinates get zeros.
+    """
+    counts = [len(part.face_vertex_indices) for part in parts]
+    places = [part.texture_coordinates for part in parts]
+    pictured = any(part.looks is not None and part.looks.pictures for part in parts)
+    if pictured or all(place is not None for place in places):
+        filled = [np.zeros((n, 2), np.float32) if p is None else p for n, p in zip(counts, places, strict=True)]
+        texture_coordinates = np.concatenate(filled)
+    else:
+        texture_coordinates = None
+    materials: list[Look] = []
+    of_corners, colors = [], []
+    for part, count in zip(parts, counts, strict=True):
+        looks = part.looks or Looks((), np.full(count, -1, np.int32))
+        of_corners.append(np.where(looks.of_corners < 0, -1, looks.of_corners + len(materials)))
+        materials += looks.materials
+        colors.append(np.full((count, 3), np.nan, np.float32) if looks.colors is None else looks.colors)
+    shaded = any(part.looks is not None and part.looks.colors is not None for part in parts)
+    alike = {look: number for number, look in reversed(list(enumerate(materials)))}
+    same = np.array([*(alike[look] for look in materials), -1], np.int32)
+    whole = looks_of(materials, same[np.concatenate(of_corners)])
+    if shaded:
+        shades = np.concatenate(colors)
+        renumbered = np.full(sum(counts), -1, np.int32) if whole is None else whole.of_corners
+        whole = Looks(() if whole is None else whole.materials, renumbered, shades)
+    return {"texture_coordinates": texture_coordinates, "looks": whole}
+
+
+def linear(encoded: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Linear values of sRGB ones from 0 to 1 (IEC 61966-2-1)."""
+    values = np.clip(np.asarray(encoded, dtype=np.float64), 0.0, 1.0)
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)

@@ -1,0 +1,133 @@
+"""Cubes with a color a side, by an image or by materials, as files of several formats have them."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from PIL import Image
+from pxr import Sdf, Usd, UsdGeom, UsdShade, Vt
+
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.corners import face_starts
+from balloon_warp.mesh.geometry import face_vector_areas
+
+SIDES = [(220, 30, 30), (30, 180, 40), (40, 60, 220), (230, 200, 30), (200, 40, 200), (40, 200, 200)]
+"""sRGB of the sides toward -x, x, -y, y, -z and z"""
+CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+QUADS = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+"""corners of the sides, in the order of `SIDES`, seen from outside"""
+WITHIN = np.array([(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)])
+"""where they are in a side's tile of the image"""
+
+
+def places() -> np.ndarray:
+    """Of each side's corners in the image, three tiles wide and two high, shape (6, 4, 2), v up."""
+    tiles = np.array([(side % 3, 1 - side // 3) for side in range(6)])
+    return (tiles[:, None] + WITHIN) / (3.0, 2.0)
+
+
+def atlas() -> Image.Image:
+    """The image: the first three sides above the others."""
+    rows = np.array(SIDES, np.uint8).reshape(2, 3, 3)
+    return Image.fromarray(rows.repeat(16, axis=0).repeat(16, axis=1))
+
+
+def linear(color) -> np.ndarray:
+    """Of sRGB from 0 to 255."""
+    values = np.asarray(color) / 255.0
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def write_painted(folder: Path, kind: str) -> Path:
+    """The cube with its image beside it or in it; kind is the suffix."""
+    path = folder / f"cube.{kind}"
+    if kind == "obj":
+        write_obj_cube(folder)
+    elif kind == "usda":
+        write_usd_cube(folder)
+    else:
+        triangles = np.arange(24).reshape(6, 4)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+        material = trimesh.visual.material.PBRMaterial(name="paint", baseColorTexture=atlas())
+        visual = trimesh.visual.TextureVisuals(uv=places().reshape(-1, 2), material=material)
+        mesh = trimesh.Trimesh(CORNERS[QUADS].reshape(-1, 3), triangles, process=False, visual=visual)
+        if kind == "glb":
+            mesh.export(path)
+        else:
+            files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh))
+            tree = json.loads(files.pop("model.gltf"))
+            tree["images"] = [{"uri": "the%20atlas.png"}]
+            atlas().save(folder / "the atlas.png")
+            path.write_text(json.dumps(tree))
+            for name, data in files.items():
+                (folder / name).write_bytes(data)
+    return path
+
+
+def write_obj_cube(folder: Path, materials: str = "newmtl paint\nKd 0 0 0\nmap_Kd images/the atlas.png\n") -> Path:
+    """With each side in the material of its number, where there is one; else in "paint"."""
+    (folder / "images").mkdir(exist_ok=True)
+    atlas().save(folder / "images/the atlas.png")
+    (folder / "cube.mtl").write_text(materials)
+    lines = ["mtllib cube.mtl", *("v {:g} {:g} {:g}".format(*tuple(p)) for p in CORNERS)]
+    lines += ["vt {:.9g} {:.9g}".format(*tuple(place)) for place in places().reshape(-1, 2)]
+    for side, quad in enumerate(QUADS):
+        lines.append(f"usemtl {side}" if f"newmtl {side}\n" in materials else "usemtl paint")
+        lines.append("f " + " ".join(f"{vertex + 1}/{4 * side + n + 1}" for n, vertex in enumerate(quad)))
+    (folder / "cube.obj").write_text("\n".join(lines) + "\n")
+    return folder / "cube.obj"
+
+
+def write_usd_cube(folder: Path) -> Path:
+    """Left-handed, so that its corners are turned when it is read."""
+    atlas().save(folder / "atlas.png")
+    stage = Usd.Stage.CreateNew(str(folder / "cube.usda"))
+    mesh = UsdGeom.Mesh.Define(stage, "/cube")
+    mesh.CreateOrientationAttr(UsdGeom.Tokens.leftHanded)
+    mesh.CreatePointsAttr(CORNERS)
+    mesh.CreateFaceVertexCountsAttr([4] * 6)
+    mesh.CreateFaceVertexIndicesAttr(QUADS[:, ::-1].ravel().tolist())
+    st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("uv", Sdf.ValueTypeNames.TexCoord2fArray, "faceVarying")
+    st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(places()[:, ::-1].reshape(-1, 2), np.float32)))
+    material = UsdShade.Material.Define(stage, "/paint")
+    surface, texture, reader = (UsdShade.Shader.Define(stage, f"/paint/{name}") for name in ("s", "t", "r"))
+    for shader, kind in (
+        (surface, "UsdPreviewSurface"),
+        (texture, "UsdUVTexture"),
+        (reader, "UsdPrimvarReader_float2"),
+    ):
+        shader.CreateIdAttr(kind)
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("uv")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set("atlas.png")
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
+    color = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
+    color.ConnectToSource(texture.ConnectableAPI(), "rgb")
+    material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
+    stage.Save()
+    return folder / "cube.usda"
+
+
+def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[int, ...]]]:
+    """Of each face the number of the side that it faces, and the color there, sRGB from 0 to 255 or linear from 0 to 1,
+    as an image or a material has it."""
+    looks = mesh.looks
+    assert looks is not None
+    normals, found = face_vector_areas(mesh), []
+    for face, start in enumerate(face_starts(mesh).tolist()):
+        axis = int(np.abs(normals[face]).argmax())
+        side, number = 2 * axis + int(normals[face, axis] > 0.0), int(looks.of_corners[start])
+        look = looks.materials[number]
+        color: tuple[int, ...] = look.color
+        if look.picture is not None:
+            uv = mesh.texture_coordinates[start : start + mesh.face_vertex_counts[face]].mean(axis=0)
+            color = color_in(look.picture.data, uv)
+        found.append((side, color))
+    return found
+
+
+def color_in(data, uv) -> tuple[int, ...]:
+    """Of an image's file, or an image, at u and v, v up."""
+    image = (data if isinstance(data, Image.Image) else Image.open(io.BytesIO(data))).convert("RGB")
+    return image.getpixel((int(uv[0] * image.width), int((1.0 - uv[1]) * image.height)))

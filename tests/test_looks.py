@@ -1,0 +1,243 @@
+"""Looks of a mesh's own file as they are read, and on what mesh preparation makes of the mesh."""
+
+import base64
+import io
+import json
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from painted import CORNERS, QUADS, SIDES, atlas, linear, places, seen_sides, write_obj_cube, write_painted
+from PIL import Image
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
+
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.prepare import Treatment, prepared
+
+KINDS = ["glb", "gltf", "obj", "usda"]
+PLAIN = "".join(f"newmtl {side}\nKd {0.1 * side:g} 0.5 0.25\n" for side in range(6))
+
+
+def assert_painted(mesh: PolygonMesh) -> None:
+    """Each face has the color of its side, and there are some of each."""
+    found = seen_sides(mesh)
+    assert {side for side, _ in found} == set(range(6))
+    for side, color in found:
+        assert color == SIDES[side]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path: Path):
+    mesh = load_mesh(write_painted(tmp_path, kind))
+    assert_painted(mesh)
+    assert mesh.warnings == ()
+    assert mesh.looks.materials[0].picture.data[:4] == b"\x89PNG"
+
+
+def torn_up(mesh: PolygonMesh) -> PolygonMesh:
+    """Every vertex of each face by itself, faces in another order, one turned over, one twice and one of no size."""
+    corners = mesh.face_vertex_indices.reshape(mesh.face_count, -1)
+    order = np.random.default_rng(1).permutation(mesh.face_count)
+    numbers = np.arange(corners.size).reshape(corners.shape)[order]
+    numbers[0] = numbers[0, ::-1]
+    numbers = np.concatenate([np.full_like(numbers[:1], numbers[2, 0]), numbers, numbers[-1:]])
+    return replace(
+        mesh,
+        points=mesh.points[mesh.face_vertex_indices[numbers.ravel()]],
+        face_vertex_counts=np.full(len(numbers), corners.shape[1], np.int32),
+        face_vertex_indices=np.where(np.arange(numbers.size) < numbers.shape[1], 0, np.arange(numbers.size)).astype(
+            np.int32
+        ),
+        texture_coordinates=mesh.texture_coordinates[numbers.ravel()],
+        looks=mesh.looks.at(numbers.ravel()),
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_seams_and_turned_faces_keep_their_places_in_the_image(kind: str, tmp_path: Path):
+    mesh = prepared(torn_up(load_mesh(write_painted(tmp_path, kind))), "cube", Treatment())
+    assert_painted(mesh)
+    assert len(np.unique(mesh.face_vertex_indices)) == 8
+
+
+def test_a_lid_has_the_material_of_what_is_around_it(tmp_path: Path):
+    ball = trimesh.creation.icosphere(2)
+    upper = ball.triangles_center[:, 1] > 0.0
+    top = int(ball.triangles_center[:, 1].argmax())
+    lines = ["mtllib ball.mtl", *(f"v {x} {y} {z}" for x, y, z in ball.vertices)]
+    for name, some in (("high", upper), ("low", ~upper)):
+        kept = [face + 1 for number, face in enumerate(ball.faces) if some[number] and number != top]
+        lines += [f"usemtl {name}", *(f"f {a} {b} {c}" for a, b, c in kept)]
+    (tmp_path / "ball.obj").write_text("\n".join(lines))
+    (tmp_path / "ball.mtl").write_text("newmtl high\nKd 1 0 0\nnewmtl low\nKd 0 0 1\n")
+    mesh = prepared(load_mesh(tmp_path / "ball.obj"), "ball", Treatment())
+    colors = mesh.looks.color_at_corners((0, 0, 0)).reshape(-1, 3, 3)
+    assert len(colors) == mesh.face_count == len(ball.faces)
+    assert (colors[-1] == (1, 0, 0)).all()
+
+
+def test_materials_of_an_obj_stay_on_their_faces(tmp_path: Path):
+    path = write_obj_cube(tmp_path, PLAIN.replace("newmtl 3\nKd 0.3 0.5 0.25", "newmtl 3\nmap_Kd images/the atlas.png"))
+    for mesh in (load_mesh(path), prepared(torn_up(load_mesh(path)), "cube", Treatment())):
+        for side, color in seen_sides(mesh):
+            expected = SIDES[3] if side == 3 else (0.1 * side, 0.5, 0.25)
+            np.testing.assert_allclose(color, expected, atol=1e-6)
+
+
+def test_faces_without_places_stand_beside_some_with_an_image(tmp_path: Path):
+    """As exporters write materials without an image."""
+    path = write_obj_cube(
+        tmp_path, PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
+    )
+    lines = path.read_text().splitlines()
+    bare = [
+        " ".join(word.split("/")[0] for word in line.split(" ")) if n > 34 else line for n, line in enumerate(lines)
+    ]
+    path.write_text("\n".join(bare))
+    mesh = load_mesh(path)
+    assert mesh.texture_coordinates.shape == (24, 2)
+    np.testing.assert_allclose(mesh.texture_coordinates[:4], places()[0], atol=1e-6)
+    assert dict(seen_sides(mesh))[0] == SIDES[0]
+
+
+def test_without_places_a_material_has_its_color(tmp_path: Path):
+    path = write_obj_cube(tmp_path, "newmtl paint\nKd 0.5 0.25 0.125\nmap_Kd images/the atlas.png\n")
+    path.write_text(path.read_text().replace("vt 0", "vt nan", 1))
+    mesh = load_mesh(path)
+    assert mesh.texture_coordinates is None
+    assert [(look.color, look.picture) for look in mesh.looks.materials] == [((0.5, 0.25, 0.125), None)]
+
+
+@pytest.mark.parametrize(
+    "line", ["images\\the atlas.png", "-s 1 1 1 -clamp on images/the atlas.png", "C:\\mine\\images\\other.png"]
+)
+def test_names_of_images_are_understood(line: str, tmp_path: Path):
+    atlas().save(tmp_path / "other.png")
+    assert_painted(load_mesh(write_obj_cube(tmp_path, f"newmtl paint\nmap_Kd {line}\n")))
+
+
+@pytest.mark.parametrize(("data", "said"), [(None, "is missing"), (b"hello", "cannot be read as an image")])
+@pytest.mark.parametrize("kind", ["gltf", "obj", "usda"])
+def test_an_image_that_cannot_be_had_is_one_sentence(kind: str, data: bytes | None, said: str, tmp_path: Path):
+    path = write_painted(tmp_path, kind)
+    for image in tmp_path.rglob("*.png"):
+        image.unlink() if data is None else image.write_bytes(data)
+    mesh = load_mesh(path)
+    assert len(mesh.warnings) == 1
+    assert str(path) in mesh.warnings[0]
+    assert said in mesh.warnings[0]
+    assert mesh.looks is None or not mesh.looks.pictures
+
+
+def test_a_cut_off_image_is_no_image(tmp_path: Path):
+    path = write_painted(tmp_path, "obj")
+    image = tmp_path / "images/the atlas.png"
+    big = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    Image.fromarray(big).save(image, "JPEG")
+    image.write_bytes(image.read_bytes()[:900])
+    assert load_mesh(path).warnings[0].endswith("cannot be read as an image; it is left out.")
+
+
+def test_parts_of_a_glb_keep_their_colors(tmp_path: Path):
+    """Vertex colors, a factor, and none."""
+    ball = trimesh.creation.icosphere(0)
+    parts = []
+    for number in range(3):
+        part = ball.copy()
+        part.apply_translation((3.0 * number, 0.0, 0.0))
+        if number == 0:
+            part.visual.vertex_colors = np.tile([[51, 102, 153, 255]], (len(part.vertices), 1))
+        elif number == 1:
+            material = trimesh.visual.material.PBRMaterial(baseColorFactor=[0, 255, 51, 255])
+            part.visual = trimesh.visual.TextureVisuals(material=material)
+        parts.append(part)
+    trimesh.Scene(parts).export(tmp_path / "parts.glb")
+    mesh = load_mesh(tmp_path / "parts.glb")
+    part = np.round(mesh.points[mesh.face_vertex_indices][:, 0] / 3.0).astype(int)
+    colors = mesh.looks.color_at_corners((0.0, 0.0, 0.5))
+    # glTF's numbers are linear: bytes over 255.
+    for number, color in enumerate([(0.2, 0.4, 0.6), (0.0, 1.0, 0.2), (0.0, 0.0, 0.5)]):
+        np.testing.assert_allclose(colors[part == number], np.tile(color, ((part == number).sum(), 1)), atol=1e-6)
+
+
+def test_a_texture_transform_moves_the_places(tmp_path: Path):
+    """The image is written as one of twice the size, of which the transform takes a quarter."""
+    path = write_painted(tmp_path, "glb")
+    data = path.read_bytes()
+    (length,) = struct.unpack_from("<I", data, 12)
+    tree = json.loads(data[20 : 20 + length])
+    large = np.zeros((64, 96, 3), np.uint8)
+    large[32:, 48:] = np.asarray(atlas())
+    with io.BytesIO() as file:
+        Image.fromarray(large).save(file, "PNG")
+        tree["images"] = [{"uri": "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()}]
+    [material] = tree["materials"]
+    material["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = {
+        "KHR_texture_transform": {"offset": [0.5, 0.5], "scale": [0.5, 0.5]}
+    }
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    path.write_bytes(
+        struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+    )
+    assert_painted(load_mesh(path))
+
+
+@pytest.mark.parametrize("kind", ["ply", "obj"])
+def test_colors_of_vertices_are_taken(kind: str, tmp_path: Path):
+    ball = trimesh.creation.icosphere(1)
+    ball.visual.vertex_colors = np.tile([[200, 100, 0, 255]], (len(ball.vertices), 1))
+    ball.export(tmp_path / f"ball.{kind}")
+    mesh = prepared(load_mesh(tmp_path / f"ball.{kind}"), "ball", Treatment())
+    # In eight bits, which the linear value rises by at most 2 / 255 a step of.
+    np.testing.assert_allclose(mesh.looks.color_at_corners((0, 0, 0))[0], linear((200, 100, 0)), atol=0.01)
+
+
+@pytest.mark.parametrize("kind", ["stl", "ply", "off", "glb", "obj"])
+def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path: Path):
+    trimesh.creation.icosphere(1).export(tmp_path / f"ball.{kind}")
+    assert load_mesh(tmp_path / f"ball.{kind}").looks is None
+
+
+def usd_cube(folder: Path, interpolation: str = "", colors=()) -> tuple[Usd.Stage, UsdGeom.Mesh]:
+    stage = Usd.Stage.CreateNew(str(folder / "plain.usda"))
+    mesh = UsdGeom.Mesh.Define(stage, "/cube")
+    mesh.CreatePointsAttr(CORNERS)
+    mesh.CreateFaceVertexCountsAttr([4] * 6)
+    mesh.CreateFaceVertexIndicesAttr(QUADS.ravel().tolist())
+    if interpolation:
+        mesh.CreateDisplayColorPrimvar(interpolation).Set([Gf.Vec3f(*color) for color in colors])
+    return stage, mesh
+
+
+def test_display_colors_are_taken(tmp_path: Path):
+    sides = np.array(SIDES) / 255.0
+    for interpolation, colors in (("constant", sides[:1]), ("uniform", sides), ("vertex", CORNERS / 2.0 + 0.5)):
+        (tmp_path / interpolation).mkdir()
+        usd_cube(tmp_path / interpolation, interpolation, colors.tolist())[0].Save()
+        mesh = load_mesh(tmp_path / interpolation / "plain.usda")
+        expected = {"constant": colors[np.zeros(24, int)], "uniform": colors.repeat(4, axis=0)}
+        expected = expected.get(interpolation, colors[QUADS.ravel()] if interpolation == "vertex" else None)
+        np.testing.assert_allclose(mesh.looks.color_at_corners((0, 0, 0)), expected, atol=1e-6)
+
+
+def test_subsets_of_usd_keep_their_materials(tmp_path: Path):
+    stage, cube = usd_cube(tmp_path, "constant", [(0.3, 0.4, 0.5)])
+    for name, faces, color in (("a", [1, 4], (0.9, 0.1, 0.1)), ("b", [2], (0.1, 0.9, 0.1))):
+        material = UsdShade.Material.Define(stage, f"/{name}")
+        surface = UsdShade.Shader.Define(stage, f"/{name}/surface")
+        surface.CreateIdAttr("UsdPreviewSurface")
+        surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
+        material.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+        subset = UsdShade.MaterialBindingAPI.Apply(cube.GetPrim()).CreateMaterialBindSubset(name, faces)
+        UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(material)
+    stage.Save()
+    colors = load_mesh(tmp_path / "plain.usda").looks.color_at_corners((0, 0, 0))[::4]
+    expected = np.tile([(0.3, 0.4, 0.5)], (6, 1))
+    expected[[1, 4]], expected[2] = (0.9, 0.1, 0.1), (0.1, 0.9, 0.1)
+    np.testing.assert_allclose(colors, expected, atol=1e-6)
