@@ -81,7 +81,7 @@ def address() -> Iterator[str]:
 def assert_same_files(folder: Path, expected: Path) -> None:
     """To the last bit: the table byte by byte, the stage sample by sample."""
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in expected.iterdir())
-    for name in ("table.csv", "table.npz"):
+    for name in ("table.csv", "table.npz", "worlds.csv", "worlds.npz"):
         assert (folder / name).read_bytes() == (expected / name).read_bytes()
     stages = [Sdf.Layer.FindOrOpen(str(place / "worlds.usdc")) for place in (folder, expected)]
     assert stages[0].ExportToString() == stages[1].ExportToString()
@@ -262,7 +262,7 @@ def test_the_command_spreads_over_a_scheduler(
     assert [line.partition(". ")[0] for line in captured.err.splitlines()] == 2 * [
         "note: ball.obj inflates above a floor"
     ]
-    assert " on 1 x cpu, schedule " in captured.out.splitlines()[5]
+    assert " on 1 x cpu, schedule " in captured.out.splitlines()[7]
     assert_same_files(tmp_path / "both", tmp_path / "alone")
 
 

@@ -70,7 +70,7 @@ def test_the_environment_of_a_process_is_not_in_its_outputs(tmp_path: Path):
         )
         files = [path for path in folder.rglob("*") if path.is_file() and path.name != "manifest.json"]
         written.append({str(path.relative_to(folder)): path.read_bytes() for path in files})
-    assert len(written[0]) == 5
+    assert len(written[0]) == 7
     assert written[0] == written[1]
 
 
