@@ -204,6 +204,15 @@ def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path: Path):
     assert load_mesh(tmp_path / f"ball.{kind}").looks is None
 
 
+def test_a_mesh_of_trimesh_keeps_its_looks(tmp_path: Path):
+    assert_painted(load_mesh(trimesh.load(write_painted(tmp_path, "glb"), process=False).to_mesh()))
+    ball = trimesh.creation.icosphere(1)
+    assert load_mesh(ball).looks is None
+    ball.visual.face_colors = np.tile([[200, 100, 0, 255]], (len(ball.faces), 1))
+    colors = load_mesh(ball).looks.color_at_corners((0, 0, 0))
+    np.testing.assert_allclose(colors, np.tile(linear((200, 100, 0)), (len(colors), 1)), atol=1e-6)
+
+
 def usd_cube(folder: Path, interpolation: str = "", colors=()) -> tuple[Usd.Stage, UsdGeom.Mesh]:
     stage = Usd.Stage.CreateNew(str(folder / "plain.usda"))
     mesh = UsdGeom.Mesh.Define(stage, "/cube")
