@@ -14,6 +14,7 @@ from painted import CORNERS, QUADS, SIDES, atlas, linear, places, seen_sides, wr
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
+from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.prepare import Treatment, prepared
@@ -186,6 +187,25 @@ def test_a_texture_transform_moves_the_places(tmp_path: Path):
         struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
     )
     assert_painted(load_mesh(path))
+
+
+PLACES = ["materials", "textures", "images", "attributes", "TEXCOORD_0", "baseColorTexture", "material"]
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("wrong", [None, -1, 99, "x", [], {}, [None, None, None]])
+def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: str, wrong: object, tmp_path: Path):
+    path = write_painted(tmp_path, "gltf")
+    tree = json.loads(path.read_text())
+    primitive = tree["meshes"][0]["primitives"][0]
+    homes = {"TEXCOORD_0": primitive["attributes"], "attributes": primitive, "material": primitive}
+    homes["baseColorTexture"] = tree["materials"][0]["pbrMetallicRoughness"]
+    homes.get(place, tree)[place] = wrong
+    path.write_text(json.dumps(tree))
+    try:
+        assert load_mesh(path).face_count == 12
+    except InputError as error:
+        assert str(path) in str(error)
 
 
 @pytest.mark.parametrize("kind", ["ply", "obj"])
