@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import struct
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from painted import CORNERS, QUADS, SIDES, atlas, linear, places, seen_sides, wr
 from PIL import Image
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
+from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.prepare import Treatment, prepared
@@ -188,6 +190,23 @@ def test_a_texture_transform_moves_the_places(tmp_path: Path):
     assert_painted(load_mesh(path))
 
 
+PLACES = ["materials", "textures", "images", "attributes", "TEXCOORD_0", "baseColorTexture", "material"]
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("wrong", [None, -1, 99, "x", [], {}, [None, None, None]])
+def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: str, wrong: object, tmp_path: Path):
+    path = write_painted(tmp_path, "gltf")
+    tree = json.loads(path.read_text())
+    primitive = tree["meshes"][0]["primitives"][0]
+    homes = {"TEXCOORD_0": primitive["attributes"], "attributes": primitive, "material": primitive}
+    homes["baseColorTexture"] = tree["materials"][0]["pbrMetallicRoughness"]
+    homes.get(place, tree)[place] = wrong
+    path.write_text(json.dumps(tree))
+    with suppress(InputError):
+        assert load_mesh(path).face_count == 12
+
+
 @pytest.mark.parametrize("kind", ["ply", "obj"])
 def test_colors_of_vertices_are_taken(kind: str, tmp_path: Path):
     ball = trimesh.creation.icosphere(1)
@@ -202,6 +221,15 @@ def test_colors_of_vertices_are_taken(kind: str, tmp_path: Path):
 def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path: Path):
     trimesh.creation.icosphere(1).export(tmp_path / f"ball.{kind}")
     assert load_mesh(tmp_path / f"ball.{kind}").looks is None
+
+
+def test_a_mesh_of_trimesh_keeps_its_looks(tmp_path: Path):
+    assert_painted(load_mesh(trimesh.load(write_painted(tmp_path, "glb"), process=False).to_mesh()))
+    ball = trimesh.creation.icosphere(1)
+    assert load_mesh(ball).looks is None
+    ball.visual.face_colors = np.tile([[200, 100, 0, 255]], (len(ball.faces), 1))
+    colors = load_mesh(ball).looks.color_at_corners((0, 0, 0))
+    np.testing.assert_allclose(colors, np.tile(linear((200, 100, 0)), (len(colors), 1)), atol=1e-6)
 
 
 def usd_cube(folder: Path, interpolation: str = "", colors=()) -> tuple[Usd.Stage, UsdGeom.Mesh]:

@@ -1,5 +1,6 @@
 """Meshes that are no files: what Python has for a mesh, as a `PolygonMesh`."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -9,6 +10,7 @@ from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.trimesh_looks import read_visual
 
 
 class Faceted(Protocol):
@@ -50,7 +52,8 @@ def mesh_from(given: Any) -> PolygonMesh:
         return _of_arrays(points, faces, "mesh")
     if hasattr(given, "to_mesh"):
         given = given.to_mesh()
-    return _of_arrays(given.vertices, given.faces, _name_of(given))
+    mesh = _of_arrays(given.vertices, given.faces, _name_of(given))
+    return replace(mesh, **read_visual(mesh, getattr(given, "visual", None))._asdict())
 
 
 def _of_arrays(points: Any, faces: Any, name: str) -> PolygonMesh:

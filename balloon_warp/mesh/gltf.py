@@ -39,7 +39,10 @@ def read_gltf(path: Path | str) -> PolygonMesh:
     if unknown := [name for name in _texts(required) if not _is_decoded(name)]:
         helps = "; pip install DracoPy, or export without compression" if unknown == [COMPRESSED] else ""
         raise InputError(f"{path}: requires the extension {', '.join(unknown)}, which is not decoded here{helps}")
-    _scale_normalized(tree)
+    try:
+        _scale_normalized(tree)
+    except (LookupError, TypeError, AttributeError):  # again
+        return replace(read_triangles(path, joined=True), unit_known=True, up_known=True)
     materials = GltfMaterials(path, tree, (rest or b"")[8:])
     materials.name_materials()
     mesh = read_triangles(path, joined=True, source=BytesIO(_file_of(tree, rest)), materials=materials)

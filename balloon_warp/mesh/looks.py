@@ -135,12 +135,14 @@ def looks_of(
                 shades[own == number] *= np.array((1.0, 1.0, 1.0) if look is None else look.color, np.float32)
                 own[own == number] = -1
         colors = shades if np.isfinite(shades).all(axis=1).any() else None
-    used = [number for number in np.unique(own).tolist() if number >= 0 and materials[number] is not None]
-    if not used and colors is None:
-        return None
+    used: list[Look] = []
     renumbered = np.full(len(materials) + 1, -1, np.int32)  # the last is that of -1
-    renumbered[used] = np.arange(len(used))
-    return Looks(tuple(look for n in used if (look := materials[n]) is not None), renumbered[own], colors)
+    for number in np.unique(own[own >= 0]).tolist():
+        look = materials[number]
+        if look is not None:
+            renumbered[number] = len(used)
+            used.append(look)
+    return Looks(tuple(used), renumbered[own], colors) if used or colors is not None else None
 
 
 def together(parts: Sequence[Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.gltf_looks import COLORS, GltfMaterials, moved
 from balloon_warp.mesh.looks import linear, looks_of, together
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.trimesh_looks import corner_colors
 
 
 def read_triangles(
@@ -73,20 +74,18 @@ def _of_part(part: Any, materials: GltfMaterials | None) -> PolygonMesh:
     corners, visual = triangles.ravel(), part.visual
     shape = {"points": points.reshape(-1, 3), "face_vertex_counts": np.full(len(triangles), 3, dtype=np.int32)}
     mesh = PolygonMesh(**shape, face_vertex_indices=corners.astype(np.int32))
-    shades, of_corners, known, places = None, np.full(len(corners), -1), [], None
+    of_corners, known, places = np.full(len(corners), -1), [], None
     if visual.kind == "texture" and materials is not None:
         number = int(visual.material.name)
         of_corners[:], known = number, materials.looks
         if visual.uv is not None and len(visual.uv) == len(points):
             places = moved(np.asarray(visual.uv, np.float64)[corners], materials.transforms[number])
-    elif visual.kind == "vertex":
-        shades = visual.vertex_colors
-    elif visual.kind == "face":
-        shades = np.repeat(visual.face_colors, 3, axis=0)
-    shades = part.vertex_attributes.get(COLORS, shades)
+    if COLORS in part.vertex_attributes:
+        shades = np.asarray(part.vertex_attributes[COLORS])[corners]
+    else:
+        shades = corner_colors(mesh, visual)
     if shades is not None:
-        shades = np.asarray(shades)
-        shades = _lightness(shades if visual.kind == "face" else shades[corners], materials is None)
+        shades = _lightness(shades, encoded=materials is None)
     if places is None or not np.isfinite(places).all():
         places, known = None, [look and replace(look, picture=None) for look in known]
     return replace(mesh, texture_coordinates=places, looks=looks_of(known, of_corners, shades))
