@@ -186,8 +186,8 @@ def test_command_refuses_a_bad_mesh_with_status_2(tmp_path: Path) -> None:
 def test_inspecting_an_obj_loads_neither_usd_nor_trimesh(tmp_path: Path) -> None:
     write_obj(tmp_path / "cube.obj", cube())
     program = (
-        "import sys; from balloon_warp.cli.inspect import inspect;"
-        f"inspect({str(tmp_path / 'cube.obj')!r});"
+        "import sys; from balloon_warp.cli.inspect import MeshOptions, inspect;"
+        f"inspect({str(tmp_path / 'cube.obj')!r}, mesh=MeshOptions());"
         "print(*sorted({'pxr', 'trimesh'} & set(sys.modules)), file=sys.stderr)"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
