@@ -4,6 +4,7 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.quiet import quiet_warp
+from balloon_warp.turns import ALONE, record_by_thread
 
 
 def pick_device(name: str | wp.Device | None) -> wp.Device:
@@ -12,7 +13,9 @@ def pick_device(name: str | wp.Device | None) -> wp.Device:
     Raises:
         InputError: there is no such device.
     """
-    quiet_warp()
+    with ALONE:
+        quiet_warp()
+        record_by_thread()
     try:
         return wp.get_device(name) if name else wp.get_preferred_device()
     except (ValueError, TypeError, AttributeError):

@@ -1,6 +1,5 @@
-"""Two pages of one process: their simulations take turns on a device."""
+"""Pages of one process: their simulations go on beside each other, and none ends without a word."""
 
-import threading
 import time
 from pathlib import Path
 
@@ -8,34 +7,56 @@ import pytest
 from meshes import quad_sphere
 
 from balloon_warp.scene import Balloon, Scene
+from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
 
+SCENE = Scene(balloon=[Balloon(mesh=quad_sphere(2))], frames=8)
 
-def test_no_session_uses_a_device_while_another_records_or_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """Warp records for all threads of a process at once on a CPU: what another launches meanwhile would be refused, or
-    be part of the wrong graph. Each step is made long enough to meet the other's first, in which it is recorded."""
-    inside: list[str] = []
-    met: list[list[str]] = []
-    step = Playground.step
 
-    def slow_step(playground: Playground) -> None:
-        inside.append(threading.current_thread().name)
-        met.append(list(inside))
+def wait_for(frame: int, *sessions: Session) -> None:
+    """Until all are that far; at most a minute."""
+    until = time.perf_counter() + 60.0
+    while min(session.playground.frame for session in sessions) < frame and time.perf_counter() < until:
         time.sleep(0.01)
-        step(playground)
-        inside.pop()
 
-    monkeypatch.setattr(Playground, "step", slow_step)
-    scene = Scene(balloon=[Balloon(mesh=quad_sphere(2))])
-    sessions = [Session(name, scene, "cpu", tmp_path) for name in ("one", "other")]
+
+def test_sessions_and_a_simulator_step_beside_each_other(tmp_path: Path):
+    """Each records its first frame while others step: all end as one by itself does."""
+    alone = [frame.points[0].tobytes() for frame in Simulator(SCENE, "cpu").run()]
+    sessions = [Session(name, SCENE, "cpu", tmp_path) for name in ("one", "other")]
     for session in sessions:
         session.watched = True
         session.start()
-    until = time.perf_counter() + 60.0
-    while min(session.playground.frame for session in sessions) < 5 and time.perf_counter() < until:
-        time.sleep(0.01)
+    assert [frame.points[0].tobytes() for frame in Simulator(SCENE, "cpu").run()] == alone
+    wait_for(5, *sessions)
     for session in sessions:
         session.stop()
     assert all(session.playground.frame >= 5 and not session.trouble for session in sessions)
-    assert max(map(len, met)) == 1
+
+
+def test_a_simulation_that_fails_says_so_and_can_begin_anew(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+):
+    """On the page and on the terminal, with the traceback; its thread lives on."""
+    step = Playground.step
+
+    def failing_step(playground: Playground) -> None:
+        raise RuntimeError("no such device any more")
+
+    monkeypatch.setattr(Playground, "step", failing_step)
+    session = Session("one", SCENE, "cpu", tmp_path)
+    session.watched = True
+    session.start()
+    until = time.perf_counter() + 60.0
+    while not session.picture.trouble and time.perf_counter() < until:
+        time.sleep(0.01)
+    assert session.picture.trouble == "**It stopped.** The terminal says why. Reset begins anew."
+    assert not session.picture.running
+    monkeypatch.setattr(Playground, "step", step)
+    session.reset()
+    wait_for(3, session)
+    session.stop()
+    assert session.playground.frame >= 3
+    assert not session.trouble
+    assert capfd.readouterr().err.count("RuntimeError: no such device any more") == 1

@@ -16,6 +16,7 @@ from balloon_warp.launching import launch
 from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.turns import ALONE, in_turn
 
 LANES = 32
 """threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
@@ -105,6 +106,10 @@ class Recorder:
 
     def read(self) -> Record:
         """The frame that the simulator is at."""
+        with in_turn(self.simulator.model.device):
+            return self._read()
+
+    def _read(self) -> Record:
         wp.capture_launch(self._graph)
         return Record(
             number=self.simulator.frame_number,
@@ -130,7 +135,7 @@ class Recorder:
     @cached_property
     def _graph(self) -> Any:
         device = self.simulator.model.device
-        with wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
+        with ALONE, wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
             self._measure()
             self._pick()
         return capture.graph

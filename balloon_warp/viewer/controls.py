@@ -78,7 +78,7 @@ class Controls:
         self.run.label = "Pause" if picture.running else "Run"
         self.trouble.visible = self.back.visible = bool(picture.trouble)
         if picture.trouble:
-            self.trouble.content = f"**It blew up.** {picture.trouble[0].upper()}{picture.trouble[1:]}."
+            self.trouble.content = picture.trouble
         self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
         self.status.content, self.details.content = status_line(picture), details(picture)
 

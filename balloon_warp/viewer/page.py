@@ -20,7 +20,8 @@ from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.plots import Plots
 from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_particle, throw_at
-from balloon_warp.viewer.session import SHOWN_SECONDS, Done, Session
+from balloon_warp.viewer.saving import Done
+from balloon_warp.viewer.session import SHOWN_SECONDS, Session
 
 DEFAULT_PORT = 8080
 BUSY_SECONDS = 0.4

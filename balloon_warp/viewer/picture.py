@@ -35,6 +35,6 @@ class Picture:
     """of the wall's clock, for a frame"""
     schedule: str
     trouble: str
-    """what happened, if it blew up"""
+    """what happened, if it blew up or failed, in Markdown; else nothing"""
     recorded_seconds: float | None
     """of the recording that goes on"""

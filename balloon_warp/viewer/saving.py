@@ -16,6 +16,10 @@ NICENESS = 10
 """of the process: the simulation comes first"""
 
 
+class Done(str):
+    """A notice of success."""
+
+
 def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> list[Path]:
     """As `write_recording`, beside what this process does. Laws that only this process knows keep it here.
 
@@ -44,6 +48,15 @@ def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[L
     if isinstance(answer, InputError):
         raise answer
     return answer
+
+
+def told_of_saving(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> str:
+    """What became of saving a recording, in a sentence."""
+    try:
+        files = save_recording(recorded, folder, name, laws)
+    except InputError as mistake:
+        return str(mistake)
+    return Done(f"wrote {' and '.join(file.name for file in files)} in {folder}")
 
 
 def main() -> None:

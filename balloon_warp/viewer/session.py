@@ -11,15 +11,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
+from balloon_warp.turns import ALONE, in_turn
 from balloon_warp.viewer.moment import Moment
 from balloon_warp.viewer.pace import Pace
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.recording import Recording, free_number
-from balloon_warp.viewer.saving import save_recording
+from balloon_warp.viewer.saving import told_of_saving
 from balloon_warp.viewer.wishes import Wish, Wishes
 
 SHOWN_SECONDS = 1.0 / 30.0
@@ -27,13 +28,6 @@ SHOWN_SECONDS = 1.0 / 30.0
 MOMENT_SECONDS = 0.5
 """of simulated time between two states that can be gone back to"""
 MOMENTS = 12
-_DEVICE_WORK = threading.Lock()
-"""held by the session of a process that uses a device: while one records a graph on a CPU, Warp puts what any thread
-launches there into it"""
-
-
-class Done(str):
-    """A notice of success."""
 
 
 @dataclass
@@ -64,7 +58,7 @@ class Session:
     """whether net forces are to be seen"""
 
     def __post_init__(self) -> None:
-        with _DEVICE_WORK:
+        with ALONE:
             self.playground = Playground(self.scene, self.device, self.laws)
         self.pace = Pace()
         self.running, self.trouble = True, ""
@@ -78,15 +72,13 @@ class Session:
         self._recordings = 0
         self._wishes, self._stop = Wishes(self._refuse), threading.Event()
         self._shown_at = 0.0
-        with _DEVICE_WORK:
-            self.picture = self._take_picture()
+        self._show()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def begin_at(self, state: Mapping[str, NDArray]) -> None:
         """Before the start: go on from a state, as `Simulator.restore` takes it. A reset goes to the scene's start."""
-        with _DEVICE_WORK:
-            self.playground.simulator.restore(state)
-            self.picture = self._take_picture()
+        self.playground.simulator.restore(state)
+        self._show()
 
     def start(self) -> None:
         """Begin to simulate."""
@@ -208,29 +200,40 @@ class Session:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            with _DEVICE_WORK:
-                self._busy_since = time.perf_counter()
-                self._is_new |= self._wishes.grant(lambda: self.playground)
-                self._busy_since = None
-            if not self.running or not self.watched:
-                self.pace.rest()
-                with _DEVICE_WORK:
-                    self.picture = self._take_picture()
-                self._wishes.came.wait(0.25)
-                self._wishes.came.clear()
-                continue
-            frame_seconds = self.playground.simulator.model.frame_seconds
-            time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
-            with _DEVICE_WORK:
-                self._busy_since = time.perf_counter() if self._is_new else None
-                self._advance()
-                self._is_new, self._busy_since = False, None
-            now = time.perf_counter()
-            self.pace.passed(now, frame_seconds)
-            if now - self._shown_at >= SHOWN_SECONDS:
-                self._shown_at = now
-                with _DEVICE_WORK:
-                    self.picture = self._take_picture()
+            try:
+                self._go_on()
+            except Exception as mistake:  # one of ours must not leave a page that stands still without a word
+                self.trouble, self.running = "**It stopped.** The terminal says why. Reset begins anew.", False
+                self._wishes.fail(mistake)
+                self._stop.wait(0.25)
+
+    def _go_on(self) -> None:
+        """Grant what was asked for, and simulate a frame, if time goes on."""
+        with in_turn(self.playground.simulator.model.device):
+            self._busy_since = time.perf_counter()
+            self._is_new |= self._wishes.grant(lambda: self.playground)
+            self._busy_since = None
+        if not self.running or not self.watched:
+            self.pace.rest()
+            self._show()
+            self._wishes.came.wait(0.25)
+            self._wishes.came.clear()
+            return
+        frame_seconds = self.playground.simulator.model.frame_seconds
+        time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
+        with in_turn(self.playground.simulator.model.device):
+            self._busy_since = time.perf_counter() if self._is_new else None
+            self._advance()
+            self._is_new, self._busy_since = False, None
+        now = time.perf_counter()
+        self.pace.passed(now, frame_seconds)
+        if now - self._shown_at >= SHOWN_SECONDS:
+            self._shown_at = now
+            self._show()
+
+    def _show(self) -> None:
+        with in_turn(self.playground.simulator.model.device):
+            self.picture = self._take_picture()
 
     def _refuse(self, sentence: str) -> None:
         self.notices.append(sentence)
@@ -244,7 +247,8 @@ class Session:
         try:
             playground.step()
         except BlowUpError as failure:
-            self.trouble, self.running = str(failure), False
+            said = str(failure)
+            self.trouble, self.running = f"**It blew up.** {said[0].upper()}{said[1:]}.", False
             return
         if self.recording:
             self.recording.add(playground.simulator.read_frame(), playground.numbers)
@@ -261,11 +265,7 @@ class Session:
         name = f"{self.name}_{self._recordings}"
 
         def write() -> None:
-            try:
-                files = save_recording(recorded, self.folder, name, self.laws)
-                self.notices.append(Done(f"wrote {' and '.join(file.name for file in files)} in {self.folder}"))
-            except InputError as mistake:
-                self.notices.append(str(mistake))
+            self.notices.append(told_of_saving(recorded, self.folder, name, self.laws))
 
         self.writer = threading.Thread(target=write, name="recording")
         self.writer.start()

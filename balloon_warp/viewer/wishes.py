@@ -75,7 +75,11 @@ class Wishes:
         except (InputError, ValueError, TypeError, IndexError, OverflowError) as mistake:
             self._refused(str(mistake).partition("\n")[0])
         except Exception as mistake:  # one of ours must not end what others watch
-            if type(mistake) not in self._failures:  # nor fill the terminal
-                self._failures.add(type(mistake))
-                traceback.print_exc()
+            self.fail(mistake)
             self._refused("this did not work; the terminal says why")
+
+    def fail(self, mistake: Exception) -> None:
+        """Say on the terminal what went wrong that should not; once of each kind, so that it does not fill it."""
+        if type(mistake) not in self._failures:
+            self._failures.add(type(mistake))
+            traceback.print_exception(mistake)

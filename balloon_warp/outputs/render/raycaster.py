@@ -18,6 +18,7 @@ from balloon_warp.outputs.render.prims import Capsules
 from balloon_warp.outputs.render.sampling import disc_points, spread_points
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.studio import light_studio
+from balloon_warp.turns import in_turn
 
 WIDEST_BLUR = 9
 """pixels over which the shares of light of four samples or less are smoothed to each side"""
@@ -63,8 +64,9 @@ class RayCaster:
         self._mesh: wp.Mesh | None = None
         self._bvh: wp.Bvh | None = None
         self._shapes = Shapes()
-        self._upload_fixed()
-        self._allocate()
+        with in_turn(self.device):
+            self._upload_fixed()
+            self._allocate()
 
     def place(self, frame: float, least_radius: float) -> None:
         """Move everything to where it is at a frame, or between two.
@@ -72,6 +74,10 @@ class RayCaster:
         Args:
             least_radius: of lines, in the stage's unit.
         """
+        with in_turn(self.device):
+            self._place(frame, least_radius)
+
+    def _place(self, frame: float, least_radius: float) -> None:
         reaches = [0.0]
         if self._stage.meshes:
             reaches.append(self._place_meshes(self._stage.points(frame), self._stage.gone(frame)))
@@ -97,11 +103,12 @@ class RayCaster:
         radius = max(2, round(WIDEST_BLUR * min(1.0, (4.0 / self._samples) ** 0.5)))
         inputs = [self._shapes, studio, lens, self._pixel_samples, self._disc_samples, self._lens_samples]
         ground = [*self._ground_light, self._ground_shares]
-        self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface, self._backdrops, *ground])
-        self._launch(raycast.smooth_light, [*noisy, *surface, radius, 0, 1], smooth)
-        self._launch(raycast.smooth_light, [*smooth, *surface, radius, 1, 0], noisy)
-        self._launch(raycast.develop, [*light, *noisy, self._backdrops, *ground], [self._picture])
-        return np.array(self._picture.numpy(), np.uint8)  # a copy: on the CPU the next picture would change a view
+        with in_turn(self.device):
+            self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface, self._backdrops, *ground])
+            self._launch(raycast.smooth_light, [*noisy, *surface, radius, 0, 1], smooth)
+            self._launch(raycast.smooth_light, [*smooth, *surface, radius, 1, 0], noisy)
+            self._launch(raycast.develop, [*light, *noisy, self._backdrops, *ground], [self._picture])
+            return np.array(self._picture.numpy(), np.uint8)  # a copy: on the CPU the next picture would change a view
 
     def _launch(self, kernel: Any, inputs: list, outputs: list) -> None:
         """Each band on a thread of its own, since a launch on the CPU uses one core and frees the GIL."""

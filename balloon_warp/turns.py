@@ -1,0 +1,61 @@
+"""Threads that use Warp beside each other.
+
+While Warp records a graph for a CPU, its native half takes down what the recording thread does, but its Python half
+keeps the graph that is recorded for the process, and so takes down, or refuses, what every other thread does meanwhile.
+`record_by_thread` makes that one's own affair, too. So simulators on a CPU step in parallel.
+
+A GPU's work is queued in streams that all threads share: there, `in_turn` lets one thread queue or record at a time.
+"""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import wraps
+from threading import RLock, local
+from typing import Any, ParamSpec, TypeVar
+
+import warp as wp
+
+P, T = ParamSpec("P"), TypeVar("T")
+ALONE = RLock()
+"""held by the thread that makes a simulator or records a graph"""
+OF_RECORDING = ("_apic_capture", "_apic_graph")
+"""attributes of Warp's runtime: the graph that is recorded, or None"""
+
+
+def in_turn(device: wp.Device) -> AbstractContextManager[Any]:
+    """What the thread holds that queues work on a device, or records it."""
+    return ALONE if device.is_cuda else nullcontext()
+
+
+def taking_turns(method: Callable[P, T]) -> Callable[P, T]:
+    """A method of what has a model, run `in_turn` on the model's device."""
+
+    @wraps(method)
+    def taking_its_turn(*arguments: P.args, **named: P.kwargs) -> T:
+        owner: Any = arguments[0]
+        with in_turn(owner.model.device):
+            return method(*arguments, **named)
+
+    return taking_its_turn
+
+
+class _OfThread:
+    """An attribute that each thread has for itself; None until it is set."""
+
+    def __init__(self) -> None:
+        self._own = local()
+
+    def __get__(self, instance: object, owner: type | None = None) -> Any:
+        return getattr(self._own, "value", None)
+
+    def __set__(self, instance: object, value: Any) -> None:
+        self._own.value = value
+
+
+def record_by_thread() -> None:
+    """Let each thread record for itself, once Warp has started; a Warp that has no such attributes is left alone."""
+    from warp._src.context import runtime
+
+    for name in OF_RECORDING:
+        if name in vars(runtime) and name not in vars(type(runtime)):
+            setattr(type(runtime), name, _OfThread())

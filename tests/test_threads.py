@@ -1,0 +1,86 @@
+"""Simulators in threads of their own, beside each other: the bytes are those of one after the other."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp import Scene, Simulator, animate, run_batch
+from balloon_warp.outputs.render import render_stage
+from balloon_warp.scene import Balloon, Ground, Inflation, Sphere
+
+FRAMES, THREADS = 6, 4
+
+
+def scene(number: int) -> Scene:
+    """Two kinds by turns, which record other graphs: one iterates until it has settled."""
+    return Scene(
+        balloon=[Balloon(mesh=quad_sphere(2 + number % 3), position=(0, 1, 0), inflation=Inflation(k_normal=0.2))],
+        sphere=[Sphere(position=(0, 3, 0), radius=0.2)] if number % 2 else [],
+        ground=Ground(),
+        frames=FRAMES,
+        substeps=20,
+        solver="symplectic_euler" if number % 3 else "projective",
+    )
+
+
+def simulated(number: int, device: str) -> bytes:
+    """All points of a run, made and stepped in whichever thread calls."""
+    simulator = Simulator(scene(number), device=device)
+    return b"".join(np.concatenate(frame.points).tobytes() for frame in simulator.run())
+
+
+def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str):
+    """Made in their threads, so that one records while others step, read and are made."""
+    expected = [simulated(number, device) for number in range(8)]
+    for _ in range(2):
+        with ThreadPoolExecutor(THREADS) as threads:
+            assert list(threads.map(simulated, range(8), [device] * 8)) == expected
+
+
+def test_simulators_made_before_step_beside_each_other(device: str):
+    """Their first steps record, all at about the same time."""
+    expected = [simulated(number, device) for number in range(6)]
+    simulators = [Simulator(scene(number), device=device) for number in range(6)]
+    with ThreadPoolExecutor(THREADS) as threads:
+        runs = threads.map(
+            lambda each: b"".join(np.concatenate(frame.points).tobytes() for frame in each.run()), simulators
+        )
+        assert list(runs) == expected
+
+
+def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: Path):
+    """A batch records what it measures; a picture's rays are launched by threads of their own."""
+    stage = tmp_path / "still.usdc"
+    animate(scene(1), stage, device=device)
+    run_batch(scene(1), tmp_path / "before", 3, {"gravity": [1.0, 5.0, 9.0]}, device=device)
+    render_stage(stage, tmp_path / "before.png", size=(64, 36), device=device)
+    expected = simulated(2, device)
+    with ThreadPoolExecutor(THREADS) as threads:
+        batch = threads.submit(run_batch, scene(1), tmp_path / "after", 3, {"gravity": [1.0, 5.0, 9.0]}, device=device)
+        steps = [threads.submit(simulated, 2, device) for _ in range(6)]
+        picture = threads.submit(render_stage, stage, tmp_path / "after.png", size=(64, 36), device=device)
+        assert [each.result() for each in steps] == [expected] * 6
+        batch.result()
+        picture.result()
+    assert (tmp_path / "after" / "table.npz").read_bytes() == (tmp_path / "before" / "table.npz").read_bytes()
+    assert (tmp_path / "after.png").read_bytes() == (tmp_path / "before.png").read_bytes()
+
+
+def test_what_somebody_else_records_is_left_alone(device: str):
+    """A graph of the user's own, recorded while a simulator steps in another thread, holds what he did."""
+    wp = pytest.importorskip("warp")
+    simulator = Simulator(scene(1), device=device)
+    if wp.get_device(device).is_cuda:
+        pytest.skip("there, all threads share a stream: the user's own recording has to take its turn")
+    own = wp.zeros(8, dtype=float, device=device)
+    with ThreadPoolExecutor(1) as thread:
+        stepped = thread.submit(lambda: [simulator.step() for _ in range(FRAMES)])
+        with wp.ScopedCapture(device) as capture:
+            own.fill_(2.0)
+        stepped.result()
+    own.zero_()
+    wp.capture_launch(capture.graph)
+    assert own.numpy().tolist() == [2.0] * 8
