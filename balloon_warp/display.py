@@ -1,6 +1,7 @@
 """What a person sees of a simulator: a line of text, and in a notebook a picture."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,15 @@ class Displayed(Shown):
         """
         return snapshot(self.model, self.read_frame(world), size, samples)
 
-    def show(self, world: int = 0, *, folder: str | Path = ".", width: str = "100%", height: int = 640) -> Any:
+    def show(
+        self,
+        world: int = 0,
+        *,
+        folder: str | Path = ".",
+        width: str = "100%",
+        height: int = 640,
+        origins: Sequence[str] = (),
+    ) -> Any:
         """One world in the page of `balloon-warp view`, to play with: as the last line of a notebook's cell it is seen
         there, elsewhere its `address` says where to look. It begins where the world is now, in a simulation of its own,
         with the scene's values, and runs until it is closed: `shown.close()`.
@@ -58,6 +67,7 @@ class Displayed(Shown):
             folder: where recordings go.
             width: in the notebook, as CSS has it, such as "100%" or "800px".
             height: in pixels.
+            origins: that the page may be shown from beside this machine, such as a proxy's: ["https://hub.example"].
 
         Raises:
             InputError: there is no such world, the folder is not there, or the page cannot be served.
@@ -68,7 +78,7 @@ class Displayed(Shown):
         if not 0 <= world < model.world_count:
             raise InputError(f"world: {world}; expected 0 to {model.world_count - 1}")
         now = {name: array.numpy() for name, array in vars(self.state.of_world(world)).items()}
-        return page.show(model.scene, "scene", str(model.device), model.own_laws, folder, (width, height), now)
+        return page.show(model.scene, "scene", str(model.device), model.own_laws, folder, (width, height), now, origins)
 
     def _repr_png_(self) -> bytes | None:
         """The first world, where there is something to be seen."""

@@ -19,6 +19,7 @@ viser = pytest.importorskip("viser")
 from websockets.exceptions import InvalidStatus  # noqa: E402
 
 from balloon_warp.viewer.guard import guarded, is_ours, names_of  # noqa: E402
+from balloon_warp.viewer.origins import Origins  # noqa: E402
 from balloon_warp.viewer.page import Page, _free_port  # noqa: E402
 
 
@@ -124,7 +125,7 @@ def test_no_link_leads_out_of_what_is_served(page: Page):
 
 
 def test_a_page_is_guarded_or_not_there():
-    with pytest.raises(RuntimeError, match="not guarded"), guarded("127.0.0.1", lambda _: None):
+    with pytest.raises(RuntimeError, match="not guarded"), guarded("127.0.0.1", lambda _: None, Origins([], print)):
         pass
 
 

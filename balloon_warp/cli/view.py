@@ -59,6 +59,15 @@ def view(
             "everybody in your network can.",
         ),
     ] = "127.0.0.1",
+    origins: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            metavar="https://HOST",
+            help="Where the page may be shown from beside this machine, such as a proxy that hands it on. May be given "
+            "again.",
+        ),
+    ] = None,
 ) -> None:
     """Play with a scene, or any mesh, in the browser: inflate it, pull it, throw things at it.
 
@@ -82,6 +91,7 @@ def view(
         folder=folder,
         host=host,
         port=port,
+        origins=origins or [],
         open_page=open_page,
         on_start=say,
         on_warning=warn,

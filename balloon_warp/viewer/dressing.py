@@ -1,4 +1,4 @@
-"""What is added to viser's page: a style sheet, two scripts and a sheet of keys."""
+"""What is added to viser's page: a style sheet, three scripts and a sheet of keys."""
 
 import functools
 import gzip
@@ -23,9 +23,11 @@ def dress(response: Response) -> None:
 @functools.lru_cache(maxsize=4)
 def _dressed(page: bytes, zipped: bool) -> bytes:
     folder = files("balloon_warp.viewer") / "page_files"
-    read = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.css", "look.js", "panel.js")}
+    read = {
+        name: (folder / name).read_text(encoding="utf-8") for name in ("page.css", "look.js", "panel.js", "origin.js")
+    }
     ours = f"<style>{read['page.css']}</style>"
-    ours += "".join(f"<script>{read[name]}</script>" for name in ("look.js", "panel.js")) + key_sheet()
+    ours += "".join(f"<script>{read[name]}</script>" for name in read if name.endswith(".js")) + key_sheet()
     page = gzip.decompress(page) if zipped else page
     page = page.replace(CHARSET, CHARSET + ours.encode(), 1)
     return gzip.compress(page) if zipped else page

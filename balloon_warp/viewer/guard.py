@@ -23,6 +23,7 @@ from websockets.http11 import Request, Response
 
 from balloon_warp.viewer.dressing import dress
 from balloon_warp.viewer.messages import MOST_BYTES, understood
+from balloon_warp.viewer.origins import Origins
 
 MOST_CONNECTIONS = 128
 """at one time: a browser takes six to load the page, and one to stay"""
@@ -39,7 +40,7 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 @contextlib.contextmanager
-def guarded(host: str, control: Callable[[str], Any]) -> Iterator[None]:
+def guarded(host: str, control: Callable[[str], Any], origins: Origins) -> Iterator[None]:
     """While a `ViserServer` is made in it, that server listens guarded.
 
     viser leaves no opening for this, so for that moment its way to listen, `websockets.asyncio.server.serve`, is ours.
@@ -47,6 +48,7 @@ def guarded(host: str, control: Callable[[str], Any]) -> Iterator[None]:
     Args:
         host: the address that it listens on.
         control: the control of the panel that has an id, or None.
+        origins: that may talk to it.
 
     Raises:
         RuntimeError: the server listens in another way. It is guarded or it is not there.
@@ -60,7 +62,7 @@ def guarded(host: str, control: Callable[[str], Any]) -> Iterator[None]:
         return plain(
             functools.partial(_greet, handler),
             *place,
-            process_request=functools.partial(_admit, names_of(host), process_request),
+            process_request=functools.partial(_admit, names_of(host), origins, process_request),
             create_connection=connection,
             logger=_log,
             **{**options, "max_size": MOST_BYTES},
@@ -94,18 +96,27 @@ def is_ours(authority: str, names: set[str]) -> bool:
     return name in names
 
 
-def _admit(names: set[str], serve_file: Any, connection: ServerConnection, request: Request) -> Response | None:
+def _admit(
+    names: set[str], trusted: Origins, serve_file: Any, connection: ServerConnection, request: Request
+) -> Response | None:
     """A refusal, a file of the page, or nothing, where a web socket opens."""
     hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
-    if len(hosts) != 1 or not is_ours(hosts[0], names):
-        return connection.respond(
-            http.HTTPStatus.FORBIDDEN, "This page is at an address of this machine, or at the name given as --host.\n"
+    if len(hosts) != 1 or not is_ours(hosts[0], names | trusted.hosts):
+        for host in hosts[:1]:
+            trusted.refuse(f"https://{host}")
+        said = (
+            "This page is at an address of this machine, at the name given as --host, or at that given as --origin.\n"
         )
-    if origins and [urlsplit(origin).netloc for origin in origins] != hosts:
+        return connection.respond(http.HTTPStatus.FORBIDDEN, said)
+    if len(origins) > 1 or not all(trusted.admit(origin, hosts[0]) for origin in origins):
         return connection.respond(http.HTTPStatus.FORBIDDEN, "Another site may not talk to this page.\n")
+    answer = trusted.answer(request.path, hosts[0])
+    if answer is not None:
+        return connection.respond(http.HTTPStatus.FORBIDDEN if answer else http.HTTPStatus.OK, answer)
     response = serve_file(connection, request)
     if response:
-        response.headers["Content-Security-Policy"] = FRAMED  # nor show it as its own, to have it clicked
+        # Nor may another show it as its own, to have it clicked.
+        response.headers["Content-Security-Policy"] = " ".join([FRAMED, *trusted.trusted])
         dress(response)
     return response
 

@@ -54,17 +54,19 @@ def show(
     folder: str | Path,
     size: tuple[str, int],
     now: Mapping[str, NDArray] | None = None,
+    origins: Sequence[str] = (),
 ) -> Shown:
     """Serve a page, see `view`, and go on.
 
     Args:
+        origins: that it may be shown from beside its own address.
         now: where it begins, as `Simulator.restore` takes it; the scene's start when missing.
 
     Raises:
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
         MissingExtraError: viser is not installed.
     """
-    page = make_page(scene, name, device, folder, laws)
+    page = make_page(scene, name, device, folder, laws, origins=origins)
     if now is not None:
         page.session.begin_at(now)
     page.start()

@@ -3,8 +3,10 @@
 import contextlib
 import io
 import socket
+import sys
 import threading
 import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from balloon_warp.viewer.controls import Controls
 from balloon_warp.viewer.following import Follower, look_at
 from balloon_warp.viewer.guard import guarded
 from balloon_warp.viewer.layers import Layers
+from balloon_warp.viewer.origins import Origins
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.plots import Plots
@@ -37,15 +40,28 @@ class Page:
         session: it is started and stopped with the page.
         host: address to listen on.
         port: to listen on; the first free one from `DEFAULT_PORT` on, when missing.
+        origins: that it may be shown from beside its own address, such as a proxy's: "https://hub.example".
+        on_refused: told once of each other origin that a browser says, in a sentence.
 
     Raises:
-        InputError: the page cannot be served there.
+        InputError: the page cannot be served there, or an origin is none.
     """
 
-    def __init__(self, session: Session, host: str = "127.0.0.1", port: int | None = None):
+    def __init__(
+        self,
+        session: Session,
+        host: str = "127.0.0.1",
+        port: int | None = None,
+        origins: Sequence[str] = (),
+        on_refused: Callable[[str], None] = lambda sentence: print(sentence, file=sys.stderr),
+    ):
         self.session = session
+        trusted = Origins(origins, on_refused)
         port = _free_port(host, port)
-        with guarded(host, self._control), contextlib.redirect_stdout(io.StringIO()):  # viser says where it is, too
+        with (
+            guarded(host, self._control, trusted),
+            contextlib.redirect_stdout(io.StringIO()),
+        ):  # viser says where it is, too
             self.server = viser.ViserServer(host=host, port=port, label="Balloon Warp", verbose=False)
         self.server.request_share_url = _refuse_to_share  # a page's message would open this machine to the internet
         self.server.gui.configure_theme(brand_color=colors.BRAND, show_logo=False, show_share_button=False)

@@ -4,7 +4,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.kernels.laws import Law
@@ -22,6 +22,7 @@ def view(
     folder: str | Path = ".",
     host: str = "127.0.0.1",
     port: int | None = None,
+    origins: Sequence[str] = (),
     open_page: bool = True,
     laws: Sequence[Law] = (),
     on_start: Callable[["Page"], None] = lambda page: None,
@@ -36,17 +37,18 @@ def view(
         folder: where recordings go.
         host: address to listen on; this machine alone, when missing.
         port: 8080 or the next free one, when missing.
+        origins: that it may be shown from beside its own address, such as a proxy's: ["https://hub.example"].
         open_page: whether the browser opens it.
         laws: your own, which act beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
         on_start: told the page once it is there.
         on_warning: told in a sentence what is odd about a mesh, and what became of it, of strings that start
-            overstretched, and of spheres that may come through.
+            overstretched, and of spheres that may come through; and what asks for the page and is refused.
 
     Raises:
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
         MissingExtraError: viser is not installed.
     """
-    page = make_page(scene, name, device, folder, laws, host=host, port=port)
+    page = make_page(scene, name, device, folder, laws, host=host, port=port, origins=origins, on_refused=on_warning)
     for warning in page.session.playground.simulator.model.warnings:
         on_warning(warning)
     try:
@@ -68,8 +70,12 @@ def make_page(
     *,
     host: str = "127.0.0.1",
     port: int | None = None,
+    **who: Any,
 ) -> "Page":
     """A page that is served, and not started yet; see `view`.
+
+    Args:
+        who: may talk to it, as `Page` takes it: `origins` and `on_refused`.
 
     Raises:
         InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
@@ -86,4 +92,4 @@ def make_page(
         raise MissingExtraError("view needs viser: pip install 'balloon-warp[view]'") from None
     from balloon_warp.viewer.session import Session
 
-    return Page(Session(name, scene, device, Path(folder).resolve(), laws), host, port)
+    return Page(Session(name, scene, device, Path(folder).resolve(), laws), host, port, **who)
