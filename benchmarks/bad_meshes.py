@@ -211,7 +211,15 @@ ACCEPTED = [
 WARNED = [
     _warned("repeated corner", with_face(2, b"5 6 6 8 7"), "1 face repeats a corner; it is face 2"),
     _warned("zero-area face", with_lines(b"v 0.5 0 0", b"f 1 9 2", at=8), "1 face has no area; it is face 1,"),
-    _warned("coincident vertices", with_lines(b"v 0 0 0", b"f 9 1 2", at=8), "1 vertex lies exactly on another; it is"),
+    _warned(
+        "an edge of no length", with_lines(b"v 0 0 0", b"f 9 1 2", at=8), "1 vertex along seams, exactly on another,"
+    ),
+    _warned(
+        "coincident vertices",
+        with_lines(b"v 0 0 0", b"f 9 1 2", at=8),
+        "1 vertex lies exactly on another; it is",
+        ("balloon.weld", False),
+    ),
     _warned("unused vertices", with_lines(b"v 5 5 5", b"v 6 6 6"), "2 vertices belong to no face; the first is vertex"),
     _warned("duplicate face", with_lines(b"f 2 4 8 6"), "1 face has the corners of an earlier face; it is face 7"),
     _warned("duplicate face, wound the other way", with_lines(b"f 6 8 4 2"), "1 face has the corners of an earlier"),

@@ -94,8 +94,8 @@ WARNINGS = {
         "2 faces have the corners of earlier faces; the first is face 8, counting from 1. Each face is taken once.",
     ),
     "coincident vertices": (
-        joined(cube(), cube()),
-        "8 vertices lie exactly on others; the first is vertex 9, at the place of vertex 1, counting from 1."
+        joined(cube(), replace(cube(), points=cube().points + (1.0, 0.0, 0.0))),
+        "4 vertices lie exactly on others; the first is vertex 9, at the place of vertex 2, counting from 1."
         " They are particles apart; --weld makes them one.",
     ),
     "unused vertices": (
@@ -186,8 +186,8 @@ def test_command_refuses_a_bad_mesh_with_status_2(tmp_path: Path) -> None:
 def test_inspecting_an_obj_loads_neither_usd_nor_trimesh(tmp_path: Path) -> None:
     write_obj(tmp_path / "cube.obj", cube())
     program = (
-        "import sys; from balloon_warp.cli.inspect import MeshOptions, inspect;"
-        f"inspect({str(tmp_path / 'cube.obj')!r}, mesh=MeshOptions());"
+        "import sys; from balloon_warp.cli.app import app;"
+        f"app(['inspect', {str(tmp_path / 'cube.obj')!r}], standalone_mode=False);"
         "print(*sorted({'pxr', 'trimesh'} & set(sys.modules)), file=sys.stderr)"
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)

@@ -44,7 +44,9 @@ def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, pushed: 
 
 def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: str):
     """Vertices 1 and 9, whose spring has no length."""
-    simulator = simulator_of(case("coincident vertices"), tmp_path, device, inflation={"k_normal": 0.0}, helium=0.0)
+    simulator = simulator_of(
+        case("coincident vertices"), tmp_path, device, weld=False, inflation={"k_normal": 0.0}, helium=0.0
+    )
     at_rest = simulator.read_frame(net_forces=True)
     assert np.abs(at_rest.net_forces[0]).max() < 5e-5  # rounding: 2e-7 of 20 N, ten springs
     move(simulator, 8, (-0.1, 0.0, 0.0))
@@ -124,7 +126,7 @@ def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: 
 def test_a_spring_without_length_is_of_no_stretch_in_a_table(tmp_path: Path, device: str):
     """Its ends part, but there is nothing to compare that with, and its world is as healthy as any."""
     (tmp_path / "mesh.obj").write_bytes(case("coincident vertices"))
-    overrides = [("frames", 4), ("balloon.inflation.k_normal", 3.0), ("balloon.fixed", [])]
+    overrides = [("frames", 4), ("balloon.inflation.k_normal", 3.0), ("balloon.fixed", []), ("balloon.weld", False)]
     scene = load_scene(tmp_path / "mesh.obj", overrides)
     summary = run_batch(scene, tmp_path / "out", 2, {"gravity": [0.0, 9.0]}, device=device)
     assert summary.unhealthy_worlds == 0

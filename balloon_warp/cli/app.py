@@ -16,6 +16,7 @@ from balloon_warp.cli.convert import convert
 from balloon_warp.cli.doctor import doctor
 from balloon_warp.cli.foil import foil
 from balloon_warp.cli.inspect import inspect
+from balloon_warp.cli.lone_weld import Command
 from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
 from balloon_warp.cli.run import run
@@ -38,7 +39,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for command in (run, view, batch, compare, scenes, inspect, remesh, foil, render, convert, warm_up, bench, doctor):
-    app.command()(spread(command))
+    app.command(cls=Command)(spread(command))
 
 
 @app.callback()

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast, get_args
 
+from balloon_warp.cli.lone_weld import weld_of
 from balloon_warp.cli.options import LengthOptions, MeshOptions
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.parts import Taken
@@ -55,7 +56,7 @@ class Changes:
         for text in overrides or []:
             self._add(*parse_override(text))
         for option, path, value in (
-            ("--weld", "balloon.weld", mesh.weld or None),
+            (f"--weld {mesh.weld}", "balloon.weld", weld_of(mesh.weld)),
             (f"--parts {mesh.parts}", "balloon.taken", checked_parts(mesh.parts)),
             (f"--unit {mesh.unit}", "balloon.unit", mesh.unit),
             (f"--prim {mesh.prim}", "balloon.prim", mesh.prim),

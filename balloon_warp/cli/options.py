@@ -88,14 +88,15 @@ class MeshOptions:
     """What a mesh is taken for."""
 
     weld: Annotated[
-        bool,
+        str | None,
         typer.Option(
             "--weld",
-            metavar="",
-            help="Join faces wherever vertices are at exactly the same place, and not only along open seams.",
+            metavar="[GAP]",
+            help="Join faces along open seams that are so far apart, as a part of the mesh's size, such as 1e-4. "
+            "Without a number, wherever vertices are at exactly the same place.",
             rich_help_panel=SCENE,
         ),
-    ] = False
+    ] = None
     parts: PartsOption = None
     unit: Annotated[
         str | None,

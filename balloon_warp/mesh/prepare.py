@@ -5,15 +5,18 @@ from typing import Literal
 
 import numpy as np
 
+from balloon_warp.mesh.copies import counted_once
 from balloon_warp.mesh.defects import describe_defects
 from balloon_warp.mesh.parts import Taken, of_vertices, parts_taken
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import repaired
-from balloon_warp.mesh.seams import welded, welded_along_seams
+from balloon_warp.mesh.seams import open_seam, welded, welded_along_seams
 
-Weld = bool | Literal["auto"]
+Weld = bool | Literal["auto"] | float
 Holes = Literal["cap", "keep"]
 Parts = Literal["held", "free"]
+LEAST_GAP, LARGEST_GAP = 1e-6, 0.1
+"""of a seam that is to be welded, as a part of the mesh's size"""
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,8 @@ class Treatment:
     """What is to become of a mesh's seams, holes and parts; a scene's balloon says so in fields of these names."""
 
     weld: Weld = "auto"
-    """join faces where vertices lie at exactly the same place: along open edges that do, everywhere, or nowhere"""
+    """join faces along open edges that lie on one another but for rounding, or for a gap, as a part of the mesh's size;
+    or wherever vertices lie at exactly the same place; or nowhere"""
     holes: Holes = "cap"
     """close holes in the surface, or keep them"""
     parts: Parts = "held"
@@ -41,10 +45,15 @@ def prepared(mesh: PolygonMesh, source: object, treatment: Treatment) -> Polygon
     """
     if mesh.face_count and mesh.face_vertex_counts.max() == 2:
         return mesh
-    if treatment.weld:
-        mesh = welded_along_seams(mesh) if treatment.weld == "auto" else welded(mesh)
+    mesh = counted_once(mesh)
+    if treatment.weld is True:
+        mesh = welded(mesh)
+    elif treatment.weld:
+        mesh = welded_along_seams(mesh, 0.0 if treatment.weld == "auto" else treatment.weld)
     whole = repaired(mesh, source, treatment.holes)
     kept, left_out = parts_taken(whole, treatment.taken, source)
     whole, mesh = of_vertices(whole, kept), of_vertices(mesh, kept)
+    seam = open_seam(mesh) if treatment.weld is not False else None
+    told = [str(each) for each in (left_out, seam) if each]
     said = describe_defects(mesh, whole, treatment.parts, np.flatnonzero(~kept))
-    return replace(whole, warnings=(*whole.warnings, *([left_out] if left_out else []), *said))
+    return replace(whole, warnings=(*whole.warnings, *told, *said))

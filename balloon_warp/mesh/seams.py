@@ -1,51 +1,144 @@
 """Welding: faces that end at the same place share their vertices there. Vertices keep their numbers; those that faces
 have left move along with the ones that stand in for them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from math import floor, log10
 
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.mesh.border import Border
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import distinct_faces
-from balloon_warp.mesh.topology import border_edges, mesh_edges
+
+ROUNDING = 1e-6
+"""of a mesh's size, or of how far it is from its origin where that is more: what lies so near is at the same place, as
+files and transforms in 32 bits round it"""
+WIDEST = 0.01
+"""of a mesh's size is a gap that is told of as one of a seam, at most"""
+NARROW = 0.25
+"""of the length of an edge, likewise"""
+ALONG = 0.2
+"""of a border are such edges, at least"""
+FEWEST = 4
+"""of them"""
 
 
 def welded(mesh: PolygonMesh) -> PolygonMesh:
     """The mesh with its faces joined where vertices lie at exactly the same place: all go to the first there."""
-    return _joined(mesh, first_coincident(mesh.points), "that lay exactly on {others}", "")
+    return _joined(mesh, first_coincident(mesh.points), "that lay {how}", "")
 
 
-def welded_along_seams(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with its faces joined along seams: open edges that lie exactly on one another, from end to end.
+def welded_along_seams(mesh: PolygonMesh, gap: float = 0.0) -> PolygonMesh:
+    """The mesh with its faces joined along seams: open edges that lie on one another, from end to end, but for rounding
+    or a gap. An open edge that has no length but by rounding becomes one vertex.
 
     Vertices that lie on others elsewhere, as where two bodies touch, stay apart.
+
+    Args:
+        gap: part of the mesh's size. Where it is wider than rounding, two edges are joined of which each is the
+            other's nearest.
     """
-    edges = mesh_edges(distinct_faces(mesh)[0])
-    ends = edges.ends[border_edges(edges)]
-    places = first_coincident(mesh.points)[ends]
+    distinct = distinct_faces(mesh)[0]
+    stand_ins = _exactly_on(Border.of(distinct).ends, mesh.points)
+    border = Border.of(_with(distinct, stand_ins))
+    if len(border.ends):
+        rounding = rounding_of(mesh)
+        beside = border.pairs(max(rounding, gap * size_of(mesh)), rounding).ends.reshape(-1, 2)
+        short = border.ends[border.lengths <= rounding]
+        stand_ins = component_labels(mesh.vertex_count, *np.concatenate([beside, short]).T)[stand_ins]
+    return _joined(mesh, stand_ins, "along seams, {how},", "; weld = false leaves the seams open")
+
+
+def size_of(mesh: PolygonMesh) -> float:
+    """The longest side of the box around its faces, in its unit."""
+    return float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max(initial=0.0))
+
+
+def rounding_of(mesh: PolygonMesh) -> float:
+    """The distance within which places are the same, in the mesh's unit."""
+    return ROUNDING * max(size_of(mesh), float(np.abs(mesh.points[mesh.face_vertex_indices]).max(initial=0.0)))
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Open edges that lie along others, as of a seam that is not welded."""
+
+    edges: int
+    """that would be welded"""
+    gap: float
+    """the largest, in the mesh's unit"""
+    weld: str
+    """the part of the mesh's size that welds it"""
+    closes: bool
+    """whether nothing is open then"""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.edges:,} open edges lie up to {self.gap:.2g} from others, as of a seam; --weld {self.weld} joins "
+            "them."
+        )
+
+
+def open_seam(mesh: PolygonMesh) -> Seam | None:
+    """What of a mesh's borders looks like a seam, and what would weld it; None where nothing does."""
+    border, size = Border.of(distinct_faces(mesh)[0]), size_of(mesh)
+    if len(border.ends) < FEWEST or not size:
+        return None
+    pairs = border.pairs(WIDEST * size, across=NARROW)
+    borders = component_labels(mesh.vertex_count, *border.ends.T)[border.ends[:, 0]]
+    beside = np.zeros(len(borders), dtype=bool)
+    beside[pairs.edges] = True
+    parts = np.bincount(borders, beside) / np.maximum(np.bincount(borders), 1)
+    gaps = pairs.gaps[(parts[borders[pairs.edges]] >= ALONG).all(axis=1)]
+    if not len(gaps):
+        return None
+    weld = _short_above(float(gaps.max()) / size)
+    left = len(Border.of(distinct_faces(welded_along_seams(mesh, float(weld)))[0]).ends)
+    welds = len(border.ends) - left
+    return Seam(welds, float(gaps.max()), weld, not left) if welds >= FEWEST else None
+
+
+def _short_above(value: float) -> str:
+    """The least of 1, 2 and 5 times a power of ten that is above a value, such as 2e-4."""
+    power = floor(log10(max(value, ROUNDING)))
+    steps = [f"{digit}e{exponent}" for exponent in (power, power + 1) for digit in (1, 2, 5)]
+    return next(step for step in steps if float(step) > value)
+
+
+def _exactly_on(ends: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The vertex that each one goes to where edges with ends at the same places are joined, shape (vertex_count,)."""
+    places = first_coincident(points)[ends]
     turned = places[:, 0] > places[:, 1]
-    ends[turned], places[turned] = ends[turned, ::-1], places[turned, ::-1]
+    ends, places = np.where(turned[:, None], ends[:, ::-1], ends), np.sort(places, axis=1)
     order = np.lexsort((places[:, 1], places[:, 0]))
     ends, places = ends[order], places[order]
     # Those at the same places follow one another; what has no length is no seam.
     same = (places[1:] == places[:-1]).all(axis=1) & (places[1:, 0] != places[1:, 1])
-    stand_ins = component_labels(mesh.vertex_count, ends[:-1][same].ravel(), ends[1:][same].ravel())
-    why = "; weld = false leaves the seams open"
-    return _joined(mesh, stand_ins, "along seams, exactly on {others},", why)
+    return component_labels(len(points), ends[:-1][same].ravel(), ends[1:][same].ravel())
+
+
+def _with(mesh: PolygonMesh, stand_ins: NDArray[np.int64]) -> PolygonMesh:
+    """The mesh with other vertices in the place of its own, each face with its corners once."""
+    moved = replace(mesh, face_vertex_indices=stand_ins[mesh.face_vertex_indices].astype(np.int32))
+    return distinct_faces(moved)[0]
 
 
 def _joined(mesh: PolygonMesh, stand_ins: NDArray[np.int64], which: str, more: str) -> PolygonMesh:
     indices = stand_ins[mesh.face_vertex_indices].astype(np.int32)
-    moved = len(np.unique(mesh.face_vertex_indices[indices != mesh.face_vertex_indices]))
-    if not moved:
+    left = np.unique(mesh.face_vertex_indices[indices != mesh.face_vertex_indices])
+    if not len(left):
         return mesh
-    one = moved == 1
-    found = f"{moved:,} {'vertex' if one else 'vertices'} {which.format(others='another' if one else 'others')}"
+    one = len(left) == 1
+    gap = np.linalg.norm(mesh.points[left] - mesh.points[stand_ins[left]], axis=1).max()
+    how = ("exactly on " if not gap else "" if one else "up to ") + (f"{gap:.2g} from " if gap else "")
+    how += "another" if one else "others"
+    found = f"{len(left):,} {'vertex' if one else 'vertices'} {which.format(how=how)}"
     became = (
         "has been welded to it: it keeps its number" if one else "have been welded to them: they keep their numbers"
     )
     sentence = f"{found} {became} and move{'s' if one else ''} along{more}."
-    return replace(mesh, face_vertex_indices=indices, stand_ins=stand_ins, warnings=(*mesh.warnings, sentence))
+    before = stand_ins if mesh.stand_ins is None else stand_ins[mesh.stand_ins]
+    return replace(mesh, face_vertex_indices=indices, stand_ins=before, warnings=(*mesh.warnings, sentence))

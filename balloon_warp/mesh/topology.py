@@ -62,18 +62,22 @@ def repeated_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
     return np.sort(order[1:][(vertices[1:] == vertices[:-1]) & (faces[1:] == faces[:-1])])
 
 
-def duplicate_faces(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Faces, in order, with the same corners as an earlier one, in whatever order."""
+def first_alike(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """For each face, the first with the same corners, in whatever order, shape (face_count,)."""
     vertices = mesh.face_vertex_indices[np.lexsort((mesh.face_vertex_indices, corner_faces(mesh)))]
-    starts = face_starts(mesh)
-    duplicate = np.zeros(mesh.face_count, dtype=bool)
+    starts, first = face_starts(mesh), np.arange(mesh.face_count)
     for size in np.unique(mesh.face_vertex_counts):
         faces = np.flatnonzero(mesh.face_vertex_counts == size)
         table = vertices[starts[faces, None] + np.arange(size)]
-        order = np.lexsort(table.T)
-        same = (table[order[1:]] == table[order[:-1]]).all(axis=1)
-        duplicate[faces[order[1:][same]]] = True
-    return np.flatnonzero(duplicate)
+        order = np.lexsort(table.T)  # stable: the first comes first
+        begins = np.append(True, (table[order[1:]] != table[order[:-1]]).any(axis=1))
+        first[faces[order]] = faces[order[begins][np.cumsum(begins) - 1]]
+    return first
+
+
+def duplicate_faces(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Faces, in order, with the same corners as an earlier one, in whatever order."""
+    return np.flatnonzero(first_alike(mesh) != np.arange(mesh.face_count))
 
 
 def border_edges(edges: MeshEdges) -> NDArray[np.int64]:

@@ -9,7 +9,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.air import GAS_CONSTANT, HIGHEST, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.mesh.seams import welded
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.seams import open_seam, welded
 from balloon_warp.mesh.topology import border_edges, inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Parameters
@@ -32,7 +33,7 @@ def require_sealed(shape: BalloonShape) -> None:
     edges = mesh_edges(shape.mesh)
     if not is_closed(edges):
         low, high = edges.ends[border_edges(edges)[0]] + 1
-        helps = "--weld, which closes it," if is_closed(mesh_edges(welded(shape.mesh))) else "a closed mesh"
+        helps = f"{weld}, which closes it," if (weld := _closing_weld(shape.mesh)) else "a closed mesh"
         raise InputError(
             f"{shape.name}: its mesh is open, so that it cannot hold gas: the first open edge goes from vertex {low} "
             f"to {high}, counting from 1; expected {helps} or another inflation.kind"
@@ -46,6 +47,14 @@ def require_sealed(shape: BalloonShape) -> None:
     size = float(np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).max())
     if signed_volume(shape.mesh) < LEAST_ROUNDNESS * size**3:
         raise InputError(f"{shape.name}: encloses no volume at the start, so that it cannot hold gas")
+
+
+def _closing_weld(mesh: PolygonMesh) -> str | None:
+    """The option that closes an open mesh, if one does."""
+    if is_closed(mesh_edges(welded(mesh))):
+        return "--weld"
+    seam = open_seam(mesh)
+    return f"--weld {seam.weld}" if seam and seam.closes else None
 
 
 def require_openings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> None:

@@ -10,7 +10,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import is_mesh, mesh_from
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.parts import Taken
-from balloon_warp.mesh.prepare import Holes, Parts, Treatment, Weld
+from balloon_warp.mesh.prepare import LARGEST_GAP, LEAST_GAP, Holes, Parts, Treatment
 from balloon_warp.mesh.units import Unit, UpAxis
 from balloon_warp.scene.pinned import pinned_by, pins_of, weighed_by
 from balloon_warp.scene.schema.fields import (
@@ -82,9 +82,10 @@ class Balloon(Table):
     prim: Prim | None = None
     """of a USD stage, the path of the mesh to take, such as "/Room/Wall0", or of what has meshes below it; or a list of
     such paths. When missing, all meshes that are visible and of purpose "default" or "render" """
-    weld: Weld = "auto"
-    """join faces where vertices of the mesh are at exactly the same place: "auto" does so along seams, where open edges
-    meet; true everywhere; false nowhere"""
+    weld: bool | Literal["auto"] | Annotated[float, Field(ge=LEAST_GAP, le=LARGEST_GAP)] = "auto"
+    """join faces along seams, where open edges meet, from end to end: "auto" where they lie within a millionth of the
+    mesh's size of each other, a number within that part of it. true does so wherever vertices are at exactly the same
+    place; false nowhere"""
     holes: Holes = "cap"
     """close holes in the mesh's surface, such as pinholes and eye sockets, or "keep" them; openings such as the rim of
     a bowl or a sleeve always stay"""
