@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import ceil
 
 from balloon_warp.kernels.laws import Law
+from balloon_warp.model.doubts import doubts_about
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.stability import Network
 from balloon_warp.scene import SceneLike, scene_of
@@ -30,6 +31,8 @@ class StepAdvice:
     """its particle whose springs are the stiffest for its mass, by the order of the file's vertices, counted from 0"""
     limiting_place: tuple[float, float, float]
     """where that is at the start [m]"""
+    doubts: tuple[str, ...]
+    """numbers that may be of another unit than was meant, and axes, in sentences"""
 
 
 def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
@@ -57,4 +60,5 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
         limiting_balloon=shape.name,
         limiting_particle=particle,
         limiting_place=(x, y, z),
+        doubts=tuple(doubts_about(plan.scene, plan.shapes, plan.parameters)),
     )

@@ -140,6 +140,18 @@ def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
     assert "less force helps" in str(report)
 
 
+@pytest.mark.parametrize("pressure", [5e8, -5e8])
+def test_a_pressure_that_no_step_can_follow_is_the_cause(pressure: float, device):
+    """With as many substeps as anybody has; a modest one is not, where something else is."""
+    ball = Balloon(mesh=cube(), inflation=Inflation(pressure=pressure), mass=2.0)
+    report = blow_up(Simulator(Scene(balloon=[ball], substeps=20, frames=120), device))
+    assert report.pressure == pytest.approx(pressure)
+    assert f"its pressure of {pressure:.3g} Pa alone throws it away within a frame" in str(report)
+    assert "substeps" not in str(report)
+    modest = ball.model_copy(update={"inflation": Inflation(pressure=10.0)})
+    assert blow_up(Simulator(Scene(balloon=[modest], substeps=20, frames=120, gravity=9e11), device)).pressure is None
+
+
 @pytest.mark.parametrize(
     ("obstacles", "touched"),
     [

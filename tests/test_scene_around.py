@@ -130,7 +130,8 @@ def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, kind: str):
             2.0 * 1.81 * size, rel=1e-5
         )  # six digits
         assert np.ptp(build_model(scene, "cpu").shapes[0].mesh.points[:, 1]) == pytest.approx(size)
-        assert scene.description == f"ball.obj, {size:.3g} m large, inflates above a floor{Y_IS_UP}"
+        said = f"ball.obj, {size:.3g} m large, inflates above a floor{Y_IS_UP}. Its unit is {unit}, as told"
+        assert scene.description == said
 
 
 def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path):
@@ -200,10 +201,16 @@ def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
             scene = load_with(tmp_path / "cone.stl", f"up_axis={world}", *told)
             points = plan_model(scene).shapes[0].mesh.points
             assert np.ptp(points[:, up_axis]) == pytest.approx(height, rel=0.02)  # of 32 corners
-            assert scene.description.endswith("so Y is up; --up Z turns it") == (not told)
+            up = "Z is up, as told" if told else "The file names no up axis, so Y is up; --up Z turns it"
+            turned = f". It is turned, so that this is the scene's {world}" if (world == "Z") != bool(told) else ""
+            assert scene.description.endswith(f". {up}{turned}")
+            asked = [warning for warning in plan_model(scene).warnings if "names no up axis" in warning]
+            assert len(asked) == (world == "Z" and not told)
             obstacle = Obstacle(mesh=tmp_path / "cone.stl", up="Z" if told else None)
             shape = shape_obstacle(0, obstacle, scene)
             assert shape.mesh
             assert np.ptp(shape.mesh.points[:, up_axis]) == pytest.approx(height, rel=0.02)
     trimesh.Scene(cone).export(tmp_path / "cone.glb")
-    assert load_scene(tmp_path / "cone.glb").description == "cone.glb, 1.2 m large, inflates above a floor"
+    assert load_scene(tmp_path / "cone.glb").description == (
+        "cone.glb, 1.2 m large, inflates above a floor. Y is up, as its file says. Its unit is 1 m, as its file says"
+    )

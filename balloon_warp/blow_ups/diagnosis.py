@@ -7,11 +7,15 @@ from balloon_warp.blow_ups.pulls import Pulls, name_of_particle
 from balloon_warp.blow_ups.replay import LastSubstep, last_substep
 from balloon_warp.blow_ups.report import BlowUp
 from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.mesh.seams import size_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.limit_points import passed_limit_point
 from balloon_warp.model.stability import Network
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.solvers.choose import PROJECTIVE
+
+FAR_IN_A_FRAME = 10.0
+"""times its size, from rest and with nothing that holds it, is farther than a skin is meant to be pushed"""
 
 
 def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: int, bad: int = HEALTHY) -> BlowUp:
@@ -52,6 +56,7 @@ def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: 
         touched=tuple(pulls.touched_by(particle)),
         stable_step=_stable_step(last),
         limit_point=_limit_point(last, particle),
+        pressure=_pressure(last, particle),
     )
 
 
@@ -89,6 +94,17 @@ def _limit_point(last: LastSubstep, particle: int) -> str | None:
     given = float(last.before.pressures.numpy()[0, number])
     limit = passed_limit_point(model.scene, number, model.shapes[number], parameters, given, points)
     return str(limit) if limit else None
+
+
+def _pressure(last: LastSubstep, particle: int) -> float | None:
+    """What is given to the balloon of a particle [Pa], if no springs of a step that is stable could keep up with it."""
+    model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
+    if model.scene.balloon[number].inflation.kind != "pressure":
+        return None
+    shape, given = model.shapes[number], float(last.before.pressures.numpy()[0, number])
+    mass = float(model.parameters["mass"].numpy()[0, number])
+    thrown = 0.5 * abs(given) * shape.area / mass * model.frame_seconds**2
+    return given if thrown > FAR_IN_A_FRAME * size_of(shape.mesh) else None
 
 
 def _stable_step(last: LastSubstep) -> float | None:

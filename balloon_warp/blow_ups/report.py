@@ -36,6 +36,8 @@ class BlowUp:
     """and no particle"""
     limit_point: str | None = None
     """that its balloon is past, under a pressure that is given: no step helps there"""
+    pressure: float | None = None
+    """that is given [Pa], where it alone would throw its balloon away within a frame: no step helps there, either"""
 
     def __str__(self) -> str:
         when = f"frame {self.frame}, world {self.world}"
@@ -55,6 +57,8 @@ class BlowUp:
     @property
     def _advice(self) -> str:
         """The step beside the stable one, and what helps."""
+        if self.pressure:
+            return f"its pressure of {self.pressure:.3g} Pa alone throws it away within a frame: less pressure helps"
         if self.limit_point:
             return self.limit_point
         if self.is_sphere:

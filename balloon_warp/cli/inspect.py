@@ -78,6 +78,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     console = _console()
     rows = {"shows": scene.description, "holds": ", ".join(counts), **_inflation_rows(sentences(inflation))}
     console.print(_table(source, {**rows, **_step_rows(step)}))
+    _print_warnings(console, step["doubts"])
     for (mesh, _, unit, _), report in reports.items():
         console.print()
         _print_mesh(console, mesh.name, report, unit, {})
@@ -103,7 +104,8 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     if as_json:
         print(json.dumps({**asdict(report), "step": step, "inflation": [asdict(each) for each in inflation]}))
     else:
-        _print_mesh(_console(), mesh.name, report, balloon.unit, {**alone, **(_step_rows(step) if step else {})})
+        more = {**alone, **(_step_rows(step) if step else {})}
+        _print_mesh(_console(), mesh.name, report, balloon.unit, more, step["doubts"] if step else ())
     if refusal:
         raise refusal
 
@@ -117,12 +119,15 @@ def _console() -> Console:
     return Console(highlight=False, soft_wrap=True)
 
 
-def _print_mesh(console: Console, name: str, report: MeshReport, unit: str | None, more: dict[str, str]) -> None:
+def _print_mesh(
+    console: Console, name: str, report: MeshReport, unit: str | None, more: dict[str, str], doubts: Sequence[str] = ()
+) -> None:
     """A table of it.
 
     Args:
         unit: of the mesh's numbers, if that is known.
         more: rows that follow.
+        doubts: warnings beside those about the mesh.
     """
     springs = report.springs
     of_kinds = f"{springs.structural:,} structural, {springs.shear:,} shear, {springs.flexion:,} flexion"
@@ -134,7 +139,11 @@ def _print_mesh(console: Console, name: str, report: MeshReport, unit: str | Non
         label: row if row == in_file[label] else f"{row}; in the file: {in_file[label]}" for label, row in rows.items()
     }
     console.print(_table(name, {**said, "springs": f"{total:,} ({of_kinds}{holding})", **more}))
-    for warning in report.warnings:
+    _print_warnings(console, [*doubts, *report.warnings])
+
+
+def _print_warnings(console: Console, warnings: Sequence[str]) -> None:
+    for warning in warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}")
 
 

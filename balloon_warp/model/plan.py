@@ -17,6 +17,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
+from balloon_warp.model.doubts import doubts_about
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.limit_points import pressures_too_high
@@ -84,14 +85,16 @@ class ModelPlan:
 
     @property
     def warnings(self) -> list[str]:
-        """what of stages was left out; what is odd about the meshes, and what became of it; which spheres may come
-        through, which pressures rubber does not bear, and which strings start overstretched"""
+        """what of stages was left out; which numbers may be of another unit; what is odd about the meshes, and what
+        became of it; which spheres may come through, which pressures rubber does not bear, and which strings start
+        overstretched"""
         step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
         solids = [*self.obstacles, *(body.solid for body in self.bodies)]
         taken = list(dict.fromkeys(remark for solid in solids for remark in solid.remarks))
         passing = warnings_of(self.scene, self.shapes, self.parameters["sphere_radius"], step_seconds)
         passing += pressures_too_high(self.scene, self.shapes, self.parameters)
-        return taken + passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
+        doubts = doubts_about(self.scene, self.shapes, self.parameters)
+        return taken + doubts + passing + overstretched_strings(self.scene, self.shapes, self.held, self.parameters)
 
     @property
     def particle_count(self) -> int:

@@ -69,7 +69,13 @@ def scene_table_around(
     mass = _short(2.0 * size / growth)
     stretch = balloon.inflation.stretch if "stretch" in balloon.inflation.model_fields_set else STRETCH
     return {
-        "description": _description(legible(source.name), mesh, size, fall * growth if gravity is None else None),
+        "description": _description(
+            legible(source.name),
+            mesh,
+            size,
+            fall * growth if gravity is None else None,
+            _as_taken(mesh, balloon, up_axis),
+        ),
         "up_axis": up_axis,
         "gravity": _short(fall * growth),
         "frames": 120,
@@ -90,22 +96,34 @@ def scene_table_around(
     }
 
 
-def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | None) -> str:
+def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str) -> str:
+    """Which axis is up, in which unit the mesh is, and who says so; what is not said of its unit, is told elsewhere."""
+    up = f"{mesh.up_axis} is up, as {'told' if balloon.up else 'its file says'}"
+    if not mesh.up_known:
+        up = f"The file names no up axis, so {mesh.up_axis} is up; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
+    if mesh.up_axis != up_axis:
+        up += f". It is turned, so that this is the scene's {up_axis}"
+    if balloon.unit:
+        return f". {up}. Its unit is {balloon.unit}, as told"
+    return f". {up}. Its unit is {mesh.meters_per_unit:g} m, as its file says" if mesh.unit_known else f". {up}"
+
+
+def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | None, taken: str) -> str:
     """What is shown, and what of it is a guess.
 
     Args:
         size: of the mesh [m].
         gravity: that was chosen for it [m/s^2], if it was.
+        taken: which axis is up, and what else is known, in sentences.
     """
-    up = "" if mesh.up_known else f". The file names no up axis, so {mesh.up_axis} is up; --up Z turns it"
     if mesh.unit_known:
-        return f"{name}, {size:.3g} m large, inflates above a floor{up}"
+        return f"{name}, {size:.3g} m large, inflates above a floor{taken}"
     if gravity is None:
-        return f"{name} inflates above a floor{up}"
+        return f"{name} inflates above a floor{taken}"
     *units, last = METERS
     return (
         f"{name} inflates above a floor. Its unit is not known, so gravity is {gravity:.5g} m/s2, which suits its size "
-        f"of {size:.5g}. --unit {', '.join(units)} or {last} gives it true size and gravity{up}"
+        f"of {size:.5g}. --unit {', '.join(units)} or {last} gives it true size and gravity{taken}"
     )
 
 

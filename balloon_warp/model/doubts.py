@@ -1,0 +1,57 @@
+"""Numbers of a scene that may be of another unit than was meant, asked for in a sentence each."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from balloon_warp.mesh.seams import size_of
+from balloon_warp.mesh.units import METERS
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Balloon, Scene
+
+SMALLEST, LARGEST = 0.02, 30.0
+"""sizes of balloons that nothing is asked about [m]"""
+TOLD = (0.002, 300.0)
+"""the same, of one whose unit is said"""
+THICKEST = 0.05
+"""of a balloon's size is a wall"""
+HEAVIEST = 100.0
+"""times the air of a ball of its size is what a balloon weighs"""
+LIGHT = 5.0
+"""mass that nothing is asked about: a mesh by itself has less [kg]"""
+AIR = 1.2
+"""[kg/m^3]"""
+
+
+def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
+    """What may be of another unit: sizes, walls and masses of balloons, in any world; and which meshes are turned to an
+    up axis that their files do not name."""
+    found = []
+    for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
+        size, mass = size_of(shape.mesh), float(parameters["mass"][:, number].max())
+        if not SMALLEST <= size <= LARGEST and balloon.unit is None:
+            found.append(f"{shape.name}: {size:.3g} m? {_helps(balloon, shape, size)}")
+        elif not TOLD[0] <= size <= TOLD[1]:
+            found.append(f"{shape.name}: {size:.3g} m? --unit {balloon.unit}?")
+        if scene.up_axis != "Y" and isinstance(balloon.mesh, Path) and not shape.mesh.up_known:
+            found.append(
+                f"{shape.name}: its file names no up axis, so that its Y is turned to the {scene.up_axis} of up_axis; "
+                f'--up {scene.up_axis} (up = "{scene.up_axis}") takes it as it is'
+            )
+        thickness = float(parameters["thickness"][:, number].max()) if balloon.material.is_membrane else 0.0
+        if thickness > THICKEST * size:
+            wall = f"a wall {thickness:.3g} m thick, of a balloon of {size:.3g} m?"
+            found.append(f"{shape.name}: {wall} material.thickness is in meters")
+        if mass > max(LIGHT, HEAVIEST * AIR * np.pi / 6.0 * size**3):
+            found.append(f"{shape.name}: a mass of {mass:.3g} kg, of a balloon of {size:.3g} m? It is in kilograms")
+    return found
+
+
+def _helps(balloon: Balloon, shape: BalloonShape, size: float) -> str:
+    """What would give it an ordinary size."""
+    units = [unit for unit in ("cm", "mm", "in", "ft") if SMALLEST <= size * METERS[unit] <= LARGEST]
+    if size > LARGEST and units and not shape.mesh.unit_known:
+        return f"--unit {units[0]}?"
+    return f"balloon.scale = {10.0 ** -round(np.log10(size)) * balloon.scale:g}?"
