@@ -89,7 +89,7 @@ COMMANDS = {
 class ClosedPage:
     """Of somebody who presses Ctrl-C at once."""
 
-    def __init__(self, session: object, *_: object) -> None:
+    def __init__(self, session: object, *_: object, **__: object) -> None:
         self.session = session
 
     def start(self) -> None:

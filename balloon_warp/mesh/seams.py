@@ -44,7 +44,7 @@ def welded_along_seams(mesh: PolygonMesh, gap: float = 0.0) -> PolygonMesh:
     distinct = distinct_faces(mesh)[0]
     stand_ins = _exactly_on(Border.of(distinct).ends, mesh.points)
     border = Border.of(_with(distinct, stand_ins))
-    if len(border.ends):
+    if len(border.ends) and size_of(mesh):  # what is all at one place is told of as that
         rounding = rounding_of(mesh)
         beside = border.pairs(max(rounding, gap * size_of(mesh)), rounding).ends.reshape(-1, 2)
         short = border.ends[border.lengths <= rounding]
