@@ -169,7 +169,7 @@ def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
     assert (box.soft, mesh.soft, reader.meshes[0].soft) == (False, False, True)
     vertices, normals = box.surface.place(reader.points(0)[1])
     assert ((vertices - reader.points(0)[1].mean(axis=0)) * normals).sum(axis=1).min() > 0.0  # they look outward
-    np.testing.assert_allclose(box.colors, np.tile([0.1, 0.2, 0.3], (len(box.colors), 1)), atol=1e-6)
+    np.testing.assert_allclose(box.cover.colors, np.tile([0.1, 0.2, 0.3], (len(box.cover.colors), 1)), atol=1e-6)
 
 
 def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):

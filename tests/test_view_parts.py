@@ -222,7 +222,7 @@ def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
         both_ended.wait()
         return save_recording(*arguments)
 
-    monkeypatch.setattr("balloon_warp.viewer.session.save_recording", write)
+    monkeypatch.setattr("balloon_warp.viewer.saving.save_recording", write)
     for _ in range(2):
         session.record(True)
         until(lambda: session.recording and session.recording.frames, "it records")
