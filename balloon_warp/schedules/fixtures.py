@@ -44,9 +44,8 @@ def fixture_table(model: Model) -> Any:
     table.restitutions = model.parameters["obstacle_restitution"]
     if model.bodies and model.obstacles:
         _put_samples(table, model)
-    table.fastest = fastest(
-        _floats(model.obstacle_motion), [min(shape.reach, NOWHERE) for shape in model.obstacles], model.frame_seconds
-    )
+    reaches = np.array([min(shape.reach, NOWHERE) for shape in model.obstacles])
+    table.fastest = fastest(_floats(model.obstacle_motion), reaches, model.frame_seconds)
     table.looks, table.nearest = look_arrays(model, Allocating(model.device))
     return table
 
