@@ -15,7 +15,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import warp as wp
 
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 ALONE = RLock()
 """held by the thread that makes a simulator or records a graph"""
 OF_RECORDING = ("_apic_capture", "_apic_graph")

@@ -109,7 +109,7 @@ def write_usd_cube(folder: Path) -> Path:
     return folder / "cube.usda"
 
 
-def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[int, ...]]]:
+def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
     """Of each face the number of the side that it faces, and the color there, sRGB from 0 to 255 or linear from 0 to 1,
     as an image or a material has it."""
     looks = mesh.looks
@@ -119,15 +119,16 @@ def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[int, ...]]]:
         axis = int(np.abs(normals[face]).argmax())
         side, number = 2 * axis + int(normals[face, axis] > 0.0), int(looks.of_corners[start])
         look = looks.materials[number]
-        color: tuple[int, ...] = look.color
+        color: tuple[float, ...] = look.color
         if look.picture is not None:
+            assert mesh.texture_coordinates is not None
             uv = mesh.texture_coordinates[start : start + mesh.face_vertex_counts[face]].mean(axis=0)
             color = color_in(look.picture.data, uv)
         found.append((side, color))
     return found
 
 
-def color_in(data, uv) -> tuple[int, ...]:
+def color_in(data, uv) -> tuple[float, ...]:
     """Of an image's file, or an image, at u and v, v up."""
     image = (data if isinstance(data, Image.Image) else Image.open(io.BytesIO(data))).convert("RGB")
-    return image.getpixel((int(uv[0] * image.width), int((1.0 - uv[1]) * image.height)))
+    return tuple(np.asarray(image)[int((1.0 - uv[1]) * image.height), int(uv[0] * image.width)].tolist())

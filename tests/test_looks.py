@@ -1,5 +1,8 @@
 """Looks of a mesh's own file as they are read, and on what mesh preparation makes of the mesh."""
 
+# A mesh may have no looks: these have some, or the test fails.
+# pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false
+
 import base64
 import io
 import json

@@ -1,5 +1,8 @@
 """Looks of a mesh's own file in what is written: the stage, pictures, and files of other kinds."""
 
+# A mesh may have no looks: these have some, or the test fails.
+# pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false
+
 import shutil
 import zipfile
 from pathlib import Path

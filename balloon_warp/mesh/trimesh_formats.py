@@ -34,6 +34,7 @@ def read_triangles(
         InputError: trimesh cannot read the file, or it has no triangles.
     """
     import trimesh  # only for such a file: it takes a second
+    from trimesh.resolvers import FilePathResolver
 
     path = Path(path)
     try:
@@ -41,7 +42,7 @@ def read_triangles(
         read = trimesh.load_scene(
             source or path,
             file_type=path.suffix[1:].lower(),
-            resolver=trimesh.resolvers.FilePathResolver(str(path)),
+            resolver=FilePathResolver(str(path)),
             process=False,
             skip_materials=materials is None,
         )

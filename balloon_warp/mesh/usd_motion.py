@@ -110,7 +110,7 @@ def _samples_of_transforms(prim: Usd.Prim) -> set[float]:
 
 def _bake_skins(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
     """Turn skins and blend shapes into samples of points, in memory, where a mesh has any."""
-    if any(each.HasAPI(UsdSkel.BindingAPI) for prim in prims for each in _around(prim)):
+    if any("SkelBindingAPI" in each.GetAppliedSchemas() for prim in prims for each in _around(prim)):
         with Usd.EditContext(stage, stage.GetSessionLayer()):
             UsdSkel.BakeSkinning(stage.Traverse(), Gf.Interval.GetFullInterval())
 

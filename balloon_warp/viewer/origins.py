@@ -1,6 +1,7 @@
 """Where the page may be shown from, such as a proxy's address: beside its own address, what is named."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from balloon_warp.errors import InputError
@@ -65,11 +66,9 @@ def refusal(origin: str) -> str:
 
 def _checked(origin: str) -> str:
     text = str(origin).rstrip("/").lower()
-    try:
+    with suppress(ValueError):  # of a port that is none
         parts = urlsplit(text)
-        valid = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-    except ValueError:
-        valid = False
-    if not valid or text != f"{parts.scheme}://{parts.netloc}" or "@" in parts.netloc:
-        raise InputError(f"--origin {origin}: expected http:// or https://, a host and maybe a port, and no path")
-    return text
+        whole = text == f"{parts.scheme}://{parts.netloc}" and parts.hostname and parts.port != 0
+        if whole and parts.scheme in ("http", "https") and "@" not in text:
+            return text
+    raise InputError(f"--origin {origin}: expected http:// or https://, a host and maybe a port, and no path")
