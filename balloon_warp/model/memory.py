@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import warp as wp
 
 from balloon_warp.errors import InputError
+from balloon_warp.model.limits import least_limit
 
 USABLE = 0.9
 """the part of the free memory that a batch may take; kernels, graphs and the allocator want some, too"""
@@ -63,10 +64,12 @@ def require_memory(device: wp.Device, world_counts: Sequence[int], bytes_per_wor
         InputError: they do not; the message says how many would.
     """
     needed = sum(count * size for count, size in zip(world_counts, bytes_per_world, strict=True))
-    usable = int(USABLE * free_memory(device))
+    usable, within = int(USABLE * free_memory(device)), ""
+    if device.is_cpu and (limit := least_limit()) and int(USABLE * limit.left) < usable:
+        usable, within = max(int(USABLE * limit.left), 0), f" within {limit.name}"
     if needed > usable:
         worlds = sum(world_counts)
         raise InputError(
             f"{worlds} worlds do not fit: they need {needed / 2**30:.2f} GiB, and {device} has "
-            f"{usable / 2**30:.2f} GiB to spare, enough for {usable * worlds // needed} worlds"
+            f"{usable / 2**30:.2f} GiB to spare{within}, enough for {usable * worlds // needed} worlds"
         )

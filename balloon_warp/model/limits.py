@@ -1,0 +1,91 @@
+"""Memory that a process may have where that is less than the machine has: by its cgroup, by SLURM, by `ulimit`."""
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+MIB = 2**20
+
+
+class Limit(NamedTuple):
+    """What a process may still take."""
+
+    name: str
+    """as whoever set it knows it"""
+    left: int
+    """bytes"""
+
+
+def least_limit(root: Path = Path("/"), environment: Mapping[str, str] = os.environ) -> Limit | None:
+    """Find the limit that is met first, or None where there is none.
+
+    Args:
+        root: where `proc` and `sys` are.
+        environment: of the process.
+    """
+    status = _text(root / "proc/self/status")
+    limits = [*_of_cgroups(root), *_of_slurm(environment, status), *_of_ulimit(status)]
+    return min(limits, key=lambda limit: limit.left, default=None)
+
+
+def _of_cgroups(root: Path) -> Iterator[Limit]:
+    """The process's own group and those that it is in, of version 1 and 2. Files in memory that nobody works on are
+    given back when memory is wanted, and so are left, too."""
+    for line in _text(root / "proc/self/cgroup").splitlines():
+        _, controllers, own = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        old = bool(controllers)
+        mount = root / "sys/fs/cgroup" / ("memory" if old else "")
+        most, used, idle = (
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+            if old
+            else ("memory.max", "memory.current", "inactive_file")
+        )
+        group = mount / own.strip("/")
+        for folder in (group, *group.parents):
+            if not folder.is_relative_to(mount):
+                break
+            with suppress(ValueError):  # "max", or no such file: a container sees its own group as the root
+                limit = int(_text(folder / most))
+                given_back = _field(_text(folder / "memory.stat"), rf"^{idle} (\d+)$")
+                yield Limit(f"the cgroup's {most}", limit - int(_text(folder / used)) + given_back)
+
+
+def _of_slurm(environment: Mapping[str, str], status: str) -> Iterator[Limit]:
+    """What a job asked for, in MiB: of a node, or of each CPU on it."""
+    taken = 1024 * _field(status, r"^VmRSS:\s+(\d+) kB$")
+    with suppress(KeyError, ValueError):
+        yield Limit("SLURM_MEM_PER_NODE", MIB * int(environment["SLURM_MEM_PER_NODE"]) - taken)
+    with suppress(KeyError, ValueError):
+        cpus = int(environment["SLURM_CPUS_ON_NODE"])
+        yield Limit("SLURM_MEM_PER_CPU", MIB * cpus * int(environment["SLURM_MEM_PER_CPU"]) - taken)
+
+
+def _of_ulimit(status: str) -> Iterator[Limit]:
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows has none
+        return
+    for option, number, taken in (
+        ("-v", resource.RLIMIT_AS, r"^VmSize:\s+(\d+) kB$"),
+        ("-d", resource.RLIMIT_DATA, r"^VmData:\s+(\d+) kB$"),
+    ):
+        soft, _ = resource.getrlimit(number)
+        if soft != resource.RLIM_INFINITY:
+            yield Limit(f"ulimit {option}", soft - 1024 * _field(status, taken))
+
+
+def _text(path: Path) -> str:
+    """Of a file; nothing where it cannot be read."""
+    with suppress(OSError):
+        return path.read_text()
+    return ""
+
+
+def _field(text: str, pattern: str) -> int:
+    found = re.search(pattern, text, re.MULTILINE)
+    return int(found[1]) if found else 0
