@@ -9,13 +9,14 @@ from balloon_warp.blow_ups.report import BlowUp
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.mesh.seams import size_of
 from balloon_warp.model import Model, State
-from balloon_warp.model.limit_points import passed_limit_point
+from balloon_warp.model.limit_points import borne_pressures, passed_limit_point
 from balloon_warp.model.stability import Network
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.solvers.choose import PROJECTIVE
 
-FAR_IN_A_FRAME = 10.0
-"""times its size, from rest and with nothing that holds it, is farther than a skin is meant to be pushed"""
+BEYOND = 10.0
+"""times the most that a skin bears is what no springs hold; times its size, from rest and within a frame, is farther
+than it is meant to be pushed"""
 
 
 def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: int, bad: int = HEALTHY) -> BlowUp:
@@ -97,14 +98,15 @@ def _limit_point(last: LastSubstep, particle: int) -> str | None:
 
 
 def _pressure(last: LastSubstep, particle: int) -> float | None:
-    """What is given to the balloon of a particle [Pa], if no springs of a step that is stable could keep up with it."""
+    """What is given to the balloon of a particle [Pa], if it is far beyond all that its skin bears, and throws it."""
     model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
     if model.scene.balloon[number].inflation.kind != "pressure":
         return None
     shape, given = model.shapes[number], float(last.before.pressures.numpy()[0, number])
-    mass = float(model.parameters["mass"].numpy()[0, number])
-    thrown = 0.5 * abs(given) * shape.area / mass * model.frame_seconds**2
-    return given if thrown > FAR_IN_A_FRAME * size_of(shape.mesh) else None
+    parameters = {name: np.array(array.numpy(), dtype=np.float64) for name, array in model.parameters.items()}
+    borne = borne_pressures(model.scene, number, shape, parameters)[1].max()
+    thrown = 0.5 * abs(given) * shape.area / parameters["mass"][0, number] * model.frame_seconds**2
+    return given if abs(given) > BEYOND * borne and thrown > BEYOND * size_of(shape.mesh) else None
 
 
 def _stable_step(last: LastSubstep) -> float | None:
