@@ -64,6 +64,11 @@ def test_what_makes_no_sense_is_no_limit(tmp_path: Path):
     assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "many", "SLURM_MEM_PER_CPU": "1024"}) is None
 
 
+def test_a_job_that_asks_for_all_of_a_node_has_no_limit(tmp_path: Path):
+    """`--mem=0`."""
+    assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")
 def test_ulimit_is_said_and_refuses_what_does_not_fit():
     """A process of 6 GiB of addresses, of which Python and Warp take some: a million worlds of rubber do not fit."""

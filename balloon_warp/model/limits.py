@@ -56,13 +56,13 @@ def _of_cgroups(root: Path) -> Iterator[Limit]:
 
 
 def _of_slurm(environment: Mapping[str, str], status: str) -> Iterator[Limit]:
-    """What a job asked for, in MiB: of a node, or of each CPU on it."""
+    """What a job asked for, in MiB: of a node, or of each CPU on it; 0 is all that the node has."""
     taken = 1024 * _field(status, r"^VmRSS:\s+(\d+) kB$")
-    with suppress(KeyError, ValueError):
-        yield Limit("SLURM_MEM_PER_NODE", MIB * int(environment["SLURM_MEM_PER_NODE"]) - taken)
-    with suppress(KeyError, ValueError):
-        cpus = int(environment["SLURM_CPUS_ON_NODE"])
-        yield Limit("SLURM_MEM_PER_CPU", MIB * cpus * int(environment["SLURM_MEM_PER_CPU"]) - taken)
+    for name, count in (("SLURM_MEM_PER_NODE", "1"), ("SLURM_MEM_PER_CPU", environment.get("SLURM_CPUS_ON_NODE", ""))):
+        with suppress(KeyError, ValueError):
+            asked = MIB * int(count) * int(environment[name])
+            if asked > 0:
+                yield Limit(name, asked - taken)
 
 
 def _of_ulimit(status: str) -> Iterator[Limit]:
