@@ -37,7 +37,7 @@ class ShownType(ABCMeta):
         return cls.shown(name for base in bases for name in vars(base))
 
     def shown(cls, names: Iterable[str]) -> list[str]:
-        """Those of some names that are for people, in order."""
+        """Return those of some names that are for people, in order."""
         internal = {name for base in cls.__mro__ for name in vars(base).get("_internal", ())}
         return sorted({name for name in names if not name.startswith("_")} - internal)
 
@@ -53,7 +53,7 @@ class Shown(metaclass=ShownType):
 
 
 class FieldHelp(NamedTuple):
-    """What help() says of a field."""
+    """A field as help() describes it."""
 
     head: str
     """its name, its default, and what it takes"""
@@ -72,7 +72,7 @@ class Help:
         self._fields_of, self._said = fields_of, ""
 
     def whole(self, cls: type) -> str:
-        """What help() says of the class."""
+        """Return what help() says of the class."""
         if not self._said:
             self._said = inspect.cleandoc(plain_docstring(cls))  # for who asks while it is made
             with suppress(OSError):  # the source is not there
@@ -86,7 +86,7 @@ def _indented(text: str) -> str:
 
 
 def plain_docstring(cls: type) -> str:
-    """A class's docstring as it is written, without its fields."""
+    """Return a class's docstring as it is written, without its fields."""
     return vars(cls).get("__doc__") or ""
 
 
@@ -134,14 +134,14 @@ def docstrings(cls: type) -> dict[str, str]:
 
 
 def _text(statement: ast.stmt) -> str:
-    """That a statement is, if it is nothing else."""
+    """Return the string that a statement is, if it is nothing else."""
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
         return str(statement.value.value)
     return ""
 
 
 def _annotations(cls: type) -> dict[str, str]:
-    """Of the fields of a class, as they are written."""
+    """Return the annotations of the fields of a class, as they are written."""
     lines = (line for line in _definition(cls).body if isinstance(line, ast.AnnAssign))
     return {ast.unparse(line.target): ast.unparse(line.annotation) for line in lines}
 

@@ -24,12 +24,12 @@ OF_RECORDING = ("_apic_capture", "_apic_graph")
 
 
 def in_turn(device: wp.Device) -> AbstractContextManager[Any]:
-    """What the thread holds that queues work on a device, or records it."""
+    """Return the lock that a thread holds while it queues or records work on a device; none on a CPU."""
     return ALONE if device.is_cuda else nullcontext()
 
 
 def taking_turns(method: Callable[P, T]) -> Callable[P, T]:
-    """A method of what has a model, run `in_turn` on the model's device."""
+    """Run a method of what has a model `in_turn` on the model's device."""
 
     @wraps(method)
     def taking_its_turn(*arguments: P.args, **named: P.kwargs) -> T:
@@ -41,7 +41,7 @@ def taking_turns(method: Callable[P, T]) -> Callable[P, T]:
 
 
 class _OfThread:
-    """An attribute that each thread has for itself; None until it is set."""
+    """A thread-local attribute; None until it is set."""
 
     def __init__(self) -> None:
         self._own = local()

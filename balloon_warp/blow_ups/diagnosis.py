@@ -87,7 +87,7 @@ def _push_on(last: LastSubstep, sphere: int) -> float:
 
 
 def _limit_point(last: LastSubstep, particle: int) -> str | None:
-    """That the balloon of a particle was past in that substep."""
+    """Describe the limit point that the balloon of a particle was past in that substep, if it was."""
     model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
     parameters = {name: np.array(array.numpy(), dtype=np.float64) for name, array in model.parameters.items()}
     begin, end = model.particle_offsets[number : number + 2]
@@ -98,7 +98,7 @@ def _limit_point(last: LastSubstep, particle: int) -> str | None:
 
 
 def _pressure(last: LastSubstep, particle: int) -> float | None:
-    """What is given to the balloon of a particle [Pa], if it is far beyond all that its skin bears, and throws it."""
+    """Return the pressure given to the balloon of a particle [Pa], if it is far beyond all that its skin bears."""
     model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
     if model.scene.balloon[number].inflation.kind != "pressure":
         return None

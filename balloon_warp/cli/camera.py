@@ -27,7 +27,7 @@ class Asked(TypedDict):
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """What the command line's words say of the camera."""
+    """Options of commands that say where the camera of a picture stands."""
 
     azimuth: Annotated[
         float | None,
@@ -105,7 +105,7 @@ class CameraOptions:
     ] = False
 
     def asked(self) -> Asked:
-        """What they ask for.
+        """Return the options as arguments of `render_stage`.
 
         Raises:
             InputError: a place has another form.

@@ -41,9 +41,10 @@ class Changes:
     def __init__(
         self,
         overrides: Iterable[str] | None = None,
-        mesh: MeshOptions = MeshOptions(),  # noqa: B008 (nobody changes it)
-        length: LengthOptions = LengthOptions(),  # noqa: B008
+        mesh: MeshOptions | None = None,
+        length: LengthOptions | None = None,
     ):
+        mesh, length = mesh or MeshOptions(), length or LengthOptions()
         if length.frames is not None and length.seconds is not None:
             raise InputError("--frames, --seconds: expected one of them")
         if length.seconds is not None and not 0.0 < length.seconds < 1e9:

@@ -13,14 +13,14 @@ EXACT = "exact"
 
 
 class Command(TyperCommand):
-    """A command of which `--weld` may have no value: what follows it is one only if it is a number."""
+    """A command whose `--weld` may stand alone: what follows it is its value only if it is a number."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         return super().parse_args(ctx, with_values(args))
 
 
 def with_values(words: list[str]) -> list[str]:
-    """The words of a command line, with a value after each `--weld` that has none."""
+    """Return the words of a command line, with a value after each `--weld` that has none."""
     end = words.index("--") if "--" in words else len(words)
     filled: list[str] = []
     for word, following in zip_longest(words[:end], words[1:end]):
@@ -29,7 +29,7 @@ def with_values(words: list[str]) -> list[str]:
 
 
 def weld_of(said: str | None) -> bool | float | None:
-    """What a scene's field has for it.
+    """Return what `--weld` means as the value of the scene's field.
 
     Raises:
         InputError: it is neither alone nor such a part.

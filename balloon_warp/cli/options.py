@@ -85,7 +85,7 @@ Size = Annotated[
 
 @dataclass(frozen=True)
 class MeshOptions:
-    """What a mesh is taken for."""
+    """Options of commands that say how a mesh file is read."""
 
     weld: Annotated[
         str | None,
@@ -132,7 +132,7 @@ class MeshOptions:
 
 @dataclass(frozen=True)
 class LengthOptions:
-    """How long a simulation is."""
+    """Options of commands that say how long the simulated time is."""
 
     fps: Annotated[
         float | None,

@@ -8,9 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import (
-    MeshOptions,
-)
+from balloon_warp.cli.options import MeshOptions
 from balloon_warp.errors import InputError
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.scene.write import scene_toml, write_scene

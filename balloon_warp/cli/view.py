@@ -10,13 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
-from balloon_warp.cli.options import (
-    OUTPUT,
-    Device,
-    MeshOptions,
-    SceneName,
-    Set,
-)
+from balloon_warp.cli.options import OUTPUT, Device, MeshOptions, SceneName, Set
 from balloon_warp.cli.warn import first_line, note, warn
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name

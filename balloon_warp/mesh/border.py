@@ -47,7 +47,7 @@ class Border:
 
     @property
     def lengths(self) -> NDArray[np.float64]:
-        """shape (n,)"""
+        """Lengths of the edges, shape (n,)."""
         begin, end = np.moveaxis(self.points[self.ends], 1, 0)
         return np.linalg.norm(end - begin, axis=1)
 
@@ -85,5 +85,5 @@ class Border:
         return Pairs(np.stack([first, second], axis=1), np.stack([self.ends[first], other], axis=2), gaps[taken])
 
     def _gaps(self, others: NDArray[np.int64], edges: NDArray[np.int64]) -> NDArray[np.float64]:
-        """From the ends of edges to others, the larger distance, shape (n,)."""
+        """Larger distance between the ends of each edge and of another, shape (n,)."""
         return np.linalg.norm(self.points[self.ends[edges]] - self.points[others], axis=2).max(axis=1, initial=0.0)

@@ -59,7 +59,7 @@ def _stand_ins(mesh: PolygonMesh, places: NDArray[np.int64], gone: NDArray[np.bo
 
 
 def _places(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """The first vertex of those at the same place, but for rounding, shape (vertex_count,)."""
+    """Return the first vertex at the same place as each, but for rounding, shape (vertex_count,)."""
     from scipy.spatial import KDTree  # takes long to load: only for several parts
 
     places = first_coincident(mesh.points)

@@ -4,6 +4,7 @@ import json
 import struct
 from collections.abc import Iterable
 from dataclasses import replace
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,7 @@ def read_gltf(path: Path | str) -> PolygonMesh:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes | None]:
-    """The JSON of a file, and what follows it in a GLB; None of a .gltf."""
+    """Return the JSON of a file and what follows it in a GLB; None in a .gltf."""
     data = path.read_bytes()
     if data[:4] != b"glTF":
         tree, rest = json.loads(data), None
@@ -70,13 +71,7 @@ def _texts(many: Any) -> Iterable[str]:
 
 
 def _is_decoded(name: str) -> bool:
-    if name == COMPRESSED:
-        try:
-            import DracoPy  # noqa: F401  # pyright: ignore[reportMissingImports]
-        except ImportError:
-            return False
-        return True
-    return name.startswith(HARMLESS)
+    return find_spec("DracoPy") is not None if name == COMPRESSED else name.startswith(HARMLESS)
 
 
 def _scale_normalized(tree: dict[str, Any]) -> None:
@@ -98,7 +93,7 @@ def _scale_normalized(tree: dict[str, Any]) -> None:
 
 
 def _file_of(tree: dict[str, Any], rest: bytes | None) -> bytes:
-    """The file with another JSON; of a .gltf the JSON alone."""
+    """Return the file with another JSON chunk; of a .gltf the JSON alone."""
     said = json.dumps(tree).encode()
     if rest is None:
         return said

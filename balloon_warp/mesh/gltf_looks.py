@@ -18,7 +18,7 @@ COORDINATES, COLORS, TRANSFORM = "TEXCOORD_0", "_COLOR_0", "KHR_texture_transfor
 
 
 class GltfMaterials:
-    """The materials of a file.
+    """Materials of a glTF file: base colors, base textures and their transforms.
 
     Args:
         tree: its JSON, in which `name_materials` then puts others in their place.
@@ -36,7 +36,7 @@ class GltfMaterials:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A sentence for each texture that cannot be had."""
+        """Sentences about textures that cannot be read."""
         return tuple(self._pictures.warnings)
 
     def name_materials(self) -> None:
@@ -91,7 +91,7 @@ class GltfMaterials:
         return self._pictures.of_bytes(f"{named}_{source}", self._view(view))
 
     def _view(self, number: Any) -> bytes:
-        """The bytes of a buffer view; none where it is not there."""
+        """Return the bytes of a buffer view; none where it is missing."""
         views, buffers = _dicts(self._tree, "bufferViews"), _dicts(self._tree, "buffers")
         try:
             view = views[number]
@@ -115,7 +115,7 @@ def moved(places: NDArray[np.float64], transform: NDArray[np.float64]) -> NDArra
 
 
 def _base(material: Mapping[str, Any]) -> dict[str, Any]:
-    """What a material says of its base color, by the names of metallic roughness."""
+    """Return what a material says of its base color, under the names of metallic roughness."""
     metallic = _child(material, "pbrMetallicRoughness")
     glossy = _child(_child(material, "extensions"), "KHR_materials_pbrSpecularGlossiness")
     if not metallic and "diffuseTexture" in glossy:
@@ -124,7 +124,7 @@ def _base(material: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _transform(texture: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Of KHR_texture_transform."""
+    """Return the texture transform of KHR_texture_transform."""
     said = _child(_child(texture, "extensions"), TRANSFORM)
     try:
         (x, y), (wide, high) = said.get("offset", (0.0, 0.0)), said.get("scale", (1.0, 1.0))

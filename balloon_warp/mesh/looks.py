@@ -75,7 +75,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Looks:
-    """Materials, and which of them is where on a mesh."""
+    """Materials of a mesh, and the one at each of its face corners."""
 
     materials: tuple[Look, ...]
     of_corners: NDArray[np.int32]
@@ -85,11 +85,11 @@ class Looks:
     (corner_count, 3)"""
 
     def at(self, corners: NDArray[np.integer | np.bool_]) -> "Looks":
-        """The looks of a mesh that has those of the corners, in that order, or those where a mask is true."""
+        """Return the looks of a mesh with these corners, in that order, or those where a mask is true."""
         return Looks(self.materials, self.of_corners[corners], None if self.colors is None else self.colors[corners])
 
     def color_at_corners(self, otherwise: Color) -> NDArray[np.float32]:
-        """Linear RGB without images, shape (corner_count, 3).
+        """Return linear RGB at each corner without images, shape (corner_count, 3).
 
         Args:
             otherwise: where the file says none.
@@ -119,7 +119,7 @@ class Looks:
 def looks_of(
     materials: Sequence[Look | None], of_corners: NDArray[np.integer], colors: NDArray[np.floating] | None = None
 ) -> Looks | None:
-    """Looks of the materials that are used and say something, or None where nothing is said.
+    """Return looks of the materials that are used and say something, or None where nothing is said.
 
     Args:
         materials: None for those that say no color.
@@ -146,7 +146,7 @@ def looks_of(
 
 
 def together(parts: Sequence[Any]) -> dict[str, Any]:
-    """The texture coordinates and the looks of meshes that become one, as fields of a `PolygonMesh`.
+    """Join texture coordinates and looks of meshes that become one, as fields of a `PolygonMesh`.
 
     Where some have images, others without texture coordinates get zeros.
     """
@@ -177,6 +177,6 @@ def together(parts: Sequence[Any]) -> dict[str, Any]:
 
 
 def linear(encoded: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Linear values of sRGB ones from 0 to 1 (IEC 61966-2-1)."""
+    """Decode sRGB values from 0 to 1 to linear ones (IEC 61966-2-1)."""
     values = np.clip(np.asarray(encoded, dtype=np.float64), 0.0, 1.0)
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)

@@ -32,24 +32,24 @@ class ObjMaterials:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A sentence for each texture that cannot be had."""
+        """Sentences about textures that cannot be read."""
         return tuple(self._pictures.warnings)
 
     def add_library(self, text: bytes) -> None:
-        """A `mtllib` line: one name, perhaps with blanks, or several."""
+        """Take a `mtllib` line: one name, perhaps with blanks, or several."""
         self._libraries.append(_text(text))
 
     def use(self, text: bytes, face: int) -> None:
-        """A `usemtl` line, and the number of the next face."""
+        """Take a `usemtl` line, and the number of the next face."""
         self._begins.append(face)
         self._used.append(self._names.setdefault(_text(text), len(self._names)))
 
     def add_vertex(self, words: list[bytes]) -> None:
-        """A `v` line that ends with red, green and blue."""
+        """Take a `v` line that ends with red, green and blue."""
         self._colors.extend(map(float, words[-3:]))
 
     def of_corners(self, mesh: PolygonMesh, placed: bool) -> Looks | None:
-        """The looks at the corners of a mesh; colors of vertices count where all have some.
+        """Return the looks at the corners of a mesh; colors of vertices count where all have some.
 
         Args:
             placed: whether there are texture coordinates; without any, images are left out.
@@ -71,7 +71,7 @@ class ObjMaterials:
         return looks_of([known.get(name) for name in self._names], np.repeat(of_faces, sizes), shades)
 
     def _read(self) -> dict[str, Look]:
-        """The used materials of all libraries that are there, by name; the first of a name counts."""
+        """Read the used materials of all libraries that are there, by name; the first of a name counts."""
         found: dict[str, Look] = {}
         for line in self._libraries:
             whole = beside(self._folder, line)
@@ -109,7 +109,7 @@ class ObjMaterials:
 
 
 def _color(text: str) -> tuple[float, float, float] | None:
-    """Red, green and blue, or one number for all."""
+    """Parse red, green and blue, or one number for all."""
     try:
         numbers = [float(word) for word in text.split()[:3]]
     except ValueError:
@@ -122,7 +122,7 @@ def _color(text: str) -> tuple[float, float, float] | None:
 
 
 def _file_of_map(text: str) -> str:
-    """What stands behind the options of a map; a name may have blanks."""
+    """Return the file name behind the options of a map; a name may have blanks."""
     words = text.split(" ")
     while words and words[0].startswith("-"):
         option = words.pop(0).lower()

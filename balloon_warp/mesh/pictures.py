@@ -14,7 +14,7 @@ KEPT = {"PNG": ".png", "JPEG": ".jpg"}
 
 
 class Pictures:
-    """The images that a mesh names, each read once."""
+    """Cache of the images that a mesh names, each read once."""
 
     def __init__(self, source: Path | str):
         self._source = source
@@ -23,7 +23,7 @@ class Pictures:
         """a sentence for each that cannot be had"""
 
     def of_file(self, named: str, folder: Path) -> Picture | None:
-        """The image of a file.
+        """Read the image of a file.
 
         Args:
             named: as a mesh names it: from its folder, or, where there is none, its bare name there.
@@ -40,7 +40,7 @@ class Pictures:
             return self.of_bytes(named, b"")
 
     def of_bytes(self, named: str, data: bytes | None) -> Picture | None:
-        """The image of a file's content.
+        """Read the image of a file's content.
 
         Args:
             data: None where there is no such file.
@@ -60,7 +60,7 @@ class Pictures:
 
 
 def beside(folder: Path, named: str) -> Path | None:
-    """The regular file of a name in a mesh, from the mesh's folder; else that of its bare name there."""
+    """Find the regular file of a name in a mesh, from the mesh's folder; else that of its bare name there."""
     for name in (named, named.replace("\\", "/"), PureWindowsPath(named).name, PurePosixPath(named).name):
         try:
             if name and (path := folder / name).is_file():
@@ -71,7 +71,7 @@ def beside(folder: Path, named: str) -> Path | None:
 
 
 def _picture(named: str, data: bytes) -> Picture | None:
-    """The image, or None if it is none."""
+    """Decode an image, or return None if it is none."""
     from PIL import Image, UnidentifiedImageError  # only for a mesh that has images
 
     try:

@@ -15,14 +15,14 @@ PLAIN = (102, 102, 102, 255)
 
 
 class Visual(NamedTuple):
-    """Fields of a `PolygonMesh`."""
+    """Texture coordinates and looks, as fields of a `PolygonMesh`."""
 
     texture_coordinates: NDArray[np.float32] | None
     looks: Looks | None
 
 
 def read_visual(mesh: PolygonMesh, visual: Any) -> Visual:
-    """What a mesh from Python looks like; nothing where its `visual` is none of trimesh's."""
+    """Read the looks of a mesh from Python; nothing where its `visual` is none of trimesh's."""
     kind, corners = getattr(visual, "kind", None), np.asarray(mesh.face_vertex_indices)
     if not len(corners) or corners.min() < 0 or corners.max() >= mesh.vertex_count:
         return Visual(None, None)  # of a mesh that is refused
@@ -38,7 +38,7 @@ def read_visual(mesh: PolygonMesh, visual: Any) -> Visual:
 
 
 def corner_colors(mesh: PolygonMesh, visual: Any) -> NDArray[np.uint8] | None:
-    """Colors of vertices or faces at all corners, in bytes; None where there are none."""
+    """Return colors of vertices or faces at all corners, in bytes; None where there are none."""
     kind = getattr(visual, "kind", None)
     if kind == "vertex" and len(visual.vertex_colors) == mesh.vertex_count:
         return np.asarray(visual.vertex_colors)[mesh.face_vertex_indices]

@@ -23,7 +23,7 @@ from balloon_warp.mesh.usd_surfaces import (
 
 
 class Seen(NamedTuple):
-    """What of a mesh is seen."""
+    """Looks and texture coordinates that were read of a mesh."""
 
     texture_coordinates: NDArray[np.float32] | None
     looks: Looks | None
@@ -32,7 +32,7 @@ class Seen(NamedTuple):
 def read_looks(
     geometry: UsdGeom.Mesh, counts: NDArray[np.int32], indices: NDArray[np.int32], pictures: Pictures
 ) -> Seen:
-    """What a mesh looks like: by the materials that are bound to it and to its subsets, else by its display colors."""
+    """Read the looks of a mesh from the materials bound to it and to its subsets, else from its display colors."""
     prim = geometry.GetPrim()
     owners, of_faces = owners_of_faces(prim, len(counts))
     of_corners = np.repeat(of_faces, counts)
@@ -63,7 +63,7 @@ def _with_display_colors(
     indices: NDArray[np.int32],
     of_corners: NDArray[np.int32],
 ) -> Looks | None:
-    """Display colors count where no material says one."""
+    """Add display colors where no material says a color."""
     silent = np.array([look is None for look in looks])[of_corners]
     colors, interpolation = display_colors(geometry)
     if not silent.any() or not len(colors) or not np.isfinite(colors).all():
@@ -89,5 +89,5 @@ def _color(value: Any) -> Color:
 
 
 def _read(image: Image, pictures: Pictures) -> Picture | None:
-    """The image, from the package that it is in, or from its file."""
+    """Read an image from the package that it is in, or from its file."""
     return pictures.of_bytes(image.named, (content_of(image.path) or b"") if image.path else None)

@@ -8,14 +8,14 @@ from pxr import Ar, Gf, Usd, UsdGeom, UsdShade
 
 
 def bound_surface(prim: Usd.Prim) -> UsdShade.Shader | None:
-    """The UsdPreviewSurface that a prim's material has."""
+    """Return the UsdPreviewSurface of a prim's material."""
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
     shader = material.ComputeSurfaceSource()[0] if material else None
     return shader if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface" else None
 
 
 def constant_of(surface: UsdShade.Shader, name: str) -> Any:
-    """The value of an input, through connections to the material's own inputs; None where a texture feeds it."""
+    """Return the value of an input, through connections to the material's own inputs; None where a texture feeds it."""
     shader_input = surface.GetInput(name)
     for attribute in shader_input.GetValueProducingAttributes() if shader_input else []:
         if UsdShade.Utils.GetType(attribute.GetName()) != UsdShade.AttributeType.Output:
@@ -52,7 +52,7 @@ class Image(NamedTuple):
 
 
 def image_of(surface: UsdShade.Shader | None) -> Image | None:
-    """The texture that feeds a surface's color, if one does."""
+    """Return the texture that feeds a surface's color, if one does."""
     texture = _feeding(surface, "diffuseColor", "UsdUVTexture")
     file = constant_of(texture, "file") if texture else None
     if texture is None or not file or not file.path:
@@ -68,7 +68,7 @@ def image_of(surface: UsdShade.Shader | None) -> Image | None:
 
 
 def content_of(path: str) -> bytes | None:
-    """The content of a file that USD has resolved, such as one in a package; None if it cannot be read."""
+    """Return the content of a file that USD has resolved, such as one in a package; None if it cannot be read."""
     resolver: Any = Ar.GetResolver()
     try:
         return bytes(resolver.OpenAsset(Ar.ResolvedPath(path)).GetBuffer())
@@ -100,7 +100,7 @@ def texture_coordinates(mesh: UsdGeom.Mesh, name: str, indices: NDArray[np.int32
 
 
 def display_colors(gprim: UsdGeom.Gprim) -> tuple[NDArray[np.float32], str]:
-    """Display colors, shape (n, 3), and how they are laid out."""
+    """Return display colors, shape (n, 3), and their interpolation."""
     display = UsdGeom.PrimvarsAPI(gprim).FindPrimvarWithInheritance("displayColor")
     authored: Any = display.ComputeFlattened() if display else None
     colors = np.asarray([] if authored is None else authored, np.float32).reshape(-1, 3)
@@ -132,7 +132,7 @@ def at_corners(
 
 
 def _feeding(shader: UsdShade.Shader | None, name: str, kind: str) -> UsdShade.Shader | None:
-    """The shader of a kind that an input is connected to."""
+    """Return the shader of a kind that an input is connected to."""
     given = shader.GetInput(name) if shader else None
     for attribute in given.GetValueProducingAttributes() if given else []:
         source = UsdShade.Shader(attribute.GetPrim())
@@ -142,7 +142,7 @@ def _feeding(shader: UsdShade.Shader | None, name: str, kind: str) -> UsdShade.S
 
 
 def _transform(shader: UsdShade.Shader) -> NDArray[np.float64]:
-    """Of a UsdTransform2d: scaled, then turned, then moved."""
+    """Return the matrix of a UsdTransform2d: scaled, then turned, then moved."""
     scale, turn, move = (constant_of(shader, name) for name in ("scale", "rotation", "translation"))
     wide, high = (1.0, 1.0) if scale is None else scale
     x, y = (0.0, 0.0) if move is None else move

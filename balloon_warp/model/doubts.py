@@ -50,7 +50,7 @@ def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
 
 
 def _helps(balloon: Balloon, shape: BalloonShape, size: float) -> str:
-    """What would give it an ordinary size."""
+    """Return the option or field that would give the balloon an ordinary size."""
     units = [unit for unit in ("cm", "mm", "in", "ft") if SMALLEST <= size * METERS[unit] <= LARGEST]
     if size > LARGEST and units and not shape.mesh.unit_known:
         return f"--unit {units[0]}?"

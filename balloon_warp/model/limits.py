@@ -11,7 +11,7 @@ MIB = 2**20
 
 
 class Limit(NamedTuple):
-    """What a process may still take."""
+    """A limit on the memory of a process, and what is left of it."""
 
     name: str
     """as whoever set it knows it"""
@@ -56,7 +56,7 @@ def _of_cgroups(root: Path) -> Iterator[Limit]:
 
 
 def _of_slurm(environment: Mapping[str, str], status: str) -> Iterator[Limit]:
-    """What a job asked for, in MiB: of a node, or of each CPU on it; 0 is all that the node has."""
+    """Limits that a SLURM job asked for [MiB]: of a node, or of each CPU on it; 0 is all that the node has."""
     taken = 1024 * _field(status, r"^VmRSS:\s+(\d+) kB$")
     for name, count in (("SLURM_MEM_PER_NODE", "1"), ("SLURM_MEM_PER_CPU", environment.get("SLURM_CPUS_ON_NODE", ""))):
         with suppress(KeyError, ValueError):
@@ -80,7 +80,7 @@ def _of_ulimit(status: str) -> Iterator[Limit]:
 
 
 def _text(path: Path) -> str:
-    """Of a file; nothing where it cannot be read."""
+    """Read a file; nothing where it cannot be read."""
     with suppress(OSError):
         return path.read_text()
     return ""

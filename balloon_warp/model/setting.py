@@ -30,7 +30,7 @@ LASTING = {"sphere_radius": "sphere", "string_stiffness": "string"}
 
 @dataclass(frozen=True)
 class Setting:
-    """What is set, checked."""
+    """Checked values that are about to be set."""
 
     scene: Scene
     """as it is from now on; of values that differ between worlds it has the first world's"""
@@ -140,7 +140,7 @@ def _said_at(said: Parameters, path: str, name: str, index: Sequence[Any]) -> fl
 
 
 def _number(path: str, value: Any) -> Any:
-    """A value that is left to nobody.
+    """Return a value that the scene must say itself.
 
     Raises:
         InputError: it is.
@@ -151,7 +151,7 @@ def _number(path: str, value: Any) -> Any:
 
 
 def _put(rows: NDArray[np.float64], index: Sequence[Any], value: Any) -> NDArray[np.float64]:
-    """Rows with another value, or one for each, at a place."""
+    """Return rows with another value at a place, or with one for each world."""
     values = np.ravel(value)
     rows = np.repeat(rows, len(values), axis=0) if len(rows) == 1 else rows.copy()
     target = rows[(slice(None), *index)]
@@ -170,7 +170,7 @@ def _follow(model: Model, scene: Scene, now: Parameters, then: Parameters) -> No
 
 
 def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str], turns: Sequence[DueChange]) -> int:
-    """In a frame, from now on.
+    """Return the substeps of a frame from now on.
 
     Raises:
         InputError: the scene says too few, or what differs between worlds is planned to change.

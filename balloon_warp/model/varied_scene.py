@@ -62,7 +62,7 @@ def _is_bare_mesh(source: SceneLike) -> bool:
 
 
 def _fillings(vary: Mapping[str, Any]) -> list[Override]:
-    """Paths of inflations among those that differ, and the value of each that is farthest from 0."""
+    """Return paths of inflations among those that differ, and the value of each that is farthest from 0."""
     asked: list[Override] = []
     for path, values in vary.items():
         named = FILLING.fullmatch(path)

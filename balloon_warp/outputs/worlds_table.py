@@ -37,12 +37,12 @@ def write_worlds(npz: Path, text: Path, table: TableWriter, endings: Mapping[int
 
 
 def worlds_columns(varied: list[str], measures: list[str]) -> list[str]:
-    """The names of the columns, in order."""
+    """Return the names of the columns, in order."""
     return ["world", *varied, "health", "ending", "last_frame", *(f"{m}_{end}" for m in measures for end in EXTREMES)]
 
 
 def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[str, NDArray]]:
-    """Names and values, shape (world_count,); of a world that blew up the last good frame is the end."""
+    """Return names and values, shape (world_count,); of a world that blew up the last good frame is the end."""
     worlds, good = np.arange(table.world_count, dtype=np.int32), table.health != 0
     health = table.health[-1]
     words = [endings.get(world, WELL) if well else BLEW_UP for world, well in enumerate(health.tolist())]
@@ -57,7 +57,7 @@ def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[s
 
 
 def _texts(values: NDArray) -> list[str]:
-    """Nine digits give back every float32, and repr every float64."""
+    """Format numbers so that they read back: nine digits of a float32, repr of a float64."""
     if values.dtype == np.float32:
         return [f"{value:.9g}" for value in values.tolist()]
     return [str(value) for value in values.tolist()]

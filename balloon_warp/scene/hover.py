@@ -20,7 +20,7 @@ INDENT = " " * 4
 
 
 def unsaid() -> Iterator[tuple[Tables, str, str]]:
-    """Tables, fields that do not say below them what they are, and what that is."""
+    """Return tables, fields that do not say below them what they are, and what that is."""
     for table in dict.fromkeys(table for _, table in tables()):
         for field in vars(table).get("__annotations__", {}):
             if field in table.model_fields:
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def as_docstring(meaning: str) -> list[str]:
-    """The lines of one."""
+    """Return the lines of a docstring."""
     text = f'"""{meaning}{" " * meaning.endswith(chr(34))}"""'
     return textwrap.wrap(
         text, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT, break_on_hyphens=False, break_long_words=False

@@ -77,7 +77,7 @@ def _units(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[str,
 
 
 def _meaning(path: str) -> str:
-    """What the schema says of a field, or of what its path ends in."""
+    """Return what the schema says of a field, or of what its path ends in."""
     said, table = "", cast("Any", Scene)
     for name in (name for name in path.split(".") if not name.isdecimal()):
         if table is None or name not in table.model_fields:

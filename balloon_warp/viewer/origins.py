@@ -30,7 +30,7 @@ class Origins:
 
     @property
     def hosts(self) -> set[str]:
-        """the names of those that may: a proxy may hand on what it was asked for as"""
+        """Host names of the trusted origins: a proxy may hand on what it was asked for as."""
         return {str(urlsplit(origin).hostname) for origin in self.trusted}
 
     def admit(self, origin: str, host: str) -> bool:

@@ -51,7 +51,7 @@ def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[L
 
 
 def told_of_saving(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> str:
-    """What became of saving a recording, in a sentence."""
+    """Save a recording, and return what became of that in a sentence."""
     try:
         files = save_recording(recorded, folder, name, laws)
     except InputError as mistake:

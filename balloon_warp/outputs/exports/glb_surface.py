@@ -15,7 +15,7 @@ from balloon_warp.outputs.render.prims import is_round
 
 
 class Surface(NamedTuple):
-    """A mesh in triangles and in vertices of one normal, one texture coordinate and one color each."""
+    """A mesh in triangles, with one normal, one texture coordinate and one color a vertex."""
 
     topology: PolygonMesh
     """the mesh in vertices of one normal each, whose points do not count"""
@@ -33,7 +33,7 @@ class Surface(NamedTuple):
     """linear RGB, shape (vertex_count, 3), where a material has several"""
 
     def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Positions and unit normals for the mesh's points, each of shape (vertex_count, 3)."""
+        """Return positions and unit normals for the mesh's points, each of shape (vertex_count, 3)."""
         moved = replace(self.topology, points=points[self.points])
         normals = vertex_normals(moved)
         normals[~normals.any(axis=1)] = (0.0, 1.0, 0.0)  # glTF wants unit vectors everywhere

@@ -13,7 +13,7 @@ from balloon_warp.outputs.render.printed import Texture, find_texture
 
 @dataclass(frozen=True)
 class Cover:
-    """One material."""
+    """A material of a drawn prim: its finish and its image."""
 
     name: str
     finish: Finish
@@ -23,7 +23,7 @@ class Cover:
 
 @dataclass(frozen=True)
 class Covering:
-    """Materials, and where they are."""
+    """Materials of a drawn prim, and the one of each face."""
 
     covers: tuple[Cover, ...]
     of_faces: NDArray[np.int32]
@@ -33,7 +33,7 @@ class Covering:
 
     @property
     def places(self) -> NDArray[np.float32] | None:
-        """Where in the images each corner is, shape (corner_count, 2); None where there is no image."""
+        """Image coordinates of each corner, shape (corner_count, 2); None where there is no image."""
         return next((cover.texture.places for cover in self.covers if cover.texture), None)
 
 
@@ -44,7 +44,7 @@ def read_covering(
     point_count: int,
     whole: NDArray[np.bool_],
 ) -> Covering:
-    """That of a mesh.
+    """Read the materials of a mesh.
 
     Args:
         whole: of which faces, shape (len(counts),).
@@ -69,12 +69,12 @@ def read_covering(
 
 
 def plain_covering(prim: Usd.Prim, color: NDArray[np.float32], face_count: int, corner_count: int) -> Covering:
-    """That of a prim of one color."""
+    """Return the covering of a prim of one color."""
     return Covering((Cover("", read_finish(prim)),), np.zeros(face_count, np.int32), np.tile(color, (corner_count, 1)))
 
 
 def _of_used(covers: tuple[Cover, ...], of_faces: NDArray[np.int32], colors: NDArray[np.float32]) -> Covering:
-    """Without materials that no face has; the first stays where there is no face."""
+    """Drop materials that no face has; the first stays where there is no face."""
     used, numbers = np.unique(of_faces, return_inverse=True)
     kept = used.tolist() or [0]
     return Covering(tuple(covers[number] for number in kept), numbers.ravel().astype(np.int32), colors)

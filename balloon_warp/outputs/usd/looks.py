@@ -16,13 +16,13 @@ from balloon_warp.scene import Balloon, Body, Obstacle
 
 
 def looks_of_file(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body) -> Looks | None:
-    """The looks of a mesh's file, where they count: what the scene says of its color counts for more."""
+    """Return the looks of a mesh's file, where they count: what the scene says of its color counts for more."""
     covered = said.color is not None or (isinstance(said, Balloon) and said.print is not None)
     return None if mesh is None or covered else mesh.looks
 
 
 def mean_color(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body, otherwise: Color) -> Color:
-    """What a thing looks like in one color.
+    """Return the looks of a thing as one color.
 
     Args:
         otherwise: its color where its mesh's file says none, or less than the scene.
@@ -58,7 +58,7 @@ def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
 
 
 def _pictures(models: Iterable[Model | ModelPlan]) -> list[Picture]:
-    """Those that are seen, by their names."""
+    """Return the images that are seen, by their names."""
     pictures = {}
     for model in models:
         scene, solids = model.scene, [*model.obstacles, *(body.solid for body in model.bodies)]
@@ -77,20 +77,12 @@ def place_texture(prim: UsdGeom.Mesh, mesh: PolygonMesh) -> None:
         st.Set(Vt.Vec2fArray.FromNumpy(mesh.texture_coordinates))
 
 
-def paint_as_file(
-    prim: UsdGeom.Mesh,
-    mesh: PolygonMesh,
-    looks: Looks,
-    otherwise: Color,
-    roughness: float = 0.5,
-    opacity: float = 1.0,
-    clearcoat: float = 0.0,
-    metallic: float = 0.0,
-) -> None:
+def paint_as_file(prim: UsdGeom.Mesh, mesh: PolygonMesh, looks: Looks, otherwise: Color, **finish: float) -> None:
     """Give a prim the looks of its mesh's file: display colors, and materials of one finish.
 
     Args:
         otherwise: the color of faces of which the file says none.
+        finish: of the materials, as `define_material`.
     """
     of_faces = looks.of_corners[face_starts(mesh)]
     used = np.unique(of_faces).tolist()
@@ -99,7 +91,7 @@ def paint_as_file(
         look = looks.materials[number] if number >= 0 else None
         name = None if len(used) == 1 else (look.name if look else "Other")
         color = look.color if look else otherwise
-        material = define_material(prim, color, roughness, opacity, clearcoat, metallic, name)
+        material = define_material(prim, color, name, **finish)
         if look is not None and look.picture is not None:
             put_image(material, look.picture.path, look.color)
         elif look is None and looks.colors is not None:
@@ -117,7 +109,7 @@ def paint_as_file(
 
 
 def _set_display_colors(prim: UsdGeom.Mesh, mesh: PolygonMesh, looks: Looks, otherwise: Color) -> None:
-    """One, or one a face, or one a corner, whatever says it all."""
+    """Author one display color, or one a face, or one a corner, whichever is the least."""
     colors = looks.color_at_corners(otherwise)
     firsts = colors[face_starts(mesh)]
     if (colors == colors[0]).all():

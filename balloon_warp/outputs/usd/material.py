@@ -24,6 +24,8 @@ GROUND_COLOR: Color = (0.72, 0.70, 0.66)
 WATER_COLOR: Color = (0.06, 0.40, 0.52)
 LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.8, "coat_roughness": 0.08}
 """of a rubber balloon, as OpenPBR names it: of thin walls, the subsurface's weight is of light that comes through"""
+PLAIN_FINISH = {"roughness": 0.5, "opacity": 1.0, "clearcoat": 0.0}
+"""inputs of UsdPreviewSurface, of what says nothing else"""
 
 
 def palette_color(number: int) -> Color:
@@ -38,31 +40,21 @@ def balloon_color(scene: Scene, number: int) -> Color:
     return scene.balloon[number].color or palette_color(number)
 
 
-def paint(
-    gprim: UsdGeom.Gprim,
-    color: Color,
-    roughness: float = 0.5,
-    opacity: float = 1.0,
-    clearcoat: float = 0.0,
-    metallic: float = 0.0,
-) -> UsdShade.Material:
-    """Give a gprim its color and a material of its own, under the stage's /World/Looks."""
+def paint(gprim: UsdGeom.Gprim, color: Color, **finish: float) -> UsdShade.Material:
+    """Give a gprim its color and a material of its own, as `define_material`."""
     gprim.CreateDisplayColorAttr([Gf.Vec3f(*color)])
-    material = define_material(gprim, color, roughness, opacity, clearcoat, metallic)
+    material = define_material(gprim, color, **finish)
     bind(gprim.GetPrim(), material)
     return material
 
 
-def define_material(
-    gprim: UsdGeom.Gprim,
-    color: Color,
-    roughness: float = 0.5,
-    opacity: float = 1.0,
-    clearcoat: float = 0.0,
-    metallic: float = 0.0,
-    name: str | None = None,
-) -> UsdShade.Material:
-    """A material for a gprim, or, with a name, one of several."""
+def define_material(gprim: UsdGeom.Gprim, color: Color, name: str | None = None, **finish: float) -> UsdShade.Material:
+    """Define a material for a gprim under the stage's /World/Looks.
+
+    Args:
+        name: of one of several.
+        finish: inputs of UsdPreviewSurface beside the color: roughness, opacity, clearcoat, metallic.
+    """
     stage = gprim.GetPrim().GetStage()
     looks = UsdGeom.Scope.Define(stage, "/World/Looks")
     words = gprim.GetPath().pathString.split("/")[2:]
@@ -74,10 +66,7 @@ def define_material(
     shader = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
     shader.CreateIdAttr("UsdPreviewSurface")
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*color))
-    finish = {"roughness": roughness, "opacity": opacity, "clearcoat": clearcoat}
-    if metallic:
-        finish["metallic"] = metallic
-    for each, value in finish.items():
+    for each, value in (PLAIN_FINISH | finish).items():
         shader.CreateInput(each, Sdf.ValueTypeNames.Float).Set(value)
     material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
     return material

@@ -8,7 +8,8 @@
     const note = document.createElement("div");
     note.id = "refused";
     note.setAttribute("role", "alert");
-    note.textContent = await answer.text();
+    const said = await answer.text();
+    note.textContent = said[0].toUpperCase() + said.slice(1) + ".";
     document.body.append(note);
   });
 })();
