@@ -212,5 +212,5 @@ def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
             assert np.ptp(shape.mesh.points[:, up_axis]) == pytest.approx(height, rel=0.02)
     trimesh.Scene(cone).export(tmp_path / "cone.glb")
     assert load_scene(tmp_path / "cone.glb").description == (
-        "cone.glb, 1.2 m large, inflates above a floor. Y is up, as its file says. Its unit is 1 m, as its file says"
+        "cone.glb, 1.2 m large, inflates above a floor. Y is up, as its file says. Its unit is m, as its file says"
     )

@@ -105,7 +105,8 @@ def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str) -> str:
         up += f". It is turned, so that this is the scene's {up_axis}"
     if balloon.unit:
         return f". {up}. Its unit is {balloon.unit}, as told"
-    return f". {up}. Its unit is {mesh.meters_per_unit:g} m, as its file says" if mesh.unit_known else f". {up}"
+    unit = {meters: name for name, meters in METERS.items()}.get(mesh.meters_per_unit, f"{mesh.meters_per_unit:g} m")
+    return f". {up}. Its unit is {unit}, as its file says" if mesh.unit_known else f". {up}"
 
 
 def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | None, taken: str) -> str:
