@@ -91,7 +91,7 @@ def paint_as_file(prim: UsdGeom.Mesh, mesh: PolygonMesh, looks: Looks, otherwise
         look = looks.materials[number] if number >= 0 else None
         name = None if len(used) == 1 else (look.name if look else "Other")
         color = look.color if look else otherwise
-        material = define_material(prim, color, name, **finish)
+        material = define_material(prim, color, name=name, **finish)
         if look is not None and look.picture is not None:
             put_image(material, look.picture.path, look.color)
         elif look is None and looks.colors is not None:

@@ -43,12 +43,14 @@ def balloon_color(scene: Scene, number: int) -> Color:
 def paint(gprim: UsdGeom.Gprim, color: Color, **finish: float) -> UsdShade.Material:
     """Give a gprim its color and a material of its own, as `define_material`."""
     gprim.CreateDisplayColorAttr([Gf.Vec3f(*color)])
-    material = define_material(gprim, color, **finish)
+    material = define_material(gprim, color, name=None, **finish)
     bind(gprim.GetPrim(), material)
     return material
 
 
-def define_material(gprim: UsdGeom.Gprim, color: Color, name: str | None = None, **finish: float) -> UsdShade.Material:
+def define_material(
+    gprim: UsdGeom.Gprim, color: Color, *, name: str | None = None, **finish: float
+) -> UsdShade.Material:
     """Define a material for a gprim under the stage's /World/Looks.
 
     Args:
