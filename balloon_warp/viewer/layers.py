@@ -55,8 +55,9 @@ class Layers:
     def __init__(self, server: viser.ViserServer, on_drag: Callable[[Any], Any]):
         self.server, self._on_drag = server, on_drag
         self.shown = {name: name in AT_START for name in LAYERS}
-        self._load = 0
-        self._count = 0
+        self._load, self._count = 0, 0
+        self._coming: tuple[viser.IcosphereHandle, int] | None = None
+        """a sphere that was asked for, and by which wish"""
         server.scene.configure_default_lights(enabled=False)
         self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
 
@@ -80,6 +81,18 @@ class Layers:
         self._count += 1
         self.server.flush()
 
+    def foresee(self, position: NDArray[np.floating], radius: float, color: colors.Color, asked: int) -> None:
+        """Draw a sphere that was asked for where it will start, until a picture shows what became of it.
+
+        Args:
+            asked: how many wishes there were until then.
+        """
+        coming = self.server.scene.add_icosphere(
+            "/spheres/coming", radius=radius, color=color, subdivisions=4, position=tuple(position.tolist())
+        )
+        self._coming = coming, asked
+        self.server.flush()
+
     @property
     def drawing(self) -> Drawing:
         """Of the model that is shown."""
@@ -87,7 +100,7 @@ class Layers:
 
     def _build(self, picture: Picture) -> None:
         """Everything anew, for another model."""
-        scene, self._load = self.server.scene, picture.load
+        scene, self._load, self._coming = self.server.scene, picture.load, None
         for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
             scene.remove_by_name(name)
         self._drawing = Drawing(picture.model)
@@ -199,6 +212,9 @@ class Layers:
         there = {
             number: place for place, number in enumerate(picture.sphere_numbers) if place < len(radii) and radii[place]
         }
+        if self._coming and picture.granted >= self._coming[1]:
+            self._coming[0].remove()
+            self._coming = None
         for number in self._spheres.keys() - there.keys():
             self._spheres.pop(number).remove()
         for number, place in there.items():
