@@ -13,7 +13,7 @@ from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.session import Session
 from balloon_warp.viewer.sliders import VALUES, WIDER, Value, of_tables, stands_in, values_of
-from balloon_warp.viewer.status import KEYS_BUTTON, details, status_line, strain_legend
+from balloon_warp.viewer.status import KEYS_BUTTON, details, status_line, strain_legend, trouble_line
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04
@@ -77,8 +77,7 @@ class Controls:
                 _put(self.inflation, picture.inflation)  # a scene that inflates by itself, or a key
         self.run.label = "Pause" if picture.running else "Run"
         self.trouble.visible = self.back.visible = bool(picture.trouble)
-        if picture.trouble:
-            self.trouble.content = picture.trouble
+        self.trouble.content = trouble_line(picture) if picture.trouble else ""
         self.record.label = "Stop and save" if picture.recorded_seconds is not None else "Record"
         self.status.content, self.details.content = status_line(picture), details(picture)
 
@@ -91,8 +90,8 @@ class Controls:
         return abs(slider.value - picture.inflation) > 1e-3 * (slider.max - slider.min)
 
     def _add_trouble(self) -> None:
-        self.trouble = self.server.gui.add_markdown("", visible=False)
-        self.back = self.server.gui.add_button("Back to the last good state", color="red", visible=False)
+        self.trouble = self.server.gui.add_html("", visible=False)
+        self.back = self.server.gui.add_button("Go back", visible=False, hint="to the shape that is seen")
         self.back.on_click(lambda _: self.session.go_back())
 
     def _add_time(self, look: Callable[[viser.ClientHandle], None]) -> None:

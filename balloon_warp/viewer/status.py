@@ -43,6 +43,11 @@ def status_line(picture: Picture, busy_seconds: float = 0.0) -> str:
     )
 
 
+def trouble_line(picture: Picture) -> str:
+    """What went wrong; more of it where a pointer rests."""
+    return f'<div class="bw-trouble" role="alert" title="{escape(picture.why)}">{escape(picture.trouble)}</div>'
+
+
 def _pace(picture: Picture) -> tuple[str, str]:
     """How fast time runs, and why where it is slower than asked."""
     if not picture.running:
