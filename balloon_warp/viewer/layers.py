@@ -118,6 +118,7 @@ class Layers:
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
             camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)
         self._balloons, self._bands = [], []
+        self._colors = [balloon.color for balloon in picture.scene.balloon]
         scene.add_frame("/balloons", show_axes=False)
         scene.add_frame("/strain", show_axes=False)
         scene.add_frame("/lines", show_axes=False)
@@ -171,6 +172,12 @@ class Layers:
         for number, (balloon, bands) in enumerate(zip(self._balloons, self._bands, strict=True)):
             points = picture.frame.points[number]
             _see(balloon, self.shown["balloon"] and not strained)
+            color = picture.scene.balloon[number].color
+            if color != self._colors[number]:
+                self._colors[number] = color
+                mesh = picture.model.shapes[number].mesh
+                if not isinstance(self._surfaces[number], Printed):
+                    balloon.color = colors.balloon_color(picture.scene, number, mesh)
             if balloon.visible:
                 balloon.vertices = self._surfaces[number].points(points)
                 self._hide_torn(picture, number, balloon)

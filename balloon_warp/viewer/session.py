@@ -65,6 +65,8 @@ class Session:
         self.recording: Recording | None = None
         self.writer: threading.Thread | None = None
         """of the last recording that ended"""
+        self.saved: tuple[Path, ...] = ()
+        """the files of the last recording that was written"""
         self._load, self._revision, self._step_seconds = 1, 1, 0.0
         self._is_new = True
         self._busy_since: float | None = None
@@ -229,6 +231,10 @@ class Session:
         with in_turn(self.playground.simulator.model.device):
             self.picture = self._take_picture()
 
+    def tell(self, sentence: str) -> None:
+        """Say something to whoever watches."""
+        self.notices.append(sentence)
+
     def _refuse(self, sentence: str) -> None:
         self.notices.append(sentence)
         self._revision += 1  # whoever asked sees what holds
@@ -258,7 +264,9 @@ class Session:
         name = f"{self.name}_{self._recordings}"
 
         def write() -> None:
-            self.notices.append(told_of_saving(recorded, self.folder, name, self.laws))
+            said, files = told_of_saving(recorded, self.folder, name, self.laws)
+            self.saved = files or self.saved
+            self.tell(said)
 
         self.writer = threading.Thread(target=write, name="recording")
         self.writer.start()

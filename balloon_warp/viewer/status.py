@@ -43,6 +43,11 @@ def status_line(picture: Picture, busy_seconds: float = 0.0) -> str:
     )
 
 
+def row_of(count: int, large: bool = False) -> str:
+    """What says that so many buttons that follow stand side by side; see page_files/page.css."""
+    return f'<div class="bw-row-{count}{" bw-large" if large else ""}"></div>'
+
+
 def trouble_line(picture: Picture) -> str:
     """What went wrong; more of it where a pointer rests."""
     return f'<div class="bw-trouble" role="alert" title="{escape(picture.why)}">{escape(picture.trouble)}</div>'
