@@ -80,10 +80,10 @@ def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
     for height, far in ((0.5, 1.5 + 2.0), (-0.5, -1.5 - 2.0)):
         balloon = Balloon(mesh=quad_sphere(2), position=(0.0, height, 0.0))
         model = build_model(Scene(balloon=[balloon], string=[String(anchor=(1.0, 0.0, 0.0), length=1.5)]), "cpu")
-        reach = string_reach(model, 2.0, np.array([0.0, height, 0.0]), up)
+        reach = string_reach(model, up)
         np.testing.assert_allclose(reach, [[1.0, 0.0, 0.0], [1.0, far, 0.0]])
     without = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu")
-    assert string_reach(without, 2.0, np.zeros(3), up).shape == (0, 3)
+    assert string_reach(without, up).shape == (0, 3)
 
 
 @pytest.mark.parametrize(

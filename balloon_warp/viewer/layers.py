@@ -8,6 +8,7 @@ import viser
 from numpy.typing import NDArray
 
 from balloon_warp.viewer import colors
+from balloon_warp.viewer.following import go_home
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
 from balloon_warp.viewer.knots import ROOT as KNOTS
 from balloon_warp.viewer.knots import KnotLayer
@@ -38,6 +39,8 @@ LINES = {
     "normals": colors.NORMALS,
     "forces": colors.FORCES,
 }
+AWAY = 1.1
+"""how far a camera stands from what it sees, in sizes of that: it fills most of the view"""
 LIGHT = 2.8
 """of the studio's key light; where it stands and what its shadow covers the page finds itself (page_files/look.js)"""
 SLOWER = 3
@@ -113,10 +116,10 @@ class Layers:
         center = (low + high) / 2
         self.obstacles = ObstacleLayer(self.server, picture, center, self.size)
         self._levels = LevelLayer(self.server, picture, center, self.size)
-        around = [start, string_reach(picture.model, self.size, center, up), self.obstacles.seen]
+        around = [start, string_reach(picture.model, up), self.obstacles.seen]
         self.home = _home(np.concatenate(around), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
-            camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)
+            go_home(camera, *self.home)
         self._balloons, self._bands = [], []
         self._colors = [balloon.color for balloon in picture.scene.balloon]
         scene.add_frame("/balloons", show_axes=False)
@@ -256,7 +259,7 @@ def _home(
     """Where a camera stands that sees points, from a side and a little above, and what it looks at; shape (3,) each."""
     low, high = points.min(axis=0), points.max(axis=0)
     center, size = (low + high) / 2, float((high - low).max())
-    return center + 1.7 * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
+    return center + AWAY * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
 
 
 def _see(handle: Any, visible: bool) -> None:

@@ -17,7 +17,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.viewer import colors
 from balloon_warp.viewer.ahead import Ahead
 from balloon_warp.viewer.controls import Controls
-from balloon_warp.viewer.following import Follower, look_at
+from balloon_warp.viewer.following import Follower, go_home, look_at
 from balloon_warp.viewer.guard import guarded
 from balloon_warp.viewer.layers import Layers
 from balloon_warp.viewer.origins import Origins
@@ -139,7 +139,7 @@ class Page:
             client.add_notification("Balloon Warp", str(sentence), auto_close_seconds=8.0, color=color)
 
     async def _welcome(self, client: viser.ClientHandle) -> None:
-        client.camera.position, client.camera.look_at = (tuple(place.tolist()) for place in self.layers.home)
+        go_home(client.camera, *self.layers.home)
 
     def _look(self, client: viser.ClientHandle) -> None:
         """Turn a window to the balloons where they are now, as far away as at first, and follow them; or stay."""
