@@ -65,6 +65,11 @@ class Phase:
     also_reads: tuple[str, ...] = ()
     """of a phase of the host: values"""
 
+    @property
+    def summary(self) -> str:
+        """What it does, in a line."""
+        return " ".join((self.make.__doc__ or self.name).partition("\n\n")[0].split())
+
     def function(self, traits: Traits, look: Look) -> Any:
         """The `wp.func`."""
         return _made(self, traits, look)

@@ -1,6 +1,7 @@
 """Lists of phases without any physics, cut into pieces and launched, against NumPy: a missing barrier would be seen."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,7 @@ def heed(traits: Traits, look: Look) -> Any:
 
 def sums_of(points: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     """Of each balloon, shape (worlds, balloons, 3)."""
-    return np.stack([points[:, a:b].sum(axis=1) for a, b in zip(offsets[:-1], offsets[1:], strict=True)], axis=1)
+    return np.stack([points[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
 
 
 def by_numpy(name: str, have: Values, offsets: np.ndarray) -> None:
@@ -100,9 +101,7 @@ def by_numpy(name: str, have: Values, offsets: np.ndarray) -> None:
         "trade": lambda: {"velocity": have["point"], "point": have["velocity"]},
         "add": lambda: {"total": sums_of(have["point"], offsets)},
         "halve": lambda: {"half": 0.5 * have["total"]},
-        "heed": lambda: {
-            "velocity": 0.5 * have["velocity"] + 0.25 * np.repeat(have["half"], np.diff(offsets), axis=1)
-        },
+        "heed": lambda: {"velocity": 0.5 * have["velocity"] + 0.25 * np.repeat(have["half"], np.diff(offsets), axis=1)},
     }
     have |= each[name]()
 

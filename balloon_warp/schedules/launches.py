@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.launched import ITEMS_OF_PART, kernel_of
+from balloon_warp.kernels.schedules.launched import ITEMS_OF_PART, Part, arguments_of, kernel_of
 from balloon_warp.kernels.schedules.near import mark_count
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.schedules.working import Working
@@ -88,20 +88,29 @@ class Launches:
         return now
 
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
-        new = self._targets(piece, state, now)
-        inputs = [self.tables, time_in_frame, world_state(state), self.working, *now, *new, *self.values.values()]
+        new, m = self._targets(piece, state, now), self.model
+        has = {
+            "t": self.tables, "time_in_frame": time_in_frame, "state": world_state(state), "working": self.working,
+            **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
+            **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
+            **{f"all_{value}": array for value, array in self.values.items()},
+        }  # fmt: skip
         if piece.sums:
-            self._sum(piece, inputs)
+            self._sum(piece, has)
         elif piece.item == "team":
-            self._over(self.kernel(piece), (self.model.world_count,), inputs)
+            self._over(piece, (m.world_count,), has)
         elif piece.item == "spring":
-            for _ in range(self.model.scene.correction_sweeps):
+            for _ in range(m.scene.correction_sweeps):
                 for first, count in self._colors:
-                    shape = (self.model.world_count, count)
-                    launch(self.kernel(piece), shape, [*inputs, first], device=self.model.device)
+                    inputs = self._inputs(piece, {**has, "first_spring": first})
+                    launch(self.kernel(piece), (m.world_count, count), inputs, device=m.device)
         else:
-            launch(self.kernel(piece), self._shape(piece.item), inputs, device=self.model.device)
+            launch(self.kernel(piece), self._shape(piece.item), self._inputs(piece, has), device=m.device)
         return new
+
+    def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
+        """What the kernel of a piece takes, in order."""
+        return [has[name] for name in arguments_of(self.step, piece, part)]
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
         """Where the piece leaves points and velocities."""
@@ -113,21 +122,23 @@ class Launches:
         )
         return points, velocities
 
-    def _sum(self, piece: Piece, inputs: list[Any]) -> None:
+    def _sum(self, piece: Piece, has: Mapping[str, Any]) -> None:
         m, parts = self.model, self._parts.get(piece.name)
         whole = (m.world_count, m.balloon_count)
         if parts is None:
-            self._over(self.kernel(piece), whole, inputs)
+            self._over(piece, whole, has)
         else:
-            self._over(self.kernel(piece, "part"), parts.shape, [*inputs, parts])
-            self._over(self.kernel(piece, "parts"), whole, [*inputs, parts])
+            self._over(piece, parts.shape, {**has, "all_parts": parts}, "part")
+            self._over(piece, whole, {**has, "all_parts": parts}, "parts")
 
-    def _over(self, kernel: Any, blocks: tuple[int, ...], inputs: list[Any]) -> None:
+    def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
+        """Launch so many blocks."""
         device = self.model.device
         threads = TEAM_THREADS if device.is_cuda else 1
-        launch_tiled(kernel, dim=blocks, inputs=inputs, block_dim=threads, device=device)
+        inputs = self._inputs(piece, has, part)
+        launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
 
-    def kernel(self, piece: Piece, part: str = "all") -> Any:
+    def kernel(self, piece: Piece, part: Part = "all") -> Any:
         """That of a piece."""
         pulls = any(phase.name == "pull" for phase in piece.phases)
         registers = MOST_REGISTERS if piece.item == "particle" and not piece.sums else 0

@@ -26,7 +26,7 @@ def _cached(traits: Traits) -> bool:
 
 @phase("face", {"face_center": wp.vec3, "face_area": wp.vec3}, when=_aims, once=_cached)
 def measure(traits: Traits, look: Look) -> Any:
-    """The center of a face [m], and its area times its unit normal [m^2]."""
+    """Measure the center of a face [m], and its area times its unit normal [m^2]."""
 
     @wp.func
     def measure(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
@@ -38,7 +38,7 @@ def measure(traits: Traits, look: Look) -> Any:
 
 @phase("face", {"balloon_area": float}, when=_aims, once=_cached, sums=True)
 def extend(traits: Traits, look: Look) -> Any:
-    """A face's part of its balloon's area [m^2]."""
+    """Sum the area of a balloon [m^2]."""
 
     @wp.func
     def extend(face_area: wp.vec3):
@@ -49,7 +49,7 @@ def extend(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"aim": wp.vec3}, when=_aims, once=_cached)
 def take_aim(traits: Traits, look: Look) -> Any:
-    """(A_p / A_total) n"""
+    """Find where a normal force pushes a particle: (A_p / A_total) n."""
 
     @wp.func
     def take_aim(

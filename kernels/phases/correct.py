@@ -12,7 +12,7 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("spring", when=lambda traits: traits.corrected)
 def correct(traits: Traits, look: Look) -> Any:
-    """A spring; no two of one color end at one particle."""
+    """Shorten a spring that is too long; no two of one color end at one particle."""
     limit_column = traits.columns.places["correction_limit"] - traits.columns.balloon_width
 
     @wp.func

@@ -20,13 +20,13 @@ def _stays(traits: Traits) -> bool:
 
 @phase("world", when=lambda traits: traits.gas, once=_stays)
 def pump(traits: Traits, look: Look) -> Any:
-    """What is pumped in or let out."""
+    """Pump gas in, or let it out."""
     return pump_function(traits)
 
 
 @phase("balloon", when=lambda traits: traits.gas, once=_stays)
 def weigh(traits: Traits, look: Look) -> Any:
-    """The gas in a balloon, and the air that moves along."""
+    """Weigh the gas in a balloon, and the air that moves along."""
     gas_mass = gas_mass_function(traits)
 
     @wp.func
@@ -38,11 +38,11 @@ def weigh(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"inertia": float}, light=True)
 def burden(traits: Traits, look: Look) -> Any:
-    """What a particle moves [kg]."""
+    """Find what a particle has to move [kg]."""
     return inertia_function(traits)
 
 
 @phase("world", when=lambda traits: traits.gas_flows)
 def flow(traits: Traits, look: Look) -> Any:
-    """Through tubes, necks and leaks, once the loads are known that were without."""
+    """Let gas flow through tubes, necks and leaks, by the pressures then."""
     return flows_function(traits)

@@ -47,7 +47,7 @@ def inflation_of(traits: Traits) -> Any:
 
 @phase("particle", {"load": wp.vec2}, when=lambda traits: traits.pressures and not traits.gas, light=True)
 def given_load(traits: Traits, look: Look) -> Any:
-    """The pressure of what is no gas: the same at all heights."""
+    """Take a given pressure, the same at all heights."""
 
     @wp.func
     def given_load(keyed: float):
@@ -59,7 +59,7 @@ def given_load(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"inflation": wp.vec3})
 def inflate(traits: Traits, look: Look) -> Any:
-    """[N]"""
+    """Find the force of the inflation [N]."""
     inflation = inflation_of(traits)
 
     @wp.func
@@ -83,7 +83,7 @@ def inflate(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"net_force": wp.vec3})
 def add_up(traits: Traits, look: Look) -> Any:
-    """All forces, for who looks at them [N]."""
+    """Add up all forces [N], for who looks at them."""
 
     @wp.func
     def add_up(force: wp.vec3, inflation: wp.vec3):

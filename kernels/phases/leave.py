@@ -15,7 +15,7 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("particle", {"point": wp.vec3, "velocity": wp.vec3}, when=lambda traits: traits.obstacles)
 def leave(traits: Traits, look: Look) -> Any:
-    """Point and velocity outside. A particle that may exchange momentum with a sphere waits for the others."""
+    """Leave spheres, obstacles and the ground; what may exchange momentum with a sphere waits for the others."""
     leave_obstacles = obstacle_loop(traits, add_quanta)
     is_noted, around_own = noting_function(traits), around_function(traits)
 

@@ -64,7 +64,7 @@ def note_function(traits: Traits) -> Any:
 
 @phase("balloon", when=lambda traits: traits.gas)
 def load(traits: Traits, look: Look) -> Any:
-    """Noted in the state, which `push` reads it from."""
+    """Find the pressure of the gas, and note it in the state."""
     read_numbers, holds_gas = numbers_reader(traits.columns), holding_function(traits)
     load_of_balloon, note_load = load_function(traits), note_function(traits)
 

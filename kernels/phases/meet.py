@@ -16,7 +16,7 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("particle", when=lambda traits: traits.small_spheres)
 def keep_start(traits: Traits, look: Look) -> Any:
-    """Where a particle was, for the spheres that meet faces."""
+    """Keep where a particle was, for the spheres that meet faces."""
 
     @wp.func
     def keep_start(working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3):
@@ -27,23 +27,23 @@ def keep_start(traits: Traits, look: Look) -> Any:
 
 @phase("team", when=lambda traits: traits.impulses)
 def meet_spheres(traits: Traits, look: Look) -> Any:
-    """Spheres and particles."""
+    """Let spheres and particles exchange momentum."""
     return spheres_function(traits)
 
 
 @phase("team", when=lambda traits: traits.bodies > 0)
 def meet_bodies(traits: Traits, look: Look) -> Any:
-    """Free bodies and particles."""
+    """Let free bodies and particles exchange momentum."""
     return bodies_function(traits)
 
 
 @phase("team", when=lambda traits: traits.small_spheres)
 def meet_faces(traits: Traits, look: Look) -> Any:
-    """Spheres that are small beside faces, and these."""
+    """Let spheres meet faces beside which they are small."""
     return faces_function(traits)
 
 
 @phase("team", when=lambda traits: traits.edges_meet)
 def meet_edges(traits: Traits, look: Look) -> Any:
-    """Sharp edges."""
+    """Let sharp edges meet."""
     return edges_function(traits)

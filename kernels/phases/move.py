@@ -54,7 +54,7 @@ def drift_of(traits: Traits) -> Any:
 
 @phase("particle", {"gain": float}, light=True)
 def respond(traits: Traits, look: Look) -> Any:
-    """How a particle answers a force, see `response`."""
+    """Find the velocity that a force gives it, see `response`."""
 
     @wp.func
     def respond(t: Tables, inertia: float):
@@ -65,7 +65,7 @@ def respond(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"free_velocity": wp.vec3}, when=lambda traits: traits.gas)
 def free(traits: Traits, look: Look) -> Any:
-    """The velocity that all forces give but the inflation's: by it the gas finds its pressure."""
+    """Accelerate it by all forces but the inflation's: so the gas finds its pressure."""
 
     @wp.func
     def free(velocity: wp.vec3, force: wp.vec3, gain: float):
@@ -76,7 +76,7 @@ def free(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"velocity": wp.vec3})
 def push(traits: Traits, look: Look) -> Any:
-    """All forces accelerate a particle."""
+    """Accelerate it by all forces."""
 
     @wp.func
     def push(velocity: wp.vec3, force: wp.vec3, inflation: wp.vec3, gain: float):
@@ -100,11 +100,11 @@ def _move(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"point": wp.vec3}, when=lambda traits: traits.forward_euler)
 def move_first(traits: Traits, look: Look) -> Any:
-    """By the old velocity: forward Euler."""
+    """Move it by the old velocity: forward Euler."""
     return _move(traits, look)
 
 
 @phase("particle", {"point": wp.vec3}, when=lambda traits: not traits.forward_euler)
 def move(traits: Traits, look: Look) -> Any:
-    """By the new velocity: symplectic Euler."""
+    """Move it by the new velocity: symplectic Euler."""
     return _move(traits, look)

@@ -16,12 +16,12 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("particle", {"force": wp.vec3, "area_vector": wp.vec3})
 def pull(traits: Traits, look: Look) -> Any:
-    """The forces [N], and where it is needed the particle's area vector [m^2]."""
+    """Sum the forces on a particle [N], and where it is needed find its area vector [m^2]."""
     net_force = net_force_function(traits, look.loops(traits))
 
     @wp.func
-    def pull(t: Tables, points: Any, own: Any, working: Working, point: wp.vec3, velocity: wp.vec3, time: float):
-        force, area_vector, _facing = net_force(t, points, points, own, working, point, velocity, time)
+    def pull(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3, velocity: wp.vec3, time: float):
+        force, area_vector, _facing = net_force(t, points, points, own, springs, point, velocity, time)
         return force, area_vector
 
     @wp.func
@@ -30,17 +30,19 @@ def pull(traits: Traits, look: Look) -> Any:
         points: Any,
         velocities: Any,
         own: Any,
-        working: Working,
+        springs: Any,
         point: wp.vec3,
         velocity: wp.vec3,
         time: float,
     ):
-        force, area_vector, _facing = net_force(t, points, velocities, own, working, point, velocity, time)
+        force, area_vector, _facing = net_force(t, points, velocities, own, springs, point, velocity, time)
         return force, area_vector
 
     @wp.func
-    def pull_alone(t: Tables, own: Any, working: Working, point: wp.vec3, velocity: wp.vec3, time: float):
-        force, area_vector, _facing = net_force(t, point, velocity, own, working, point, velocity, time)  # looks nowhere
+    def pull_alone(t: Tables, own: Any, springs: Any, point: wp.vec3, velocity: wp.vec3, time: float):
+        force, area_vector, _facing = net_force(
+            t, point, velocity, own, springs, point, velocity, time
+        )  # looks nowhere
         return force, area_vector
 
     if look.alone(traits):
@@ -50,7 +52,7 @@ def pull(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"force": wp.vec3}, when=lambda traits: traits.touches)
 def take(traits: Traits, look: Look) -> Any:
-    """What contacts have pushed the particle with since the last substep."""
+    """Add what contacts push it with."""
 
     @wp.func
     def take(working: Working, own: Any, force: wp.vec3):
@@ -61,7 +63,7 @@ def take(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"force": wp.vec3}, when=lambda traits: traits.jets)
 def jet(traits: Traits, look: Look) -> Any:
-    """The thrust at the balloon's neck."""
+    """Add the thrust at the balloon's neck."""
     thrust_at = jet_loop(traits, look.at)
 
     @wp.func
@@ -74,7 +76,7 @@ def jet(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"force": wp.vec3}, when=lambda traits: traits.bursts)
 def jet_of_holes(traits: Traits, look: Look) -> Any:
-    """The thrust of the holes where the balloon is torn."""
+    """Add the thrust of holes where the balloon is torn."""
     thrust_at = hole_jet_loop(look.at)
 
     @wp.func

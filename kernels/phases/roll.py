@@ -16,8 +16,7 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("sphere", when=lambda traits: traits.spheres > 0)
 def roll(traits: Traits, look: Look) -> Any:
-    """Under the forces since the last substep, which are then cleared, or, where spheres exchange momentum afterwards,
-    without contact."""
+    """Move a sphere, under the forces since the last substep, or where spheres exchange momentum without contact."""
     course_after = rolling_function(traits)
     split = traits.columns.balloon_width
     gravity, height, restitution = (
@@ -49,7 +48,7 @@ def roll(traits: Traits, look: Look) -> Any:
 
 @phase("world", when=lambda traits: traits.spheres_meet)
 def collide(traits: Traits, look: Look) -> Any:
-    """Spheres that have moved meet each other."""
+    """Let spheres that have moved meet each other."""
     collide_all = colliding_function(traits, path_in_arrays, put_in_arrays)[0]
 
     @wp.func
@@ -62,5 +61,5 @@ def collide(traits: Traits, look: Look) -> Any:
 
 @phase("world", when=lambda traits: traits.bodies > 0)
 def tumble(traits: Traits, look: Look) -> Any:
-    """Free bodies move, once spheres have."""
+    """Move free bodies, once spheres have."""
     return tumbling_function(traits)

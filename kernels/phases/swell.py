@@ -87,7 +87,7 @@ def swell_function(traits: Traits, sphere_at: Any) -> Any:
 
 @phase("particle", {"swelling": Swelling}, when=lambda traits: traits.gas, sums=True)
 def swell(traits: Traits, look: Look) -> Any:
-    """A particle's part of it."""
+    """Sum how the balloon would swell without its gas."""
     swelling_beside = swell_function(traits, look.sphere_at)
     remembered, around_own = memory_function(traits), around_function(traits)
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.loops.wear import wear_function
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.phases.holes import opening_function
 from balloon_warp.kernels.phases.tears import run_tears, tear_faces, weigh_faces
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -41,26 +41,35 @@ def wear_of_state(traits: Traits, at: Any, keeps: bool) -> Any:
 
 @phase("triangle", when=lambda traits: traits.wears)
 def wear(traits: Traits, look: Look) -> Any:
-    """What is left of a triangle's tension; the state notes how far it has been stretched."""
+    """Find what is left of a triangle's tension, and note how far it has been stretched."""
     return wear_of_state(traits, look.at, True)
 
 
 @phase("triangle", when=lambda traits: traits.wears)
 def look_at_wear(traits: Traits, look: Look) -> Any:
-    """The same, and nothing is noted: for who only looks."""
+    """Find what is left of a triangle's tension, and note nothing."""
     return wear_of_state(traits, look.at, False)
 
 
-def _tearing(name: str, function: Any) -> Phase:
-    return Phase(name, "face", lambda traits, look: function, when=lambda traits: traits.bursts)
+@phase("face", when=lambda traits: traits.bursts)
+def weigh_skin(traits: Traits, look: Look) -> Any:
+    """Find what a face bears; one that is torn pulls no more."""
+    return weigh_faces
 
 
-weigh_skin = _tearing("weigh_skin", weigh_faces)
-run = _tearing("run", run_tears)
-tear = _tearing("tear", tear_faces)
+@phase("face", when=lambda traits: traits.bursts)
+def run(traits: Traits, look: Look) -> Any:
+    """Find whether a tear begins at a face, or comes there."""
+    return run_tears
+
+
+@phase("face", when=lambda traits: traits.bursts)
+def tear(traits: Traits, look: Look) -> Any:
+    """Tear a face to which a tear has come."""
+    return tear_faces
 
 
 @phase("balloon", when=lambda traits: traits.bursts)
 def burst(traits: Traits, look: Look) -> Any:
-    """Whether a balloon bursts, and then how large its hole is."""
+    """Let a balloon burst, and find how large its hole is then."""
     return opening_function(traits.columns)

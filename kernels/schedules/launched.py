@@ -1,8 +1,9 @@
 """Phases as launches: the source of a kernel for each piece of a list, flat, with just what the piece does."""
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import warp as wp
 
@@ -19,24 +20,28 @@ from balloon_warp.kernels.written import kernel_from
 
 ITEMS_OF_PART = wp.constant(512)
 """of a large balloon, whose items are added up part by part"""
+Part = Literal["all", "part", "parts"]
+"""of a piece that sums: whether its kernel sums all items of a balloon, the items of a part, or the parts"""
 HANDLES = ("t", "time_in_frame", "state", "working")
 NAMES: Mapping[str, tuple[str, str]] = {
     "time": ("", "time_of(t, state.frame, time_in_frame)"),
     "end": ("", "end_of_step(t, state.frame, time_in_frame)"),
-    "points": ("", "points_[world]"),
-    "velocities": ("", "velocities_[world]"),
+    "points": ("", "all_points[world]"),
+    "velocities": ("", "all_velocities[world]"),
 }
 """how a piece finds what phases name: what that takes itself, and the text"""
 OF_PARTICLE: Mapping[str, tuple[str, str]] = {
     "own": ("", "read_own(t, world, particle)"),
     "balloon": ("own", "own.balloon"),
-    "point": ("", "vector_in(points_, world, particle)"),
-    "velocity": ("", "vector_in(velocities_, world, particle)"),
-    "origin": ("balloon", "points_[world, volume_origin(t, balloon)]"),
+    "point": ("", "vector_in(all_points, world, particle)"),
+    "velocity": ("", "vector_in(all_velocities, world, particle)"),
+    "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
     "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
     "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
 }
 """the same of a particle"""
+ALIASES = {"springs": "working"}
+"""handles that phases know by another name"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """where each balloon's items begin"""
 TYPES = {
@@ -48,13 +53,9 @@ TYPES = {
 
 
 class _Writer:
-    """Writes the source of a piece line by line.
+    """Writes the source of a piece line by line."""
 
-    Args:
-        part: of a piece that sums: whether it sums the items of a part, the parts, or all that a balloon has.
-    """
-
-    def __init__(self, step: Step, piece: Piece, part: str = "all"):
+    def __init__(self, step: Step, piece: Piece, part: Part = "all"):
         self.step, self.piece, self.part = step, piece, part
         _, self.read_own = own_functions(step.traits.columns, step.traits.balloons)
         self.lines: list[str] = []
@@ -63,9 +64,17 @@ class _Writer:
 
     def source(self) -> str:
         """The text of the kernel."""
-        head = [f"def {self.piece.name}(", *(f"    {each}," for each in self._arguments()), "):"]
-        self._body()
-        return "\n".join([*head, *self.lines, ""])
+        arguments = [f"{name}: {kind}" for name, kind in self.arguments().items()]
+        head = [f"def {self.piece.name}(", *(f"    {each}," for each in arguments), "):"]
+        return "\n".join([*head, f'    """{self._whose()}"""', *self._written(), ""])
+
+    def _whose(self) -> str:
+        """Which thread executes it."""
+        if self.piece.sums:
+            return f"A block for each {self.part if self.part == 'part' else 'balloon'}."
+        if self.piece.item in ("team", "world", "balloon"):
+            return f"A {'block' if self.piece.item == 'team' else 'thread'} for each world."
+        return f"A thread for each {self.piece.item} of each world."
 
     def names(self) -> dict[str, Any]:
         """What the text refers to."""
@@ -74,15 +83,26 @@ class _Writer:
         types = {f"{value}_type": dtype for value, dtype in _written_types(step).items()}
         return {**TYPES, "read_own": self.read_own, **types, **called}
 
-    def _arguments(self) -> Iterator[str]:
-        yield from ("t: Tables", "time_in_frame: float", "state: WorldState", "working: Working")
-        yield from (f"{view}_: wp.array2d[wp.vec3]" for view in STATE.values())
-        yield from (f"new_{view}: wp.array2d[wp.vec3]" for view in STATE.values())
-        yield from (f"{value}_: wp.array2d[{value}_type]" for value in self.step.kept)
-        if self.part in ("part", "parts"):
-            yield f"parts_: wp.array3d[{self._summed}_type]"
+    def arguments(self) -> dict[str, str]:
+        """Names of the kernel's arguments, as it needs them, and their types."""
+        may_be = {
+            "t": "Tables", "time_in_frame": "float", "state": "WorldState", "working": "Working",
+            **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
+            **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+        }  # fmt: skip
+        if self.piece.sums:
+            may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
         if self.piece.item == "spring":
-            yield "first_spring: wp.int32"
+            may_be["first_spring"] = "wp.int32"
+        named = set(re.findall(r"\w+", "\n".join(self._written())))
+        return {name: kind for name, kind in may_be.items() if name in named}
+
+    def _written(self) -> list[str]:
+        """The body's lines."""
+        if not self.lines:
+            self._body()
+        return self.lines
 
     @property
     def _summed(self) -> str:
@@ -114,11 +134,12 @@ class _Writer:
     def _calls(self, phases: tuple[Phase, ...]) -> None:
         for phase in phases:
             call = self._call(phase)
+            self._line(f"# {phase.summary}")
             self._line(f"{', '.join(phase.writes)} = {call}" if phase.writes else call)
             self.known |= phase.writes.keys()
 
     def _call(self, phase: Phase) -> str:
-        reads = phase.reads(self.step.traits, self.step.look)
+        reads = [ALIASES.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
         for name in reads:
             self._need(name)
         return f"{phase.name}({', '.join(reads)})"
@@ -141,10 +162,10 @@ class _Writer:
         """What it takes to find a name, and how."""
         kept = self.step.kept
         if VIEWS.get(name) in kept:
-            return "", f"{VIEWS[name]}_[world]"
+            return "", f"all_{VIEWS[name]}[world]"
         if name in kept:
             item = self.step.owner(name)
-            return (item if item == "balloon" else ""), f"{name}_[world, {item}]"
+            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
         particles = "particle" in self.known
         if particles and name in OF_PARTICLE:
             return OF_PARTICLE[name]
@@ -160,7 +181,7 @@ class _Writer:
         for name in self.piece.moves:
             self._line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         for name in self.piece.leaves:
-            self._line(f"{name}_[world, {self.step.owner(name)}] = {name}")
+            self._line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
 
     def _worlds(self) -> None:
         """A thread a world, which goes through its balloons."""
@@ -187,8 +208,8 @@ class _Writer:
         self._line("total = float(0.0)" if phase.writes[value] is float else f"total = {value}_type()")
         before = set(self.known)
         if self.part == "parts":
-            self._line("for part in range(thread, parts_.shape[2], wp.block_dim()):")
-            self._line("    total += parts_[world, balloon, part]")
+            self._line("for part in range(thread, all_parts.shape[2], wp.block_dim()):")
+            self._line("    total += all_parts[world, balloon, part]")
         else:
             begin, end = f"{OFFSETS[phase.item]}[balloon]", f"{OFFSETS[phase.item]}[balloon + 1]"
             if self.part == "part":
@@ -197,7 +218,9 @@ class _Writer:
             self._line(f"for {phase.item} in range({begin} + thread, {end}, wp.block_dim()):")
             self.indent = "        "
             self.known.add(phase.item)
-            self._line(f"total += {self._call(phase)}")
+            call = self._call(phase)
+            self._line(f"# {phase.summary}")
+            self._line(f"total += {call}")
             self.indent = "    "
         self.known = before
         tile = "wp.tile(total)" if phase.writes[value] is float else "wp.tile(total, preserve_type=True)"
@@ -206,7 +229,7 @@ class _Writer:
         self._line("if thread == 0:")
         self.indent = "        "
         if self.part == "part":
-            self._line(f"parts_[world, balloon, part] = {value}")
+            self._line(f"all_parts[world, balloon, part] = {value}")
         else:
             self._calls(tuple(others))
             self._leave()
@@ -219,11 +242,10 @@ def _written_types(step: Step) -> dict[str, Any]:
 
 
 @cache
-def kernel_of(step: Step, piece: Piece, part: str = "all", fast_math: bool = False, registers: int = 0) -> Any:
+def kernel_of(step: Step, piece: Piece, part: Part = "all", fast_math: bool = False, registers: int = 0) -> Any:
     """The kernel of a piece.
 
     Args:
-        part: of one that sums: "part" for the items of a part, "parts" for the parts, or "all".
         fast_math: whether a GPU's own division and root will do.
         registers: of a thread, at most; 0 for as many as the compiler takes.
     """
@@ -232,6 +254,12 @@ def kernel_of(step: Step, piece: Piece, part: str = "all", fast_math: bool = Fal
     if registers:
         options["cuda_max_registers"] = registers
     return kernel_from(piece.name, writer.source(), writer.names(), **options)
+
+
+@cache
+def arguments_of(step: Step, piece: Piece, part: Part = "all") -> tuple[str, ...]:
+    """The names of what the kernel of a piece takes."""
+    return tuple(_Writer(step, piece, part).arguments())
 
 
 def source_of(step: Step) -> str:
