@@ -1,14 +1,18 @@
 """Lists of phases without any physics, cut into pieces and launched, against NumPy: a missing barrier would be seen."""
 
+import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
 from meshes import cube, quad_sphere
+from method_scenes import SCENES
 
+from balloon_warp.errors import InputError
 from balloon_warp.kernels.phase import Look, Phase, phase
 from balloon_warp.kernels.schedules.launched import source_of
 from balloon_warp.kernels.schedules.looks import GATHERED, SUMMED
@@ -17,11 +21,13 @@ from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model, initial_state
 from balloon_warp.model.memory import Allocating
-from balloon_warp.scene import Balloon, Scene
+from balloon_warp.scene import Balloon, Scene, load_scene
 from balloon_warp.schedules.launches import Launches
+from balloon_warp.schedules.source import kernel_source
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
+DOCS = Path(__file__).parent.parent / "docs"
 Values = dict[str, np.ndarray]
 
 
@@ -180,3 +186,34 @@ def test_a_scene_has_in_its_source_only_what_it_needs():
     assert "pull(" in source
     scattered = source_of(cut(phases_of(traits), traits, SUMMED, doubles=False))
     assert "points" not in scattered.partition("force, area_vector")[2].partition(")")[0]
+
+
+def code_blocks(page: Path) -> list[str]:
+    """Of Python, on a page of the docs."""
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+
+
+def test_the_source_in_the_docs_is_the_one_that_is_printed():
+    printed = kernel_source(load_scene("latex_inflate"), "gather")
+    shown = [
+        text for text in code_blocks(DOCS / "ARCHITECTURE.md") if text.startswith("def particles_inflate_to_leave(")
+    ]
+    assert len(shown) == 1
+    assert shown[0] in printed
+
+
+def test_a_source_has_its_phases_in_the_order_of_the_list():
+    """Of a scene with much in it, in both schedules."""
+    for schedule in ("gather", "scatter"):
+        printed = kernel_source(SCENES["in air"], schedule)
+        called = [each.name for each in STEP if not each.light and re.search(rf"\b{each.name}\(", printed)]
+        assert len(called) > 10
+        places = [re.search(rf"\b{name}\(", printed) for name in called]
+        assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
+
+
+def test_what_is_not_written_from_the_list_is_refused():
+    with pytest.raises(InputError, match="--schedule block: its kernels are not written from the list of phases"):
+        kernel_source(load_scene("latex_inflate"), "block")
+    with pytest.raises(InputError, match="--schedule weave: no such schedule"):
+        kernel_source(load_scene("latex_inflate"), "weave")
