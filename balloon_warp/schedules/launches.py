@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -25,6 +24,8 @@ TEAM_THREADS = 256
 """of a block that does something for a world, or adds up, on a GPU; more would have too few registers"""
 MOST_REGISTERS = 128
 """of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles meet obstacles, too"""
+FEW_REGISTERS = 64
+"""where that has a launch of its own: enough for springs, and a multiprocessor has four"""
 LARGE = 2048
 """particles of a balloon that is summed in parts"""
 
@@ -53,6 +54,9 @@ class Launches:
             setattr(self.working, name, array)
         self.values, self._parts, self._second = step_arrays(model, step, room)
         """what lives from one piece to another, by name"""
+        offsets = np.asarray(tables.correction.color_offsets.numpy())
+        self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
+        """of the springs that are corrected: the first of each, and how many they are"""
 
     @staticmethod
     def allot(model: Model, step: Step, room: Room) -> None:
@@ -138,10 +142,17 @@ class Launches:
         inputs = self._inputs(piece, has, part)
         launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
 
+    @property
+    def _stands_apart(self) -> bool:
+        """Whether particles leave obstacles in a launch of their own."""
+        return any(piece.phases[0].name == "leave" for piece in self.step.pieces)
+
     def kernel(self, piece: Piece, part: Part = "all") -> Any:
         """That of a piece."""
         pulls = any(phase.name == "pull" for phase in piece.phases)
-        registers = MOST_REGISTERS if piece.item == "particle" and not piece.sums else 0
+        meets = any(phase.name == "leave" for phase in piece.phases)
+        few = pulls and not meets and not self.step.traits.membranes and self._stands_apart
+        registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
         return kernel_of(self.step, piece, part, self._fast_math and pulls, registers)
 
     def _shape(self, item: Item) -> tuple[int, ...]:
@@ -151,12 +162,6 @@ class Launches:
             "particle": m.particle_count, "face": m.face_count, "triangle": m.triangle_count, "sphere": m.sphere_count
         }  # fmt: skip
         return (m.world_count, counts[item]) if item in counts else (m.world_count,)
-
-    @cached_property
-    def _colors(self) -> list[tuple[int, int]]:
-        """Of the springs that are corrected: the first of each, and how many they are."""
-        offsets = np.asarray(self.tables.correction.color_offsets.numpy())
-        return list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
 
 
 def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
