@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import whole_file
+from balloon_warp.files import target_of, whole_file
 
 FOLDER = "textures"
 """where images stand beside a stage"""
@@ -55,7 +55,7 @@ class Picture:
         """
         path = self.beside(stage)
         try:
-            path.parent.mkdir(exist_ok=True)
+            target_of(path.parent).mkdir(exist_ok=True)
             known = path.is_file() and path.read_bytes() == self.data
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
