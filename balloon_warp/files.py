@@ -80,6 +80,18 @@ def target_of(path: Path) -> Path:
     return target
 
 
+def file_behind(path: Path) -> Path:
+    """Return the file that a link leads to, which has beside it what it names; the link itself, where the file has
+    another suffix, as in stores that call files by their content."""
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    return target if target.suffix.lower() == path.suffix.lower() else path
+
+
+def whole_path(path: Path) -> Path:
+    """Return a path from the root on, with all folders as they are, and the file's own name, even if it is a link."""
+    return Path(os.path.realpath(path.parent), path.name)
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, of the same suffix, that takes its place when the block ends well.

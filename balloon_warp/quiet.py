@@ -41,5 +41,5 @@ def quiet_warp() -> None:
 def _folder_of_headers() -> str:
     """Return a thread's folder of precompiled headers. Warp would make one whose megabytes a kill leaves for good."""
     folder = folder_of_process() / f"headers_{threading.get_ident()}"
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     return str(folder)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import legible
+from balloon_warp.files import legible, whole_path
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
@@ -81,7 +81,7 @@ def scene_table_around(
         "frames": 120,
         "balloon": [
             {
-                "mesh": source if isinstance(source, PolygonMesh) else source.resolve(),
+                "mesh": source if isinstance(source, PolygonMesh) else whole_path(source),
                 **({"prim": balloon.prim} if balloon.prim else {}),
                 "mass": mass,
                 "helium": _short(lift * growth),
