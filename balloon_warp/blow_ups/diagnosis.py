@@ -98,7 +98,7 @@ def _limit_point(last: LastSubstep, particle: int) -> str | None:
 
 
 def _excess(last: LastSubstep, particle: int) -> dict[str, float]:
-    """Return the pressure or k_normal given to the balloon of a particle, if it is far beyond all that its skin bears."""
+    """Return the pressure or k_normal given to the balloon of a particle, if that is far beyond all its skin bears."""
     model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
     shape, kind = model.shapes[number], model.scene.balloon[number].inflation.kind
     if kind == "pressure":
