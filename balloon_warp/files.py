@@ -87,6 +87,11 @@ def file_behind(path: Path) -> Path:
     return target if target.suffix.lower() == path.suffix.lower() else path
 
 
+def is_same_file(one: Path, other: Path) -> bool:
+    """Return whether two paths lead to the same file, which need not be there."""
+    return os.path.realpath(one) == os.path.realpath(other)
+
+
 def whole_path(path: Path) -> Path:
     """Return a path from the root on, with all folders as they are, and the file's own name, even if it is a link."""
     return Path(os.path.realpath(path.parent), path.name)

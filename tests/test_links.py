@@ -9,6 +9,7 @@ from meshes import cube
 from pxr import Usd, UsdGeom
 
 from balloon_warp import animate, load_scene, run_batch
+from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.files import target_of, whole_file
 from balloon_warp.mesh.load import load_mesh
@@ -185,6 +186,23 @@ def test_a_stage_is_drawn_and_converted_through_a_link(stage: Path, tmp_path: Pa
     render(tmp_path / "link.usdc", tmp_path / "out.png")
     export(tmp_path / "link.usdc", tmp_path / "out.glb")
     assert (tmp_path / "out.glb").is_file()
+
+
+def test_a_mesh_behind_a_link_in_a_circle_is_one_sentence(tmp_path: Path):
+    (tmp_path / "loop.obj").symlink_to("loop.obj")
+    write_obj(tmp_path / "box.obj", cube())
+    swapped = load_scene(tmp_path / "box.obj", {"balloon.mesh": str(tmp_path / "loop.obj")})
+    with pytest.raises(InputError, match=r"loop\.obj: no such file; it is a link to "):
+        animate(swapped, tmp_path / "out.usdc", device="cpu")
+    with pytest.raises(InputError, match=r"loop\.obj: no such file; it is a link to "):
+        app(["remesh", str(tmp_path / "loop.obj"), "-o", str(tmp_path / "out.obj")], standalone_mode=False)
+
+
+def test_a_mesh_is_not_written_over_through_a_link(tmp_path: Path):
+    write_obj(tmp_path / "box.obj", cube())
+    (tmp_path / "link.obj").symlink_to("box.obj")
+    with pytest.raises(InputError, match=r"link\.obj: is the mesh itself"):
+        app(["remesh", str(tmp_path / "box.obj"), "-o", str(tmp_path / "link.obj")], standalone_mode=False)
 
 
 @pytest.mark.parametrize("kind", ["circle", "dangling"])

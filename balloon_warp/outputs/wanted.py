@@ -10,7 +10,7 @@ from typing import Any, Self
 from pxr import Usd
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, folder_beside
+from balloon_warp.files import check_writable, folder_beside, is_same_file
 from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 from balloon_warp.scene import Scene
@@ -85,7 +85,7 @@ class Wanted:
                 raise InputError(f"{self.points}: cannot hold points; expected {' or '.join(HDF5_SUFFIXES)}")
             check_export(self.points)
         for balloon in scene.balloon:
-            if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == self.output.resolve():
+            if isinstance(balloon.mesh, Path) and is_same_file(balloon.mesh, self.output):
                 raise InputError(f"{self.output}: is the mesh of the scene; expected another name, with -o")
         return self
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
+from balloon_warp.files import whole_path
 from balloon_warp.mesh.looks import Color
 from balloon_warp.outputs.usd.names import identifier
 from balloon_warp.scene import Scene
@@ -82,7 +83,7 @@ def bind(prim: Usd.Prim, material: UsdShade.Material) -> None:
 
 def print_on(material: UsdShade.Material, image: Path) -> None:
     """Put an image in place of the color, where the primvar `st` says. It is named by its whole path."""
-    put_image(material, image.resolve().as_posix())
+    put_image(material, whole_path(image).as_posix())
 
 
 def put_image(material: UsdShade.Material, image: str, tint: Color = (1.0, 1.0, 1.0)) -> None:
