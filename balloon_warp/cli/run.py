@@ -25,7 +25,7 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.warn import first_line, note, opened_by, warn
+from balloon_warp.cli.warn import first_line, note, opened_by, warner
 from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
@@ -133,8 +133,9 @@ def run(
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
-        listeners = (lambda number: progress.update(task, completed=number)), note, warn
-        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
+        first = first_line(scene, loaded)
+        listeners = (lambda number: progress.update(task, completed=number)), note, warner(first)
+        on_frame, on_note, on_warning = opened_by(first, *listeners)
         summary = animate(
             loaded,
             stage,

@@ -10,6 +10,7 @@ import numpy as np
 
 from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
+from balloon_warp.files import target_of
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.provenance import describe_simulation
 from balloon_warp.resume.folder import PartialFolder
@@ -26,8 +27,9 @@ PLAYLIST, STILL = "frames.usda", "still.usdc"
 
 
 def partial_path(output: Path) -> Path:
-    """The folder of a run that is not finished, beside its output."""
-    return output.with_name(f"{output.name}.partial")
+    """The folder of a run that is not finished, beside its output, or what links lead to from there."""
+    target = target_of(output)
+    return target.with_name(f"{target.name}.partial")
 
 
 def halvings_until(folder: Path, substeps: int) -> int:
@@ -111,6 +113,7 @@ class Checkpoints:
                 self.simulator.restore(saved)
         except (OSError, ValueError, KeyError, BadZipFile) as error:
             raise InputError(f"{state}: cannot be read: {error}; expected a checkpoint") from None
+        self.folder.go_on()
         self._begun = True
         return True
 

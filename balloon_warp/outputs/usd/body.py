@@ -10,7 +10,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.model.bodies import BodyShape
 from balloon_warp.outputs.usd.material import BODY_COLORS
-from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.names import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, as_gf, define_obstacle
 from balloon_warp.scene import Scene
 

@@ -14,7 +14,7 @@ from balloon_warp.model.obstacle_motion import moves, obstacle_poses
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
 from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, Color, paint
-from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.names import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square
 from balloon_warp.scene import Body, Obstacle, Scene
 
