@@ -7,6 +7,7 @@ import typer
 
 from balloon_warp.cli.changes import checked_parts
 from balloon_warp.cli.options import PartsOption, PrimOption
+from balloon_warp.cli.stages import stages
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
@@ -33,14 +34,17 @@ def remesh(
     check_writable(output, tuple(LOADERS))
     if output.resolve() == mesh.resolve():
         raise InputError(f"{output}: is the mesh itself; expected another name, with -o")
-    surface = load_mesh(mesh, prim)
-    if taken := checked_parts(parts):
-        surface = prepared(surface, mesh, Treatment(taken=taken))
-    quiet_warp()
-    from balloon_warp.mesh.remesh import remesh as remeshed  # loads Warp: only once there is a mesh
+    with stages(mesh.name) as stage:
+        stage("reading the mesh")
+        surface = load_mesh(mesh, prim)
+        if taken := checked_parts(parts):
+            surface = prepared(surface, mesh, Treatment(taken=taken))
+        quiet_warp()
+        from balloon_warp.mesh.remesh import remesh as remeshed  # loads Warp: only once there is a mesh
 
-    quads = in_y_up_meters(remeshed(surface, cells))
-    write_obj(output, quads)
+        quads = in_y_up_meters(remeshed(surface, cells, on_stage=stage))
+        stage("writing it")
+        write_obj(output, quads)
     for warning in quads.warnings:
         warn(warning)
     print(f"wrote {output}: {quads.vertex_count:,} vertices, {quads.face_count:,} quads")

@@ -1,5 +1,6 @@
 """Any surface as a closed mesh of even quads: signed distance, then surface nets."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,7 @@ CRUMB = 3.0
 """cells: a part is a crumb that no box has of more than that, which is what a speck of a cell and a half becomes"""
 
 
-def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
+def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lambda stage: None) -> PolygonMesh:
     """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
     What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
@@ -43,6 +44,7 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     Args:
         mesh: the surface; the result keeps its name, unit and up axis.
         cells: grid cells along the longest side of its bounding box, from 4 to 256. Edges are about a cell long.
+        on_stage: told what is done, whenever something else begins; a mesh of 200,000 faces takes a minute.
 
     Raises:
         InputError: `cells` is out of range, the mesh has no size, it is of many ribbons, there would be too many quads,
@@ -55,12 +57,14 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     size = float(np.ptp(used, axis=0).max())
     if size == 0.0:
         raise InputError(f"{mesh.name}: all its vertices are at one place, expected a surface")
+    on_stage("looking at the surface")
     require_quads(mesh, cells)
     require_no_ribbons(mesh)
     finer = [min(round(cells * FINER**power), MAX_CELLS) for power in range(1, TRIES)]
     number, mistake, wrong = cells, None, None
     for number in dict.fromkeys([cells, *(more for more in finer if quads_expected(mesh, more) < MOST_BY_ITSELF)]):
-        quads, warnings = _quads(mesh, number)
+        quads, warnings = _quads(mesh, number, on_stage)
+        on_stage("comparing them with the surface")
         mistake = infidelity(mesh, quads, size / number) or wrong_volume(mesh, quads)
         if mistake is None:
             more = [f"With {cells} cells {wrong}: {number} were taken."] if number > cells else []
@@ -72,16 +76,18 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     raise InputError(f"{mesh.name}: with {number} cells {mistake}; expected {expected}")
 
 
-def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
+def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> tuple[PolygonMesh, list[str]]:
     """A closed quad mesh of a surface, with so many cells, and what to say about it."""
     used = mesh.points[np.unique(mesh.face_vertex_indices)]
     lower, upper = used.min(axis=0), used.max(axis=0)
     middle, cell = 0.5 * (lower + upper), float((upper - lower).max()) / cells
+    on_stage("looking for thin parts")
     triangles, _ = triangulate(oriented_outward(mesh))
     # In cells about the middle: Warp measures in float32.
     distance = MeshDistance((mesh.points - middle) / cell, triangles, thickness=1.0)
     # Half of a slab and its blend stand out of the box.
     reach = 0.5 * (upper - lower) / cell + 2.0
+    on_stage(f"making quads of {cells} cells")
     nets = surface_nets(distance, -reach, reach, cell=1.0)
     if nets.face_count == 0:
         raise InputError(
@@ -89,6 +95,7 @@ def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
         )
     kept, warnings = _without_crumbs(nets)
     used = (used - middle) / cell
+    on_stage("fitting them to the surface")
     kept = fitted(kept, distance, used)
     if distance.has_thin_parts and slabs_left(kept, distance):
         warnings.append(
