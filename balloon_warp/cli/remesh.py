@@ -13,6 +13,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import LOADERS, write_obj
+from balloon_warp.mesh.obj_looks import check_materials
 from balloon_warp.mesh.placement import in_y_up_meters
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.quiet import quiet_warp
@@ -39,6 +40,8 @@ def remesh(
         surface = load_mesh(mesh, prim)
         if taken := checked_parts(parts):
             surface = prepared(surface, mesh, Treatment(taken=taken))
+        if surface.looks is not None:
+            check_materials(output)
         quiet_warp()
         from balloon_warp.mesh.remesh import remesh as remeshed  # loads Warp: only once there is a mesh
 

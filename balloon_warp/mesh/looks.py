@@ -180,3 +180,9 @@ def linear(encoded: NDArray[np.floating]) -> NDArray[np.float32]:
     """Decode sRGB values from 0 to 1 to linear ones (IEC 61966-2-1)."""
     values = np.clip(np.asarray(encoded, dtype=np.float64), 0.0, 1.0)
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def encoded(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Encode linear values from 0 to 1 as sRGB ones."""
+    shades = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
+    return np.where(shades <= 0.0031308, 12.92 * shades, 1.055 * shades ** (1.0 / 2.4) - 0.055)

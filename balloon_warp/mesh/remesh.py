@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.dressed import dressed
 from balloon_warp.mesh.faithful import infidelity
 from balloon_warp.mesh.feasible import (
     MOST_BY_ITSELF,
@@ -38,7 +39,7 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
     What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
     thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other
     part of the surface is there in one piece, and a clean surface keeps its handles, which may take more cells.
-    `warnings` says what was done. It runs on Warp's default device.
+    It looks as the surface does at the nearest place. `warnings` says what was done. It runs on Warp's default device.
 
     Args:
         mesh: the surface; the result keeps its name, unit and up axis.
@@ -59,7 +60,8 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
     require_no_ribbons(mesh)
     made = _keeping_handles(mesh, _faithful(mesh, cells, on_stage), on_stage)
     more = [f"With {cells} cells {made.wrong}: {made.cells} were taken."] if made.cells > cells else []
-    return replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings))
+    on_stage("giving them the looks of the surface")
+    return dressed(replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings)), mesh)
 
 
 @dataclass(frozen=True)
