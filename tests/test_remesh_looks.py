@@ -117,3 +117,15 @@ def test_materials_of_another_program_are_not_written_over(tmp_path: Path, monke
     assert isinstance(result.exception, InputError)
     assert "cube.mtl: is another program's, and cube.obj has looks; expected another name" in str(result.exception)
     assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
+def test_a_color_that_multiplies_an_image_goes_into_it(tmp_path: Path):
+    """OBJ files have one or the other."""
+    surface = load_mesh(write_painted(tmp_path, "obj"))
+    (look,) = surface.looks.materials
+    tinted = replace(surface, looks=replace(surface.looks, materials=(replace(look, color=(1.0, 0.5, 0.0)),)))
+    write_obj(tmp_path / "tinted.obj", tinted)
+    red, green, blue = look.picture.mean
+    again = read_obj(tmp_path / "tinted.obj").looks
+    assert again.materials[0].color == (1.0, 1.0, 1.0)
+    assert again.pictures[0].mean == pytest.approx((red, 0.5 * green, 0.0 * blue), abs=5e-3)

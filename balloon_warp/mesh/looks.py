@@ -1,5 +1,6 @@
 """What a mesh looks like by its own file: colors and images, face by face."""
 
+import hashlib
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ FOLDER = "textures"
 """where images stand beside a stage"""
 Color = tuple[float, float, float]
 """linear RGB"""
+WHITE = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,16 @@ class Picture:
     def path(self) -> str:
         """as a stage names it"""
         return f"./{FOLDER}/{self.name}"
+
+    def times(self, color: Color) -> "Picture":
+        """Return the image with its texels multiplied by a color, as PNG."""
+        from PIL import Image
+
+        with Image.open(io.BytesIO(self.data)) as image, io.BytesIO() as packed:
+            shades = linear(np.asarray(image.convert("RGB")) / 255.0) * np.array(color)
+            Image.fromarray(np.round(255.0 * encoded(shades)).astype(np.uint8)).save(packed, "PNG")
+            data = packed.getvalue()
+        return Picture(f"{Path(self.name).stem}_{hashlib.sha256(data).hexdigest()[:8]}.png", data)
 
     def beside(self, stage: Path) -> Path:
         """Where it is, if a stage names it."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
-from balloon_warp.mesh.looks import Looks, encoded
+from balloon_warp.mesh.looks import WHITE, Looks, encoded
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 OURS = "# Written by Balloon Warp"
@@ -43,10 +43,13 @@ def write_materials(path: Path, looks: Looks) -> list[str]:
     names, lines = [], [f"{OURS}\n"]
     for number, look in enumerate(looks.materials):
         names.append(f"{'_'.join(look.name.split()) or 'material'}_{number}")
-        lines.append(f"newmtl {names[-1]}\nKd {' '.join(f'{shade:.6g}' for shade in look.color)}\n")
-        if look.picture is not None:
-            look.picture.write_beside(path)
-            lines.append(f"map_Kd {look.picture.path.removeprefix('./')}\n")
+        color, picture = look.color, look.picture
+        if picture is not None and color != WHITE:  # most programs pass over a color beside an image
+            color, picture = WHITE, picture.times(color)
+        lines.append(f"newmtl {names[-1]}\nKd {' '.join(f'{shade:.6g}' for shade in color)}\n")
+        if picture is not None:
+            picture.write_beside(path)
+            lines.append(f"map_Kd {picture.path.removeprefix('./')}\n")
     lines.append(f"newmtl {PLAIN}\n")
     with whole_file(path.with_suffix(".mtl")) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8", errors="replace", newline="\n")
