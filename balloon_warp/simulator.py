@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import warp as wp
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
 from balloon_warp.frame import Frame
@@ -45,8 +46,8 @@ class Simulator(Steered):
     """
 
     _internal = (
-        *("advance", "diagnose", "drop_turns", "from_origin", "go_on_in", "go_on_with", "of_model", "schedule"),
-        *("set_parameters", "step_unread", "take_due_turns"),
+        *("advance", "beginning", "diagnose", "drop_turns", "from_origin", "go_on_in", "go_on_with", "of_model"),
+        *("schedule", "set_parameters", "step_unread", "take_due_turns"),
     )
 
     def __init__(
@@ -93,6 +94,20 @@ class Simulator(Steered):
         self._forget_records()
         del self.state, self.schedule  # their memory is wanted
         self._begin(*self._first)
+
+    @property
+    def beginning(self) -> Beginning:
+        """What is simulated, where, and how."""
+        model = self.model
+        return Beginning(
+            worlds=model.world_count,
+            particles=model.world_count * model.particle_count,
+            frames=model.scene.frames,
+            substeps=model.substeps,
+            frames_per_second=model.scene.frames_per_second,
+            device=str(model.device),
+            schedule=self.schedule.name,
+        )
 
     @classmethod
     def from_origin(cls, origin: Origin) -> Self:

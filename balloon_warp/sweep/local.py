@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.device import pick_device
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.model import lay_out, remarks_on
@@ -24,13 +25,18 @@ from balloon_warp.turns import in_turn
 
 
 def simulate_locally(
-    task: BatchTask, device: str | None, checkpoints: BatchCheckpoints, on_frame: Callable[[int], None]
+    task: BatchTask,
+    device: str | None,
+    checkpoints: BatchCheckpoints,
+    on_begin: Callable[[Beginning], None],
+    on_frame: Callable[[int], None],
 ) -> Outcome:
     """Simulate a batch and write its table and its stage.
 
     Args:
         device: a Warp device; if missing, the GPU or else the CPU.
         checkpoints: what is kept safe meanwhile, and gone on from.
+        on_begin: called once all is laid out.
         on_frame: called with the number of each frame when it is simulated.
 
     Raises:
@@ -43,7 +49,8 @@ def simulate_locally(
         schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
         require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
         simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
-    failures = Failures()
+    failures, named = Failures(), ", ".join(sorted(set(schedules)))
+    on_begin(task.beginning(str(target), named))
     with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
         begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
         with in_turn(target):
@@ -63,7 +70,7 @@ def simulate_locally(
         endings = output.endings()
     return Outcome(
         device=str(target),
-        schedule=", ".join(sorted(set(schedules))),
+        schedule=named,
         workers=1,
         healthy_worlds=output.healthy_count,
         failures=failures,
