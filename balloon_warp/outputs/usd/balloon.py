@@ -62,8 +62,7 @@ class BalloonPrim:
         self._has_pressure, self._has_gas = kind != "normal_force", kind == "gas"
         self.mesh = model.shapes[number].mesh
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number])
-        define_deformable(self.prim, self.mesh, float(model.parameters["mass"].numpy()[0, number]))
-        self.prim.CreateVelocitiesAttr()
+        define_deformable(self.prim, model, number)
         self._may_burst = model.scene.balloon[number].material.strength is not None
         self._first_area = model.shapes[number].area
         self._layer = stage.GetRootLayer()
