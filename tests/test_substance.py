@@ -65,7 +65,9 @@ def test_rubber_and_film_are_as_stiff_and_thick_as_the_scene_says(tmp_path: Path
 def test_a_law_of_ones_own_numbers_too(tmp_path: Path, material: Material):
     scene = made_of(material, inflation=Inflation(kind="pressure", pressure=1.0))
     stage = stage_of(scene, tmp_path)
-    assert physics_of(stage).GetAttribute("physics:youngsModulus").Get() == pytest.approx(3.0 * (material.shear_modulus or 3.3e5), rel=1e-6)
+    assert physics_of(stage).GetAttribute("physics:youngsModulus").Get() == pytest.approx(
+        3.0 * (material.shear_modulus or 3.3e5), rel=1e-6
+    )
 
 
 def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: Path):
@@ -95,7 +97,9 @@ def test_springs_say_their_sheet_and_their_masses(tmp_path: Path):
     stretch, shear, bend = (
         substance.GetAttribute(f"physics:surface{each}Stiffness").Get() for each in ("Stretch", "Shear", "Bend")
     )
-    assert stretch == pytest.approx(3.0 * shear) and shear > 0.0 and bend == 0.0
+    assert stretch == pytest.approx(3.0 * shear)
+    assert shear > 0.0
+    assert bend == 0.0
     assert not UsdPhysics.MaterialAPI(substance).GetDensityAttr().HasAuthoredValue()
     for absent in ("youngsModulus", "poissonsRatio"):
         assert not substance.HasAttribute(f"physics:{absent}")

@@ -8,10 +8,12 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
-from balloon_warp.model.bodies import BodyShape
+from balloon_warp.model.bodies import BodyShape, initial_centers, initial_turns
+from balloon_warp.model.parameters import Parameters
 from balloon_warp.outputs.usd.material import BODY_COLORS
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, as_gf, define_obstacle
+from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, move_freely
 from balloon_warp.scene import Scene
 
 
@@ -49,18 +51,36 @@ def _principal(shape: BodyShape) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 class BodyPrim:
-    """One body of the scene, with what it weighs and how it turns as `UsdPhysics` has them."""
+    """One body of the scene, with what it weighs and how it moves as `UsdPhysics` has them."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
         self.prim = define_body(stage, path, model.scene, model.bodies[number], number)
         self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
-        mass = float(model.parameters["body_mass"].numpy()[0, number])
+        parameters = {name: values.numpy()[:1] for name, values in model.parameters.items() if "body_" in name}
+        mass = float(parameters["body_mass"][0, number])
         weighed = UsdPhysics.MassAPI(self.prim.GetPrim())
         weighed.CreateMassAttr(mass)
         weighed.CreateDiagonalInertiaAttr(inertia_of(model.bodies[number], mass))
+        self._start(model, parameters)
+
+    def _start(self, model: Model, parameters: Parameters) -> None:
+        """Say where it is and how it moves before there are any frames."""
+        from scipy.spatial.transform import Rotation  # takes long to load
+
+        center = initial_centers(model.scene, model.bodies, parameters["initial_body_positions"])[0, self.number]
+        turn = initial_turns(model.scene)[self.number]
+        self._put(np.concatenate([center, turn]), Usd.TimeCode.Default())
+        friction, restitution = (float(parameters[f"body_{name}"][0, self.number]) for name in SURFACE)
+        be_hit(self.prim.GetPrim(), friction, restitution)
+        names = "initial_body_velocities", "initial_body_spins"
+        along = [Rotation.from_quat(turn).inv().apply(parameters[name][0, self.number]) for name in names]
+        move_freely(self.prim.GetPrim(), *along)
 
     def write(self, frame: Frame) -> None:
         """Author where it is."""
-        for op, value in zip((self._place, self._turn), as_gf(frame.body_poses[self.number]), strict=True):
-            op.Set(value, Usd.TimeCode(frame.number))
+        self._put(frame.body_poses[self.number], Usd.TimeCode(frame.number))
+
+    def _put(self, pose: NDArray[np.floating], time: Usd.TimeCode) -> None:
+        for op, value in zip((self._place, self._turn), as_gf(pose), strict=True):
+            op.Set(value, time)

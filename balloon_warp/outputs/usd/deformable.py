@@ -14,7 +14,8 @@ from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model.materials import law_of
 from balloon_warp.model.model import Model
 from balloon_warp.model.shape import vertex_weights
-from balloon_warp.outputs.usd.substance import HOME, bind_substance
+from balloon_warp.outputs.usd.rigid import HOME
+from balloon_warp.outputs.usd.substance import bind_substance
 from balloon_warp.scene import Scene
 
 SCHEMAS = ("PhysicsDeformableBodyAPI", "PhysicsSurfaceDeformableSimAPI")
@@ -53,7 +54,8 @@ def _say_masses(prim: Usd.Prim, model: Model, number: int) -> None:
 
 def _thicknesses(model: Model, number: int) -> NDArray[np.float64]:
     """At rest [m]: of each point, or one where all are alike."""
-    weights = vertex_weights(model.shapes[number].mesh, model.scene.balloon[number].material.weights, "material.weights")
+    said = model.scene.balloon[number].material.weights
+    weights = vertex_weights(model.shapes[number].mesh, said, "material.weights")
     thicknesses = float(model.parameters["thickness"].numpy()[0, number]) * weights
     return thicknesses if np.ptp(thicknesses) > 0.0 else thicknesses[:1]
 

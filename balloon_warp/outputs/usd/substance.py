@@ -1,23 +1,21 @@
 """What a balloon is made of, as a physics material: the surface deformable's of the AOUSD physics group's proposal."""
 
-from pxr import Sdf, Usd, UsdPhysics, UsdShade
+from pxr import Sdf, Usd
 
 from balloon_warp.model.materials import law_of
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.skin import INCOMPRESSIBLE, sheet_of_springs, youngs_modulus
+from balloon_warp.outputs.usd.rigid import substance_of
 
 SCHEMA = "PhysicsSurfaceDeformableMaterialAPI"
-HOME = Sdf.Path("/World/Physics")
 
 
 def bind_substance(prim: Usd.Prim, model: Model, number: int) -> None:
     """Give a balloon's prim a material of its own for the purpose of physics: rubber's and film's moduli and density,
     or the sheet that springs make, and the friction that the balloon says."""
     parameters = {name: values.numpy() for name, values in model.parameters.items()}
-    material = UsdShade.Material.Define(prim.GetStage(), HOME.AppendChild(prim.GetName()))
-    substance = material.GetPrim()
-    surface = UsdPhysics.MaterialAPI.Apply(substance)
+    substance, surface = substance_of(prim)
     substance.AddAppliedSchema(SCHEMA)
     if law_of(model.scene, number):
         surface.CreateDensityAttr(float(parameters["initial_density"][0, number]))
@@ -26,7 +24,6 @@ def bind_substance(prim: Usd.Prim, model: Model, number: int) -> None:
         surface.CreateDynamicFrictionAttr(friction)
     for name, value in _moduli(model, parameters, number).items():
         substance.CreateAttribute(f"physics:{name}", Sdf.ValueTypeNames.Float, custom=False).Set(value)
-    UsdShade.MaterialBindingAPI.Apply(prim).Bind(material, UsdShade.Tokens.fallbackStrength, "physics")
 
 
 def _moduli(model: Model, parameters: Parameters, number: int) -> dict[str, float]:
