@@ -132,8 +132,6 @@ class Material(Table):
             for field in others:
                 if getattr(self, first) is None and getattr(self, field) != type(self).model_fields[field].default:
                     raise ValueError(f"{field}: needs `{first}`, {what}")
-        if self.strength is not None and (self.springs):
-            raise ValueError("springs: would hold a tear together; expected none beside, or no strength")
         return self
 
     @model_validator(mode="after")
