@@ -116,7 +116,7 @@ def test_the_bundled_scene_pops(device: str):
     simulator = Simulator(load_scene("pop"), device)
     model = simulator.model
     pressure = float("nan")
-    for _ in range(model.scene.frames):
+    for _ in range(84):  # by then both have burst; from there on pieces fall
         before = simulator.state.pressures.numpy()[0].copy()
         whole = simulator.state.bursts.numpy()[0, :, 0] < 0.0
         simulator.step()

@@ -68,6 +68,6 @@ def _require_struts(scene: Scene, number: int, yield_stretches: Values) -> None:
         )
     if scene.correction != "none":
         raise InputError(
-            f'correction: shortens springs beside a material that tears, balloon {number}, and would hold it together '
+            f"correction: shortens springs beside a material that tears, balloon {number}, and would hold it together "
             f'(got "{scene.correction}"); expected "none"'
         )

@@ -83,7 +83,8 @@ class Material(Table):
     needle_time: NonNegative = NEVER
     """of `strength`: when a needle pierces it, where it is stretched most [s]; 1e9, never, when missing"""
     springs: list[SpringsBeside] = []
-    """kinds of springs that it has beside, such as "flexion" against bending"""
+    """kinds of springs that it has beside, such as "flexion" against bending; beside a `strength` they must only push,
+    `stiffness.yield_stretch = 1`"""
     weights: list[Positive] | dict[str, Positive] | Rule | None = None
     """a number for each vertex of the file, or for groups of the mesh by their names, and 1 elsewhere: the thickness is
     multiplied by it, as for a neck. From Python also a function that takes the mesh's own points, shape (n, 3), and
