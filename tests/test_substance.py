@@ -1,6 +1,7 @@
 """What a stage says of the stuff that balloons are made of, for programs that go on simulating them."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
 
 from balloon_warp import Scene, Simulator, animate
 from balloon_warp.model.build import build_model
-from balloon_warp.model.skin import sheet_of_springs
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.skin import SheetStiffness, sheet_of_springs
 from balloon_warp.scene import Balloon, Inflation, Material, Stiffness
 
 RUBBERS = {
@@ -139,8 +141,10 @@ def test_the_sheet_bends_as_its_hinges():
     assert of_sheet == pytest.approx(of_hinges, rel=1e-3)
 
 
-def _sheet(mesh, stiffness: Stiffness):
+def _sheet(mesh: Any, stiffness: Stiffness) -> tuple[BalloonShape, SheetStiffness, float]:
     """A shape, its sheet, and its torsion."""
     model = build_model(Scene(balloon=[Balloon(mesh=mesh, stiffness=stiffness)]), "cpu")
     parameters = {name: values.numpy() for name, values in model.parameters.items()}
-    return model.shapes[0], sheet_of_springs(model.shapes[0], parameters, 0), stiffness.torsion
+    sheet = sheet_of_springs(model.shapes[0], parameters, 0)
+    assert sheet is not None
+    return model.shapes[0], sheet, stiffness.torsion

@@ -1,13 +1,13 @@
 """How stiff a balloon's skin is at rest, for programs that know it as a sheet and not as springs or a law of ours."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.materials import STEP, numbers_of, slopes_by_stretches
-from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.springs import SpringKind
 
@@ -26,7 +26,7 @@ class SheetStiffness(NamedTuple):
     """[N m]: E h^3 / (12 (1 - nu^2)) of a plate"""
 
 
-def youngs_modulus(law: Law, parameters: Parameters, number: int) -> float:
+def youngs_modulus(law: Law, parameters: Mapping[str, NDArray[Any]], number: int) -> float:
     """Of a balloon's rubber or film in the first world, at rest [Pa]: pulled by a small strain both ways, what is
     incompressible has a stress of E / (1 - 1/2) times it."""
     told = numbers_of(parameters, number)
@@ -34,7 +34,7 @@ def youngs_modulus(law: Law, parameters: Parameters, number: int) -> float:
     return (1.0 - INCOMPRESSIBLE) * float((up - down).flat[0]) / (2.0 * STEP)
 
 
-def sheet_of_springs(shape: BalloonShape, parameters: Parameters, number: int) -> SheetStiffness | None:
+def sheet_of_springs(shape: BalloonShape, parameters: Mapping[str, NDArray[Any]], number: int) -> SheetStiffness | None:
     """The sheet that a balloon's springs make in the first world, or None where they have no surface.
 
     All of it is taken to follow the mean strain (Cauchy and Born). Springs then have an energy of 1/2 k (L e)^2 each, e
@@ -59,4 +59,5 @@ def _hinge_widths(shape: BalloonShape) -> NDArray[np.float64]:
     """Half of how far its wings are from each edge, together [m]; shape (hinge_count,)."""
     edge, *wings = shape.hinges.arms(shape.mesh.points)
     lengths = np.maximum(np.linalg.norm(edge, axis=1), np.finfo(float).tiny)
-    return 0.5 * sum(np.linalg.norm(np.cross(edge, wing), axis=1) / lengths for wing in wings)
+    first, second = (np.linalg.norm(np.cross(edge, wing), axis=1) for wing in wings)
+    return 0.5 * (first + second) / lengths

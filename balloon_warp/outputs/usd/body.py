@@ -9,7 +9,6 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.model.bodies import BodyShape, initial_centers, initial_turns
-from balloon_warp.model.parameters import Parameters
 from balloon_warp.outputs.usd.material import BODY_COLORS
 from balloon_warp.outputs.usd.metadata import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, as_gf, define_obstacle
@@ -57,25 +56,27 @@ class BodyPrim:
         self.number = number
         self.prim = define_body(stage, path, model.scene, model.bodies[number], number)
         self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
-        parameters = {name: values.numpy()[:1] for name, values in model.parameters.items() if "body_" in name}
-        mass = float(parameters["body_mass"][0, number])
+        mass = float(model.parameters["body_mass"].numpy()[0, number])
         weighed = UsdPhysics.MassAPI(self.prim.GetPrim())
         weighed.CreateMassAttr(mass)
         weighed.CreateDiagonalInertiaAttr(inertia_of(model.bodies[number], mass))
-        self._start(model, parameters)
+        self._start(model)
 
-    def _start(self, model: Model, parameters: Parameters) -> None:
+    def _start(self, model: Model) -> None:
         """Say where it is and how it moves before there are any frames."""
         from scipy.spatial.transform import Rotation  # takes long to load
 
-        center = initial_centers(model.scene, model.bodies, parameters["initial_body_positions"])[0, self.number]
+        def own(name: str) -> NDArray[np.float32]:
+            return model.parameters[name].numpy()[0, self.number]
+
+        places = np.asarray(model.parameters["initial_body_positions"].numpy(), dtype=np.float64)
+        center = initial_centers(model.scene, model.bodies, places)[0, self.number]
         turn = initial_turns(model.scene)[self.number]
         self._put(np.concatenate([center, turn]), Usd.TimeCode.Default())
-        friction, restitution = (float(parameters[f"body_{name}"][0, self.number]) for name in SURFACE)
-        be_hit(self.prim.GetPrim(), friction, restitution)
-        names = "initial_body_velocities", "initial_body_spins"
-        along = [Rotation.from_quat(turn).inv().apply(parameters[name][0, self.number]) for name in names]
-        move_freely(self.prim.GetPrim(), *along)
+        be_hit(self.prim.GetPrim(), *(float(own(f"body_{name}")) for name in SURFACE))
+        back = Rotation.from_quat(turn).inv()
+        velocity, spin = (back.apply(own(f"initial_body_{name}")) for name in ("velocities", "spins"))
+        move_freely(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
         """Author where it is."""

@@ -73,7 +73,7 @@ def define_obstacle(
     return prim
 
 
-def as_gf(pose: NDArray[np.float64]) -> tuple[Gf.Vec3d, Gf.Quatf]:
+def as_gf(pose: NDArray[np.floating]) -> tuple[Gf.Vec3d, Gf.Quatf]:
     """A pose as its ops have it."""
     x, y, z, w = pose[3:].tolist()
     return Gf.Vec3d(*pose[:3].tolist()), Gf.Quatf(w, x, y, z)

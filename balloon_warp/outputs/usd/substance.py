@@ -1,10 +1,13 @@
 """What a balloon is made of, as a physics material: the surface deformable's of the AOUSD physics group's proposal."""
 
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
 from pxr import Sdf, Usd
 
 from balloon_warp.model.materials import law_of
 from balloon_warp.model.model import Model
-from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.skin import INCOMPRESSIBLE, sheet_of_springs, youngs_modulus
 from balloon_warp.outputs.usd.rigid import substance_of
 
@@ -26,7 +29,7 @@ def bind_substance(prim: Usd.Prim, model: Model, number: int) -> None:
         substance.CreateAttribute(f"physics:{name}", Sdf.ValueTypeNames.Float, custom=False).Set(value)
 
 
-def _moduli(model: Model, parameters: Parameters, number: int) -> dict[str, float]:
+def _moduli(model: Model, parameters: Mapping[str, NDArray[Any]], number: int) -> dict[str, float]:
     """By their names in the proposal, in SI, which is the stage's."""
     if law := law_of(model.scene, number):
         return {"youngsModulus": youngs_modulus(law, parameters, number), "poissonsRatio": INCOMPRESSIBLE}
