@@ -18,7 +18,7 @@ TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="u
 LAYERS = (
     ("garbage", "temporaries"),
     ("kernels", "errors", "quiet", "driver", "shown"),
-    ("files", "turns", "launching", "interrupts", "laws", "meant"),
+    ("files", "turns", "launching", "interrupts", "laws", "meant", "beginning"),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),

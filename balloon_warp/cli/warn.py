@@ -1,6 +1,7 @@
 """Warnings and notes on a user's terminal."""
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +22,29 @@ def note(sentence: str) -> None:
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[cyan]note:[/] {escape(sentence)}")
 
 
-def opened_by(sentence: str | None, *listeners: Callable[..., Any]) -> list[Callable[..., None]]:
-    """Listeners of which the first that is told anything notes that sentence before, if there is one: where nothing
-    begins there is nothing to say but what is wrong."""
-    waiting = [sentence] if sentence else []
+class Opening:
+    """What is said before anything else: where nothing begins there is nothing to say but what is wrong.
 
-    def opened(listener: Callable[..., Any]) -> Callable[..., None]:
+    Args:
+        sentence: a note, if there is one.
+    """
+
+    def __init__(self, sentence: str | None):
+        self._waiting = [partial(note, sentence)] if sentence else []
+
+    def begin_with(self, say: Callable[[], None]) -> None:
+        """Take what is said first of all."""
+        self._waiting.insert(0, say)
+
+    def before(self, listener: Callable[..., Any]) -> Callable[..., None]:
+        """Return a listener that says this, if nobody did, before it hears anything."""
+
         def listen(*words: Any) -> None:
-            while waiting:
-                note(waiting.pop())
+            while self._waiting:
+                self._waiting.pop(0)()
             listener(*words)
 
         return listen
-
-    return [opened(listener) for listener in listeners]
 
 
 def unsaid(first: str | None, sentences: Iterable[str]) -> list[str]:

@@ -1,5 +1,6 @@
 """What a mesh looks like by its own file: colors and images, face by face."""
 
+import hashlib
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ FOLDER = "textures"
 """where images stand beside a stage"""
 Color = tuple[float, float, float]
 """linear RGB"""
+WHITE = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,16 @@ class Picture:
     def path(self) -> str:
         """as a stage names it"""
         return f"./{FOLDER}/{self.name}"
+
+    def times(self, color: Color) -> "Picture":
+        """Return the image with its texels multiplied by a color, as PNG."""
+        from PIL import Image
+
+        with Image.open(io.BytesIO(self.data)) as image, io.BytesIO() as packed:
+            shades = linear(np.asarray(image.convert("RGB")) / 255.0) * np.array(color)
+            Image.fromarray(np.round(255.0 * encoded(shades)).astype(np.uint8)).save(packed, "PNG")
+            data = packed.getvalue()
+        return Picture(f"{Path(self.name).stem}_{hashlib.sha256(data).hexdigest()[:8]}.png", data)
 
     def beside(self, stage: Path) -> Path:
         """Where it is, if a stage names it."""
@@ -189,3 +201,9 @@ def linear(encoded: NDArray[np.floating]) -> NDArray[np.float32]:
     """Decode sRGB values from 0 to 1 to linear ones (IEC 61966-2-1)."""
     values = np.clip(np.asarray(encoded, dtype=np.float64), 0.0, 1.0)
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def encoded(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Encode linear values from 0 to 1 as sRGB ones."""
+    shades = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
+    return np.where(shades <= 0.0031308, 12.92 * shades, 1.055 * shades ** (1.0 / 2.4) - 0.055)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, UsdGeom, Vt
 
-from balloon_warp.mesh.corners import corner_faces, corners_beside
+from balloon_warp.mesh.corners import beside_faces, corner_faces, corners_beside
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.knot import Knot
 from balloon_warp.outputs.usd.body import inertia_of
@@ -130,12 +130,16 @@ class GridWorld:
         """Author a frame's samples, from arrays of shape (particle_count, 3), (sphere_count, 3), (body_count, 7) and
         (face_count,), or (0,); velocities follow, see `write_velocities`."""
         begin = 0
-        for shape, (point_path, _, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
-            own = slice(begin, begin + shape.mesh.vertex_count)
-            places = Vt.Vec3fArray.FromNumpy(points[own])
-            self.layer.SetTimeSample(point_path, time, places)
-            self.layer.SetTimeSample(extent_path, time, UsdGeom.PointBased.ComputeExtent(places))
-            begin = own.stop
+        for number, (shape, (point_path, _, extent_path)) in enumerate(
+            zip(self.plan.shapes, self._balloons, strict=True)
+        ):
+            own = points[begin : begin + shape.mesh.vertex_count]
+            self.layer.SetTimeSample(point_path, time, Vt.Vec3fArray.FromNumpy(own))
+            if len(torn):  # what has no face any more flies far, and nothing of it is seen
+                own = own[beside_faces(shape.mesh, self._of_faces(torn, number) == 1)]
+            extent = UsdGeom.PointBased.ComputeExtent(Vt.Vec3fArray.FromNumpy(own))
+            self.layer.SetTimeSample(extent_path, time, extent)
+            begin += shape.mesh.vertex_count
         for number, path in self._corners:
             corners = corners_beside(self.plan.shapes[number].mesh, self._of_faces(torn, number) == 1)
             self.layer.SetTimeSample(path, time, Vt.IntArray.FromNumpy(corners))
