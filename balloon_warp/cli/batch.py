@@ -156,7 +156,7 @@ def batch(
     require_room(loaded, worlds, choices, device, schedule, spread=spread_over)  # before each gets its values
     with _naming_vary(), frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
-        opening = Opening(first_line(scene, loaded))
+        opening = Opening(name, first_line(scene, loaded))
         summary = run_batch(
             loaded,
             output or Path(f"{name}_batch"),
@@ -171,7 +171,7 @@ def batch(
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
-            on_begin=lambda beginning: opening.begin_with(lambda: progress.begin(task, beginning)),
+            on_begin=lambda beginning: opening.add(progress.begin(task, beginning)),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warn),
