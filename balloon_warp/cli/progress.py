@@ -25,6 +25,8 @@ from balloon_warp.errors import StoppedError
 
 LOG_SECONDS = 30.0
 """between lines of a log"""
+WIDE = 110
+"""characters of a terminal that has room for more than the bar"""
 
 
 class _FrameRate(ProgressColumn):
@@ -52,10 +54,11 @@ class FrameProgress(Progress):
         super().__init__(*columns, TimeRemainingColumn(), console=console, disable=self._logs, transient=True)
 
     def begin(self, task_id: TaskID, beginning: Beginning) -> str | None:
-        """Show beside the bar what a frame costs; where there is none, return what a log is to say."""
+        """Show beside the bar what a frame costs, if there is room; where there is none, return what a log is to say."""
         if self._logs:
             return begun(beginning)
-        super().update(task_id, about=briefly(beginning))
+        if self.console.width >= WIDE:
+            super().update(task_id, about=briefly(beginning))
         return None
 
     def log_line(self, line: str) -> None:
