@@ -54,7 +54,7 @@ class FrameProgress(Progress):
         super().__init__(*columns, TimeRemainingColumn(), console=console, disable=self._logs, transient=True)
 
     def begin(self, task_id: TaskID, beginning: Beginning) -> str | None:
-        """Show beside the bar what a frame costs, if there is room; where there is none, return what a log is to say."""
+        """Show beside the bar what a frame costs, if there is room; return what a log says where there is no bar."""
         if self._logs:
             return begun(beginning)
         if self.console.width >= WIDE:
