@@ -281,6 +281,7 @@ def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None
     """
     checkpoints.folder.require_own()
     leftover, folder = checkpoints.leftover, checkpoints.folder.path
+    checkpoints.folder.clear(leftover is not None)
     if not resume and leftover is not None:
         on_note(
             f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on; it is "

@@ -118,6 +118,7 @@ class Simulator(Steered):
             overwrite(simulator.state, origin.state)
         return simulator
 
+    @taking_turns
     def _begin_step(self) -> None:
         self.take_due_turns()
         if self._origins.is_due(self.model, self.frame_number):
@@ -166,6 +167,7 @@ class Simulator(Steered):
         for cached in ("_frame_graph", "_frame_reader"):
             vars(self).pop(cached, None)
 
+    @taking_turns
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
         """Why a world blew up. Its last frames are simulated again, by themselves, to find out.
 

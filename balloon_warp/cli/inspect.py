@@ -18,6 +18,7 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.stages import stages
+from balloon_warp.cli.warn import unsaid
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
@@ -123,7 +124,8 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
         print(json.dumps({**asdict(report), "step": step, "inflation": [asdict(each) for each in inflation]}))
     else:
         more = {**alone, **(_step_rows(step) if step else {})}
-        _print_mesh(_console(), mesh.name, report, balloon.unit, more, step["doubts"] if step else ())
+        doubts = unsaid(alone.get("by itself"), step["doubts"] if step else ())
+        _print_mesh(_console(), mesh.name, report, balloon.unit, more, doubts)
     if refusal:
         raise refusal
 

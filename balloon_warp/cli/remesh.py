@@ -10,7 +10,7 @@ from balloon_warp.cli.options import PartsOption, PrimOption
 from balloon_warp.cli.stages import stages
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable
+from balloon_warp.files import check_writable, is_same_file
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import LOADERS, write_obj
 from balloon_warp.mesh.obj_looks import check_materials
@@ -33,7 +33,7 @@ def remesh(
     Try `balloon-warp remesh YOUR_MESH.stl -o quads.obj`, then `balloon-warp run quads.obj`.
     """
     check_writable(output, tuple(LOADERS))
-    if output.resolve() == mesh.resolve():
+    if is_same_file(output, mesh):
         raise InputError(f"{output}: is the mesh itself; expected another name, with -o")
     with stages(mesh.name) as stage:
         stage("reading the mesh")

@@ -25,7 +25,7 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.warn import Opening, first_line, note, warn
+from balloon_warp.cli.warn import Opening, first_line, note, warner
 from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
@@ -133,7 +133,8 @@ def run(
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
-        opening = Opening(name, first_line(scene, loaded))
+        first = first_line(scene, loaded)
+        opening = Opening(name, first)
         summary = animate(
             loaded,
             stage,
@@ -152,7 +153,7 @@ def run(
             on_begin=lambda beginning: opening.add(progress.begin(task, beginning)),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
-            on_warning=opening.before(warn),
+            on_warning=opening.before(warner(first)),
         )
     if as_json:
         print(json.dumps(summary.as_json()))

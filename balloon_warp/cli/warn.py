@@ -1,12 +1,13 @@
 """Warnings and notes on a user's terminal."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
+from balloon_warp.mesh.units import NO_AXIS
 from balloon_warp.scene import Scene, bundled_scenes
 
 
@@ -51,6 +52,23 @@ class Opening:
             note(f"{sentence}. {more}" if more else sentence)
         elif more:
             Console(stderr=True, highlight=False, soft_wrap=True).print(f"{self._name}: {more}", markup=False)
+
+
+def unsaid(first: str | None, sentences: Iterable[str]) -> list[str]:
+    """Leave out of warnings what the first line about a mesh by itself has said: which axis of it is up."""
+    if first is None or NO_AXIS not in first:
+        return [*sentences]
+    return [each for each in sentences if NO_AXIS not in each or not first.startswith(each.partition(":")[0])]
+
+
+def warner(first: str | None) -> Callable[[str], None]:
+    """Make a listener that warns of what the first line has not said."""
+
+    def listen(sentence: str) -> None:
+        for each in unsaid(first, [sentence]):
+            warn(each)
+
+    return listen
 
 
 def first_line(source: str, scene: Scene) -> str | None:

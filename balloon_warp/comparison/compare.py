@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from balloon_warp.beginning import Beginning
@@ -21,6 +20,7 @@ from balloon_warp.outputs.render.alike import render_alike
 from balloon_warp.outputs.render.files import write_png
 from balloon_warp.outputs.render.render import MOST_PIXELS, MOST_SAMPLES
 from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.temporaries import scratch_folder
 
 MOST_COLUMNS = 4
 """of the picture, where one thing varies"""
@@ -96,8 +96,8 @@ def compare(
     combinations = [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
     columns = _column_count(vary)
     _check_request(combinations, columns, picture, table, size, samples)
-    with TemporaryDirectory() as folder:
-        stages = [Path(folder) / f"{number}.usdc" for number in range(len(combinations))]
+    with scratch_folder() as folder:
+        stages = [folder / f"{number}.usdc" for number in range(len(combinations))]
         runs = []
         for number, (values, stage) in enumerate(zip(combinations, stages, strict=True)):
             begin, report = (partial(told, number, len(combinations)) for told in (on_begin, on_frame))

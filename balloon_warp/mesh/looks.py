@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import whole_file
+from balloon_warp.files import target_of, whole_file
+from balloon_warp.temporaries import clear_left_over
 
 FOLDER = "textures"
 """where images stand beside a stage"""
@@ -60,18 +61,23 @@ class Picture:
         return stage.parent / FOLDER / self.name
 
     def write_beside(self, stage: Path) -> None:
-        """Write the file into the folder beside a stage.
+        """Write the file into the folder beside a stage, and, if that is a link, beside what it leads to: programs look
+        here or there.
 
         Raises:
             InputError: it cannot be written.
         """
-        path = self.beside(stage)
+        for place in {self.beside(stage), self.beside(target_of(stage))}:
+            self._write_to(place)
+
+    def _write_to(self, path: Path) -> None:
         try:
-            path.parent.mkdir(exist_ok=True)
+            target_of(path.parent).mkdir(exist_ok=True)
             known = path.is_file() and path.read_bytes() == self.data
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         if not known:
+            clear_left_over(path.parent)
             with whole_file(path) as temporary:
                 temporary.write_bytes(self.data)
 

@@ -15,6 +15,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences
 from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.outputs.table import TABLE_NAMES
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene, SceneLike
@@ -28,8 +29,6 @@ from balloon_warp.sweep.memory import require_room
 from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.resume import BatchCheckpoints
 from balloon_warp.sweep.task import BatchTask, Outcome
-
-TABLE_NAMES = ("table.npz", "table.csv")
 
 
 @described
