@@ -51,8 +51,9 @@ def define_backdrop(
     _light_from_within(prim, sheet.points[:, 1])
 
 
-def glow_like_floor(material: UsdShade.Material) -> None:
+def glow_like_floor(ground: Usd.Prim) -> None:
     """Have the ground give off light as the sheet below it does, so that nobody sees where one ends."""
+    material = UsdShade.MaterialBindingAPI(ground).ComputeBoundMaterial()[0]
     shine_from_within(material).Set(FLOOR_GLOW * Gf.Vec3f(*GROUND_COLOR))
 
 

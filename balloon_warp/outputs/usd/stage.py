@@ -12,6 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
+from balloon_warp.outputs.usd.backdrop import glow_like_floor
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.body import BodyPrim, body_names
 from balloon_warp.outputs.usd.deformable import define_gravity
@@ -178,6 +179,9 @@ class StageWriter:
         # After the balloons: who reads a stage's first mesh wants a balloon.
         drawn = [plane for plane in planes_of(model.scene) if self.ground or plane.name != "Ground"]
         planes = [PlanePrim(stage, plane, model) for plane in drawn]
+        for plane in planes:
+            if self.lights and plane.plane.name == "Ground":
+                glow_like_floor(plane.prim.GetPrim())
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]

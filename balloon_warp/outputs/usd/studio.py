@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom, UsdShade
+from pxr import Sdf, Usd, UsdGeom
 
-from balloon_warp.outputs.usd.backdrop import define_backdrop, glow_like_floor
+from balloon_warp.outputs.usd.backdrop import define_backdrop
 from balloon_warp.outputs.usd.camera import camera_of_run, define_camera
 from balloon_warp.outputs.usd.lights import define_lights
 from balloon_warp.scene import Scene
@@ -53,8 +53,6 @@ def define_studio(
     if backdrop:
         foot = np.array([center[0], _floor(stage, points, size, moments) - BELOW * size, center[2]])
         define_backdrop(stage, HOME.AppendChild("Backdrop"), foot, level, size)
-        if ground := stage.GetPrimAtPath(GROUND):
-            glow_like_floor(UsdShade.MaterialBindingAPI(ground).ComputeBoundMaterial()[0])
 
 
 def _floor(stage: Usd.Stage, points: NDArray[np.float64], size: float, moments: Sequence[int]) -> float:
@@ -69,7 +67,7 @@ def _floor(stage: Usd.Stage, points: NDArray[np.float64], size: float, moments: 
 
 
 def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int]) -> list[NDArray[np.float64]]:
-    """The points of each mesh at some frames, and the corners of the box around what is none, Y up, shape (n, 3) each."""
+    """The points of each mesh at some frames, and of what is none the corners of its box, Y up, shape (n, 3) each."""
     # A room that reads stages, and so loads this one.
     from balloon_warp.outputs.render.moment import Moment
 
