@@ -17,9 +17,9 @@ OPEN = (-0.6, 0.2)
 in front"""
 AROUND, FLAT, CURVED, UPRIGHT = 96, 6, 14, 2
 """how many faces there are around the subject, and of the floor, the curve and the wall from bottom to top"""
-FLOOR_GLOW, WALL_GLOW = 0.22, 1.1
+FLOOR_GLOW, WALL_GLOW = 0.18, 0.95
 """the parts of their color that floor and wall give off by themselves, as if lamps of their own lit them evenly"""
-GLOW_RISES = (0.0, 1.2)
+GLOW_RISES = (0.0, 0.8)
 """heights between which the one becomes the other, in sizes of the subject"""
 ROUGHNESS = 0.9
 
