@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from balloon_warp import animate, load_scene, render_stage
+from balloon_warp.errors import MissingExtraError
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 SCENES = ("squirrel_inflate", "foil_letters", "balloon_bunch", "latex_inflate")
@@ -48,8 +49,22 @@ TRANSFORM = "Khronos PBR Neutral"
 def blender_python() -> str | None:
     """The Python that has Blender's module; None where none has it."""
     python = os.environ.get("BALLOON_WARP_BLENDER", sys.executable)
-    found = subprocess.run([python, "-c", "import bpy"], capture_output=True, check=False)
-    return None if found.returncode else python
+    look = [python, "-c", "import importlib.util as u, sys; sys.exit(u.find_spec('bpy') is None)"]
+    return None if subprocess.run(look, capture_output=True, check=False).returncode else python
+
+
+def require_blender() -> str:
+    """Return the Python that has Blender's module.
+
+    Raises:
+        MissingExtraError: none has it.
+    """
+    python = blender_python()
+    if python is None:
+        raise MissingExtraError(
+            "no Blender: expected bpy to be installed , or BALLOON_WARP_BLENDER to name a Python that has it"
+        )
+    return python
 
 
 def render_in_blender(
@@ -63,11 +78,10 @@ def render_in_blender(
     """Make a picture of a stage as Blender imports it, by its own camera and lights, in Cycles on the CPU.
 
     Raises:
-        RuntimeError: Blender is not there, or failed.
+        MissingExtraError: Blender is not there.
+        RuntimeError: it failed.
     """
-    python = blender_python()
-    if python is None:
-        raise RuntimeError("no Blender: expected bpy to be installed, or BALLOON_WARP_BLENDER to name a Python with it")
+    python = require_blender()
     words = [stage.resolve(), picture.resolve(), frame, *size, samples, transform]
     done = subprocess.run([python, "-c", SCRIPT, *map(str, words)], capture_output=True, text=True, check=False)
     if done.returncode or not picture.is_file():
@@ -81,7 +95,12 @@ def beside(ours: Path, blenders: Path) -> Image.Image:
 
 
 def main(folder: Path, names: list[str]) -> None:
-    """Simulate scenes, and write the pair of pictures of each."""
+    """Simulate scenes, and write the pair of pictures of each.
+
+    Raises:
+        MissingExtraError: Blender is not there.
+    """
+    require_blender()
     with TemporaryDirectory() as work:
         for name in names:
             stage, ours, blenders = (Path(work) / f"{name}{end}" for end in (".usdc", "_ours.png", "_blender.png"))
