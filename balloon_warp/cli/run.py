@@ -69,7 +69,7 @@ NoGround = Annotated[
     typer.Option(
         "--no-ground",
         metavar="",
-        help="Leave ground and backdrop out. They are so wide that a program that shows all of the stage shows little else.",
+        help="Leave ground and backdrop out. They are so wide that a program that shows all shows little else.",
         rich_help_panel=OUTPUT,
     ),
 ]
