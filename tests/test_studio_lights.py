@@ -11,7 +11,7 @@ from pxr import Gf, Usd, UsdGeom, UsdLux, UsdShade
 from balloon_warp import Scene, animate
 from balloon_warp.outputs.exports.parts import Animation
 from balloon_warp.outputs.render.stage_reader import RenderStage
-from balloon_warp.scene import Balloon, Ground
+from balloon_warp.scene import Balloon, Ground, Obstacle
 from balloon_warp.scene.schema import Picture
 
 SIDES = [None, Picture(azimuth=200.0, elevation=0.0), Picture(azimuth=-70.0, elevation=50.0, zoom=2.0)]
@@ -159,3 +159,16 @@ def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path: Path):
         stage.read_prims(0)
     assert len(drawn[0].meshes) == len(drawn[1].meshes)
     assert "Backdrop" not in {part.name for part in Animation(tmp_path / "out.usdc").parts}
+
+
+def test_a_picture_zooms_into_all_that_is_shown(tmp_path: Path):
+    """Obstacles, too, as in our own pictures; without a picture the camera is near what moves."""
+    sees, far = [], Obstacle(name="box", position=(-12.0, 1.0, 0.0))
+    for picture in (None, Picture()):
+        stage = staged(tmp_path, f"{picture is None}.usdc", picture=picture, obstacle=[far])
+        frustum = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera")).GetCamera(0).frustum
+        box = UsdGeom.BBoxCache(0, ["default"]).ComputeWorldBound(stage.GetPrimAtPath("/World/Obstacles/box"))
+        project = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
+        corners = [project.Transform(box.ComputeAlignedRange().GetCorner(number)) for number in range(8)]
+        sees.append(np.abs(np.array(corners)[:, :2]).max() < 1.0)
+    assert sees == [False, True]

@@ -11,7 +11,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from balloon_warp.scene import Scene
 
 if TYPE_CHECKING:
-    from balloon_warp.outputs.render.camera import Camera
+    from balloon_warp.outputs.render.camera import Camera, CameraFit
 
 OURS = "balloonWarp"
 """key of the custom data that tells our camera from a user's: pictures find a better place for each themselves"""
@@ -20,29 +20,30 @@ FOCAL_LENGTH = 0.5
 """in tenths of the stage's unit, as USD has it: 50 mm where that is a meter"""
 
 
-def camera_of_run(corners: NDArray[np.float64], center: NDArray[np.float64], scene: Scene) -> Camera:
-    """The camera for a wide picture that is near enough to have points in view, or what the scene's picture looks at.
-
-    Args:
-        corners: the points, Y up, shape (n, 3).
-        center: their middle, shape (3,).
-    """
-    # A room that reads stages, and so loads this one.
-    from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, CameraFit
-    from balloon_warp.outputs.render.moment import Z_TO_Y_UP
+def fit_for(scene: Scene) -> CameraFit:
+    """Begin to find the camera for a wide picture, from where the scene's picture looks."""
+    from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, CameraFit  # a room that loads this one
 
     said = scene.picture
     azimuth = AZIMUTH if said is None or said.azimuth is None else said.azimuth
     elevation = ELEVATION if said is None or said.elevation is None else said.elevation
-    fit = CameraFit(ASPECT, azimuth, elevation)
-    fit.include(corners)
-    camera = fit.camera()
-    if said is None:
+    return CameraFit(ASPECT, azimuth, elevation)
+
+
+def as_pictured(camera: Camera, center: NDArray[np.float64], scene: Scene) -> Camera:
+    """Return a camera as near, and at what place, as the scene's picture says.
+
+    Args:
+        center: of what the camera has in view, Y up, shape (3,).
+    """
+    from balloon_warp.outputs.render.moment import Z_TO_Y_UP  # a room that loads this one
+
+    if scene.picture is None:
         return camera
-    if said.look_at is not None:
-        middle = np.array(said.look_at) @ (Z_TO_Y_UP if scene.up_axis == "Z" else np.eye(3))
+    if scene.picture.look_at is not None:
+        middle = np.array(scene.picture.look_at) @ (Z_TO_Y_UP if scene.up_axis == "Z" else np.eye(3))
         camera = camera.looking_at(middle, center)
-    return camera.zoomed(said.zoom)
+    return camera.zoomed(scene.picture.zoom)
 
 
 def define_camera(stage: Usd.Stage, path: Sdf.Path, camera: Camera, sharp: NDArray[np.float64]) -> None:

@@ -3,14 +3,15 @@
 They stand around the subject as the camera sees it, and so are defined once the run is over.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
 from balloon_warp.outputs.usd.backdrop import define_backdrop
-from balloon_warp.outputs.usd.camera import camera_of_run, define_camera
+from balloon_warp.outputs.usd.camera import as_pictured, define_camera, fit_for
 from balloon_warp.outputs.usd.lights import define_lights
 from balloon_warp.scene import Scene
 
@@ -26,6 +27,31 @@ BELOW = 1e-3
 """how far the backdrop lies below what stands on it, in sizes of the subject"""
 
 
+@dataclass
+class Bounds:
+    """The box around all points that were taken in, Y up."""
+
+    lower: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.inf))
+    """shape (3,)"""
+    upper: NDArray[np.float64] = field(default_factory=lambda: np.full(3, -np.inf))
+    """shape (3,)"""
+
+    def include(self, points: NDArray[np.float64]) -> None:
+        """Take in points, shape (n, 3)."""
+        self.lower = np.minimum(self.lower, points.min(axis=0))
+        self.upper = np.maximum(self.upper, points.max(axis=0))
+
+    @property
+    def center(self) -> NDArray[np.float64]:
+        """shape (3,)"""
+        return 0.5 * (self.lower + self.upper)
+
+    @property
+    def size(self) -> float:
+        """the longest side; not finite without points"""
+        return float((self.upper - self.lower).max())
+
+
 def define_studio(
     stage: Usd.Stage, scene: Scene, paths: Sequence[Sdf.Path], frames: Sequence[int], *, backdrop: bool = True
 ) -> None:
@@ -39,40 +65,46 @@ def define_studio(
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int))
     moments = [frames[place] for place in chosen.tolist()]
-    points = np.concatenate([np.empty((0, 3)), *_points(stage, paths, moments)])
-    if not len(points) or not np.isfinite(points).all() or not np.ptp(points, axis=0).max() > 0.0:
+    fit, subject = fit_for(scene), Bounds()
+    for points in _points(stage, paths, moments):
+        fit.include(points)
+        subject.include(points)
+    if not np.isfinite(subject.size) or subject.size <= 0.0:
         return
+    shown, center, size = replace(subject), subject.center, subject.size
+    lowest = subject.lower[1]
+    for points in _obstacles(stage, size, moments):
+        lowest = min(lowest, points[:, 1].min())
+        if scene.picture is not None:  # whose zoom is of all that is shown
+            fit.include(points)
+            shown.include(points)
     home = UsdGeom.Xform.Define(stage, HOME)
     if scene.up_axis == "Z":  # what is in it is placed as if Y were up
         home.AddRotateXOp().Set(90.0)
-    center, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), float(np.ptp(points, axis=0).max())
-    camera = camera_of_run(points, center, scene)
+    camera = as_pictured(fit.camera(), shown.center, scene)
     define_camera(stage, HOME.AppendChild("Camera"), camera, center)
-    level = camera.level_axes
-    define_lights(stage, HOME, center, level, size)
+    define_lights(stage, HOME, center, camera.level_axes, size)
     if backdrop:
-        foot = np.array([center[0], _floor(stage, points, size, moments) - BELOW * size, center[2]])
-        define_backdrop(stage, HOME.AppendChild("Backdrop"), foot, level, size)
+        heights = [points[:, 1].min() for points in _points(stage, [GROUND], moments)]
+        hovers = lowest == subject.lower[1]
+        floor = min(heights, default=lowest - HOVER * size if hovers else lowest)
+        foot = np.array([center[0], floor - BELOW * size, center[2]])
+        define_backdrop(stage, HOME.AppendChild("Backdrop"), foot, camera.level_axes, size)
 
 
-def _floor(stage: Usd.Stage, points: NDArray[np.float64], size: float, moments: Sequence[int]) -> float:
-    """How high it is: the ground's lowest height, or that of the lowest obstacle, or below all that moves."""
-    if ground := _points(stage, [GROUND], moments):
-        return float(np.concatenate(ground)[:, 1].min())
-    lowest = float(points[:, 1].min())
+def _obstacles(stage: Usd.Stage, size: float, moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:
+    """The points of those that are no floor or wall themselves, shape (n, 3) each."""
     obstacles = stage.GetPrimAtPath(OBSTACLES)
     paths = [prim.GetPath() for prim in obstacles.GetChildren()] if obstacles else []
-    stands = [box[:, 1].min() for box in _points(stage, paths, moments) if np.ptp(box, axis=0).max() < LARGE * size]
-    return min([float(height) for height in stands if height < lowest], default=lowest - HOVER * size)
+    return (points for points in _points(stage, paths, moments) if np.ptp(points, axis=0).max() < LARGE * size)
 
 
-def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int]) -> list[NDArray[np.float64]]:
+def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:
     """The points of each mesh at some frames, and of what is none the corners of its box, Y up, shape (n, 3) each."""
     # A room that reads stages, and so loads this one.
     from balloon_warp.outputs.render.moment import Moment
 
     purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render, UsdGeom.Tokens.proxy]
-    found: list[NDArray[np.float64]] = []
     prims = [prim for path in paths if (prim := stage.GetPrimAtPath(path))]
     for frame in moments:
         moment, boxes = Moment(stage, frame), UsdGeom.BBoxCache(Usd.TimeCode(frame), purposes)
@@ -83,5 +115,4 @@ def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int])
                 box = boxes.ComputeUntransformedBound(prim).ComputeAlignedRange()
                 points = [] if box.IsEmpty() else [box.GetCorner(number) for number in range(8)]
             if points:
-                found.append(moment.place(prim, np.array(points, np.float64)))
-    return found
+                yield moment.place(prim, np.array(points, np.float64))
