@@ -1,13 +1,15 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, at the end of the links that lead to them."""
 
 import os
-import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from balloon_warp.errors import InputError
+from balloon_warp.temporaries import clear_left_over, temporary_in
 
+MOST_LINKS = 40
+"""from one to the next, as Linux follows them"""
 STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
 
 
@@ -28,43 +30,95 @@ def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
             f"{path}: cannot write {path.suffix or 'a file without a suffix'}; expected {', '.join(suffixes)}"
             + ("; `balloon-warp render` makes pictures and films of these" if is_picture else "")
         )
-    if legible(str(path.absolute())) != str(path.absolute()):
-        raise InputError(f"{legible(str(path))}: its name or its folder's is not UTF-8; expected one that is, by -o")
-    if ":SDF_FORMAT_ARGS:" in str(path):
-        raise InputError(f"{path}: USD takes :SDF_FORMAT_ARGS: for the start of options; expected a name without it")
     try:
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: the folder {path.parent} does not exist")
-        if path.is_dir():
+        target = target_of(path)
+        _check_name(path)
+        _check_name(target, path)
+        if not target.parent.is_dir():
+            raise InputError(f"{path}: the folder {target.parent} does not exist")
+        if target.is_dir():
             raise InputError(f"{path}: is a folder; expected a file name")
+        clear_left_over(target.parent)
         # Only trying tells: a folder may let the superuser in and still take no files.
-        probe = _temporary(path)
-        try:
+        with temporary_in(target.parent, path.suffix) as probe:
             probe.touch(exist_ok=False)
-        finally:
-            probe.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _check_name(path: Path, given: Path | None = None) -> None:
+    """Make sure that USD takes the name of an output.
+
+    Args:
+        given: the link that leads there.
+
+    Raises:
+        InputError: it does not.
+    """
+    said = legible(str(given or path))
+    if legible(str(path.absolute())) != str(path.absolute()):
+        raise InputError(f"{said}: its name or its folder's is not UTF-8; expected one that is, by -o")
+    if ":SDF_FORMAT_ARGS:" in str(path):
+        raise InputError(f"{said}: USD takes :SDF_FORMAT_ARGS: for the start of options; expected a name without it")
+
+
+def target_of(path: Path) -> Path:
+    """Follow links, and return where a file or folder is, or would be: what is written there leaves the links.
+
+    Raises:
+        InputError: the links lead in a circle, or to something that is no file, such as a device.
+    """
+    target = path
+    for _ in range(MOST_LINKS):
+        if not target.is_symlink():
+            break
+        target = target.parent / target.readlink()
+    else:
+        raise InputError(f"{path}: is a link that leads back to itself; expected one that leads to a file")
+    if target.exists() and not target.is_file() and not target.is_dir():
+        raise InputError(f"{path}: {target} is neither a file nor a folder; expected a file name")
+    return target
+
+
+def file_behind(path: Path) -> Path:
+    """Return the file that a link leads to, which has beside it what it names; the link itself, where the file has
+    another suffix, as in stores that call files by their content."""
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    return target if target.suffix.lower() == path.suffix.lower() else path
+
+
+def is_same_file(one: Path, other: Path) -> bool:
+    """Return whether two paths lead to the same file, which need not be there."""
+    return os.path.realpath(one) == os.path.realpath(other)
+
+
+def whole_path(path: Path) -> Path:
+    """Return a path from the root on, with all folders as they are, and the file's own name, even if it is a link."""
+    return Path(os.path.realpath(path.parent), path.name)
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, of the same suffix, that takes its place when the block ends well.
 
-    It is on the disk before it takes the place, so that a crash of the machine leaves a good file, too.
+    It is on the disk before it takes the place, so that a crash of the machine leaves a good file, too. Where `path` is
+    a link, the place is where that leads.
 
     Raises:
         InputError: the block, or the end of it, failed to write the file.
     """
-    temporary = _temporary(path)
+    own = None
     try:
-        yield temporary
-        _flush(temporary)
-        os.replace(temporary, path)
-        with suppress(OSError):  # what is not a disk may not know how; the file is in its place
-            _flush(path.parent)
+        target = target_of(path)
+        with temporary_in(target.parent, path.suffix) as temporary:
+            own = temporary
+            yield temporary
+            _flush(temporary)
+            os.replace(temporary, target)
+            with suppress(OSError):  # what is not a disk may not know how; the file is in its place
+                _flush(target.parent)
     except OSError as error:
-        if error.filename is not None and Path(error.filename) != temporary:
+        if own is not None and error.filename is not None and Path(error.filename) != own:
             raise  # another file's
         reason = error.strerror or str(error).partition("\n")[0]
         raise InputError(f"{path}: cannot be written: {reason}") from error
@@ -72,8 +126,22 @@ def whole_file(path: Path) -> Iterator[Path]:
         if not _is_from_usd(error):
             raise
         raise InputError(f"{path}: cannot be written: USD failed to save it; is the disk full?") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_beside(path: Path) -> Iterator[Path]:
+    """Yield an empty hidden folder where an output goes, which goes itself when the block ends.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    with ExitStack() as files:
+        try:
+            folder = files.enter_context(temporary_in(target_of(path).parent))
+            folder.mkdir()
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        yield folder
 
 
 def _flush(path: Path) -> None:
@@ -83,11 +151,6 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _temporary(path: Path) -> Path:
-    """Without the name itself, which may be as long as names can be."""
-    return path.with_name(f".{secrets.token_hex(4)}.partial{path.suffix}")
 
 
 def _is_from_usd(error: RuntimeError) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
 from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
 from balloon_warp.errors import BlowUpError
@@ -81,6 +82,7 @@ def animate(
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
     view: Mapping[str, Any] | None = None,
+    on_begin: Callable[[Beginning], None] = lambda beginning: None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
@@ -88,7 +90,7 @@ def animate(
     """Simulate a scene and write its motion: as USD, or as another kind of file.
 
     A long run is saved now and then, in the folder `OUTPUT.partial` beside the output. So it can go on after a kill or
-    Ctrl-C. The folder is removed once the output is there.
+    Ctrl-C. The folder is removed once the output is there. What fails leaves the stage that was there.
 
     Args:
         scene: what to simulate: a scene, or what `load_scene` makes one of.
@@ -106,7 +108,7 @@ def animate(
             beside the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
         checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
-        on_frame: called with the number of each frame when it is simulated.
+        on_begin, on_frame: called with what begins, once, and with the number of each frame when it is simulated.
         on_note: called with sentences: where the run begins, and whether an earlier one was not finished.
         on_warning: called with sentences: what is odd about a mesh, which strings start overstretched, which spheres
             may come through, a blow-up that does not stop the run, and what ends badly.
@@ -115,13 +117,12 @@ def animate(
         InputError: the scene cannot be simulated, an output cannot be written, or a checkpoint is another run's.
         BlowUpError: the simulation blew up with "stop", or after the last restart.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
-        In all cases the stage that was there stays.
     """
     began = time.perf_counter()
     scene = scene_of(scene)
     check_policy(on_blowup)
     with Wanted.of(output, picture, save_points, lights, ground, view).checked(scene) as wanted:
-        simulator, inflation = _begun(scene, device, schedule, laws, on_warning)
+        simulator, inflation = _begun(scene, device, schedule, laws, on_begin, on_warning)
         on_frame, again = told_before(inflation, on_note, on_frame), resume and on_blowup == "restart"
         restarts = halvings_until(partial_path(wanted.output), simulator.model.substeps) if again else 0
         for _ in range(restarts):
@@ -182,11 +183,13 @@ def _begun(
     device: str | None,
     schedule: str,
     laws: Sequence[Law],
+    on_begin: Callable[[Beginning], None],
     on_warning: Callable[[str], None],
 ) -> tuple[Simulator, list[Swelling]]:
     """The simulator of a scene, whose oddities are told; and how far its balloons swell by pressures that are left to
     us."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+    on_begin(simulator.beginning)
     for warning in simulator.model.warnings:
         on_warning(warning)
     return simulator, swellings_of(simulator.model)
@@ -278,6 +281,7 @@ def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None
     """
     checkpoints.folder.require_own()
     leftover, folder = checkpoints.leftover, checkpoints.folder.path
+    checkpoints.folder.clear(leftover is not None)
     if not resume and leftover is not None:
         on_note(
             f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on; it is "

@@ -27,7 +27,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def did_you_mean_file(path: Path, suffixes: Iterable[str], names: Iterable[str] = ()) -> str:
-    """The same, for a file that is not there: of those beside where it would be.
+    """The same, for a file that is not there: of those beside where it would be; of a link, where that leads.
 
     Args:
         path: the file that was asked for.
@@ -35,6 +35,8 @@ def did_you_mean_file(path: Path, suffixes: Iterable[str], names: Iterable[str] 
         names: what else could have been meant, such as bundled scenes.
     """
     endings = tuple(suffixes)
+    if path.is_symlink():
+        return f"; it is a link to {path.readlink()}, where there is none"
     try:
         beside = [each.name for each in path.parent.iterdir() if each.name.lower().endswith(endings)]
     except OSError:

@@ -2,9 +2,12 @@
 
 import os
 import tempfile
+import threading
 from functools import cache
+from pathlib import Path
 
 from balloon_warp.garbage import without_collecting
+from balloon_warp.temporaries import clear_left_over, folder_of_process
 
 
 @cache
@@ -26,8 +29,17 @@ def quiet_warp() -> None:
         try:
             wp.init()
         except OSError:  # no home to cache kernels in, as in a locked-down container
-            wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="balloon-warp-")
+            wp.config.kernel_cache_dir = str(folder_of_process() / "kernels")
             wp.init()
         finally:
             os.dup2(standard_error, 2)
             os.close(standard_error)
+    clear_left_over(Path(tempfile.gettempdir()))
+    wp._src.context.runtime._get_or_create_pch_dir = _folder_of_headers
+
+
+def _folder_of_headers() -> str:
+    """Return a thread's folder of precompiled headers. Warp would make one whose megabytes a kill leaves for good."""
+    folder = folder_of_process() / f"headers_{threading.get_ident()}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return str(folder)

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import warp as wp
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
 from balloon_warp.frame import Frame
@@ -45,8 +46,8 @@ class Simulator(Steered):
     """
 
     _internal = (
-        *("advance", "diagnose", "drop_turns", "from_origin", "go_on_in", "go_on_with", "of_model", "schedule"),
-        *("set_parameters", "step_unread", "take_due_turns"),
+        *("advance", "beginning", "diagnose", "drop_turns", "from_origin", "go_on_in", "go_on_with", "of_model"),
+        *("schedule", "set_parameters", "step_unread", "take_due_turns"),
     )
 
     def __init__(
@@ -94,6 +95,20 @@ class Simulator(Steered):
         del self.state, self.schedule  # their memory is wanted
         self._begin(*self._first)
 
+    @property
+    def beginning(self) -> Beginning:
+        """What is simulated, where, and how."""
+        model = self.model
+        return Beginning(
+            worlds=model.world_count,
+            particles=model.world_count * model.particle_count,
+            frames=model.scene.frames,
+            substeps=model.substeps,
+            frames_per_second=model.scene.frames_per_second,
+            device=str(model.device),
+            schedule=self.schedule.name,
+        )
+
     @classmethod
     def from_origin(cls, origin: Origin) -> Self:
         """A simulator that goes on from a state that was kept."""
@@ -103,6 +118,7 @@ class Simulator(Steered):
             overwrite(simulator.state, origin.state)
         return simulator
 
+    @taking_turns
     def _begin_step(self) -> None:
         self.take_due_turns()
         if self._origins.is_due(self.model, self.frame_number):
@@ -151,6 +167,7 @@ class Simulator(Steered):
         for cached in ("_frame_graph", "_frame_reader"):
             vars(self).pop(cached, None)
 
+    @taking_turns
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
         """Why a world blew up. Its last frames are simulated again, by themselves, to find out.
 

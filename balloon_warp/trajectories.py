@@ -21,6 +21,7 @@ from balloon_warp.scene.overrides import Override
 from balloon_warp.shown import Shown, described
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
+from balloon_warp.turns import in_turn
 
 
 @described
@@ -107,9 +108,10 @@ def simulate(
         raise InputError(f"every: must be a whole number, at least 1 (got {every})")
     groups = plan_groups(scene, world_count, vary or {}, laws)
     meshes = [shape.mesh for shape in groups[0].plan.shapes]
-    tracks = _tracks(groups, world_count, scene.frames // every + 1)
+    tracks, target = _tracks(groups, world_count, scene.frames // every + 1), pick_device(device)
     for group in groups:
-        simulator = Simulator.of_model(lay_out(group.plan, pick_device(device)), schedule)
+        with in_turn(target):
+            simulator = Simulator.of_model(lay_out(group.plan, target), schedule)
         for number in range(scene.frames + 1):
             if number:
                 simulator.step_unread()
@@ -149,7 +151,8 @@ def _record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, p
     """Write down where a group's worlds are."""
     for name, track in tracks.items():
         if track.size:
-            track[group.worlds, place] = getattr(simulator.state, name).numpy()
+            with in_turn(simulator.model.device):
+                track[group.worlds, place] = getattr(simulator.state, name).numpy()
             if not np.isfinite(track[group.worlds, place]).all():
                 bad = ~np.isfinite(track[group.worlds, place]).reshape(len(group.worlds), -1).all(axis=1)
                 raise BlowUpError(simulator.diagnose(int(bad.argmax()), simulator.frame_number))

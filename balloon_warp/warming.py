@@ -1,15 +1,14 @@
 """Kernels compiled ahead, so that what is simulated later begins at once."""
 
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from balloon_warp.job import animate
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.sweep.batch import run_batch
+from balloon_warp.temporaries import scratch_folder
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,8 @@ def warm_up(
     """
     began = time.perf_counter()
     short = scene_of(scene).model_copy(update={"frames": 1, "picture_frame": None})
-    with tempfile.TemporaryDirectory(prefix="balloon-warp-") as folder:
-        path, how = Path(folder), {"device": device, "schedule": schedule, "laws": laws}
+    with scratch_folder() as path:
+        how = {"device": device, "schedule": schedule, "laws": laws}
         if world_count == 1:
             done = animate(short, path / "warm.usdc", picture=path / "warm.png", **how)
         else:

@@ -9,14 +9,18 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import MissingExtraError
+from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.substep import inflation_of, ramp_at
+from balloon_warp.kernels.phases.inflate import inflation_of
+from balloon_warp.kernels.schedules.looks import GATHERED
+from balloon_warp.kernels.schedules.pieces import cut
+from balloon_warp.kernels.substep import AIMING, phases_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
-from balloon_warp.schedules.aims import AimRefresher
+from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
@@ -41,8 +45,8 @@ class NewtonPeer:
         self._control = self._newton.control()
         self._traits = model_traits(model)
         self._tables, room = make_tables(model, self._traits), Allocating(model.device)
-        self._refresher = AimRefresher(model, self._tables, room)
-        self._aims = room.array((model.world_count, model.particle_count), wp.vec3)
+        aiming = cut(phases_of(self._traits, AIMING), self._traits, GATHERED, shown=("aim",))
+        self._aiming = Launches(model, aiming, self._tables, room)
 
     def advance_frame(self, state: State) -> None:
         """One frame, of Newton's own state; the ramp of `state` serves as working memory."""
@@ -51,13 +55,13 @@ class NewtonPeer:
         now, after = self._states
         for substep in range(model.substeps):
             if substep == 0 or model.scene.normals == "fresh":
-                self._refresher.refresh(self._rows(now.particle_q), self._aims)
+                self._aiming.substep(state, 0, (self._rows(now.particle_q), self._rows(now.particle_qd)))
             wp.launch(
                 outer_force_kernel(self._traits),
                 (model.world_count, model.particle_count),
                 inputs=[
                     *(self._tables, substep * model.step_seconds, self._rows(now.particle_qd)),
-                    *(world_state(state), self._aims),
+                    *(world_state(state), self._aiming.values["aim"]),
                 ],
                 outputs=[self._rows(now.particle_f)],
                 device=model.device,

@@ -86,7 +86,11 @@ def _messages(page: Page) -> list[dict[str, Any]]:
     controls = page.controls
     moved = [
         {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": {"value": value}}
-        for control, value in ((controls.inflation, 0.5), (controls.wind, [1.0, 0.0, 0.0]), (controls.run, True))
+        for control, value in (
+            (controls.hands_on.inflation, 0.5),
+            (controls.wind, [1.0, 0.0, 0.0]),
+            (controls.hands_on.run, True),
+        )
     ]
     key = {"type": "CommandTriggerMessage", "uuid": next(iter(page.server.gui._command_handle_from_uuid))}
     return [camera, click, drag, *moved, key]

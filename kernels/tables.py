@@ -242,6 +242,8 @@ class WorldState:
     deep: wp.array2d[wp.int8]
     peaks: wp.array2d[float]
     bursts: wp.array2d[wp.vec4]
+    torn: wp.array2d[float]
+    tear_planes: wp.array2d[wp.vec4]
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_spins: wp.array2d[wp.vec3]

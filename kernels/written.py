@@ -13,8 +13,23 @@ def function_from(name: str, source: str, names: Mapping[str, Any]) -> Any:
     Args:
         names: what the text may refer to.
     """
+    return wp.func(_read(name, source, names))
+
+
+def _read(name: str, source: str, names: Mapping[str, Any]) -> Any:
+    """The function of a text."""
     filename = f"<balloon_warp {name} {hash(source):x}>"
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
     space = {"wp": wp, "Any": Any, **names}
     exec(compile(source, filename, "exec"), space)
-    return wp.func(space[name])
+    return space[name]
+
+
+def kernel_from(name: str, source: str, names: Mapping[str, Any], **options: Any) -> Any:
+    """A kernel of a text, in a module of its own.
+
+    Args:
+        names: what the text may refer to.
+        options: of `wp.kernel`.
+    """
+    return wp.kernel(_read(name, source, names), module="unique", enable_backward=False, **options)

@@ -16,9 +16,9 @@ FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.p
 TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 
 LAYERS = (
-    ("garbage",),
+    ("garbage", "temporaries"),
     ("kernels", "errors", "quiet", "driver", "shown"),
-    ("files", "turns", "launching", "interrupts", "laws", "meant"),
+    ("files", "turns", "launching", "interrupts", "laws", "meant", "beginning"),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),

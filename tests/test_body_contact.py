@@ -158,7 +158,7 @@ def test_a_balloon_carries_a_body_by_its_weight(device):
     height, pressed = body_state(simulator, "positions")[0, 1], []
     for _ in range(20):
         for _ in simulator.schedule.substeps(simulator.state):
-            pushes = simulator.schedule.pieces.working.body_pushes.numpy()[0].astype(float)
+            pushes = simulator.schedule.launches.working.body_pushes.numpy()[0].astype(float)
             pressed.append(pushes.sum(axis=0) / simulator.model.step_seconds)
     assert abs(body_state(simulator, "positions")[0, 1] - height) < 0.01
     assert height > 0.9

@@ -283,3 +283,17 @@ def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
     surfaces = [surface(shape_at(model, frames[-1], number)) for number in range(3)]
     assert max(depth(a.reshape(-1, 3), b) for a in surfaces for b in surfaces if a is not b) < 0.01 * 0.14
     assert (centers[..., 1].min(axis=0) > 0.9).all()
+
+
+def test_the_pieces_of_pop_lie_on_the_ground_as_skin():
+    """At the end of the scene, as large as at rest."""
+    model, frames = played("pop")
+    for number, shape in enumerate(model.shapes):
+        membrane, points = shape.membrane, frames[-1].points[number].astype(np.float64)
+        whole = ~frames[-1].torn[number][membrane.faces]
+        edges = points[membrane.corners[:, 1:]] - points[membrane.corners[:, :1]]
+        now, at_rest = (np.linalg.norm(np.cross(e[:, 0], e[:, 1]), axis=1)[whole] for e in (edges, membrane.edges))
+        assert now.sum() == pytest.approx(at_rest.sum(), rel=0.05)
+        heights = points[membrane.corners[whole], 1]
+        assert heights.min() == pytest.approx(0.0, abs=1e-3)
+        assert heights.max() < 0.05

@@ -152,6 +152,24 @@ def test_a_pressure_that_no_step_can_follow_is_the_cause(pressure: float, device
     assert blow_up(Simulator(Scene(balloon=[modest], substeps=20, frames=120, gravity=9e11), device)).pressure is None
 
 
+@pytest.mark.parametrize("rises", [False, True])
+def test_a_push_that_no_step_can_follow_is_the_cause(rises: bool, device):
+    """The paper's inflation, from the start or from a keyframe on, at its value then."""
+    push = Inflation(k_normal=[(0.0, 0.0), (0.1, 0.0), (0.1 + 1.0 / 60.0, 9e11)] if rises else 9e11)
+    ball = Balloon(mesh=cube(), inflation=push, mass=2.0)
+    report = blow_up(Simulator(Scene(balloon=[ball], substeps=4, frames=120), device))
+    expected = 9e11 * (report.substep - 1) / 4.0 if rises else 9e11
+    assert report.frame == (7 if rises else 1)
+    assert report.k_normal == pytest.approx(expected, rel=1e-4)
+    named = f"its k_normal of {report.k_normal:.3g}, a push of {100.0 * report.k_normal:.3g} N in all, alone throws it"
+    assert f"{named} away within a frame: less force helps" in str(report)
+    assert "substeps" not in str(report)
+    assert report.as_json()["k_normal"] == report.k_normal
+    modest = ball.model_copy(update={"inflation": Inflation(k_normal=0.2)})
+    other = blow_up(Simulator(Scene(balloon=[modest], substeps=20, frames=120, gravity=9e11), device))
+    assert (other.k_normal, other.pressure) == (None, None)
+
+
 @pytest.mark.parametrize(
     ("obstacles", "touched"),
     [

@@ -55,3 +55,20 @@ def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None
         said = capsys.readouterr().out
         assert "m? --unit cm?" in said
         assert "names no up axis" in " ".join(said.split())
+
+
+@pytest.mark.parametrize("command", ["run", "batch --worlds 2", "inspect"])
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+@pytest.mark.parametrize("source", ["ball.obj", "ball.toml"])
+def test_the_axis_is_said_once(
+    source: str, up_axis: str, command: str, tmp_path: Path, capfd: pytest.CaptureFixture
+) -> None:
+    """Of a mesh by itself in the line that says what scene it got; of a scene's mesh where it is turned."""
+    write_obj(tmp_path / "ball.obj", quad_sphere(3, 0.5))
+    (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
+    name, *options = command.split()
+    if name != "inspect":
+        options += ["--set", "frames=1", "--device", "cpu", "-o", str(tmp_path / ("out" + ".usdc" * (name == "run")))]
+    app([name, str(tmp_path / source), "--set", f"up_axis={up_axis}", *options], standalone_mode=False)
+    said = " ".join("".join(capfd.readouterr()).split())
+    assert said.count("file names no up axis") == (source == "ball.obj" or up_axis == "Z")

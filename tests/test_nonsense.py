@@ -47,7 +47,7 @@ def watcher(page: Page) -> Iterator[Connection]:
 
 def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
     """The very messages that the tests below spoil."""
-    say(watcher, update(page.controls.inflation, value=0.5))
+    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
     wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
     say(watcher, update(page.controls.wind, value=[1.0, 0, 0.0]))
     wait_until(lambda: page.session.picture.scene.atmosphere.wind == (1.0, 0.0, 0.0), "the wind")
@@ -57,7 +57,7 @@ def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
     wait_until(lambda: not page.session.playground.keep_stable, "the box")
     page.session.ask(lambda playground: setattr(playground, "keep_stable", True))
     page.controls.stable.value = True
-    say(watcher, update(page.controls.run, value=True))
+    say(watcher, update(page.controls.hands_on.run, value=True))
     wait_until(lambda: not page.session.picture.running, "the button")
     [pause] = [
         uuid for uuid, key in page.server.gui._command_handle_from_uuid.items() if key._impl.props.hotkey == "space"
@@ -75,10 +75,10 @@ def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
 def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Connection):
     """Where the machine is busy, what is shown lags behind the hand."""
     older = page.session.picture
-    say(watcher, update(page.controls.inflation, value=0.5))
+    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
     wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
     page.controls.follow(older)
-    assert page.controls.inflation.value == 0.5
+    assert page.controls.hands_on.inflation.value == 0.5
 
 
 def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
@@ -86,7 +86,7 @@ def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
     free = threading.Event()
     for _ in range(page.server._thread_executor._max_workers):
         page.server._thread_executor.submit(free.wait)
-    say(watcher, update(page.controls.inflation, value=0.5))
+    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
     try:
         wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
     finally:
@@ -97,7 +97,7 @@ def nonsense(page: Page) -> dict[str, bytes]:
     """What no window says, and must not be heard."""
     controls = page.controls
     upload = {"transfer_uuid": "x", "filename": "x", "mime_type": "x", "part_count": 0, "size_bytes": 0}
-    inflation = controls.inflation
+    inflation = controls.hands_on.inflation
     messages: dict[str, object] = {
         "no message": 7,
         "no type": {"uuid": "x"},
@@ -121,8 +121,8 @@ def nonsense(page: Page) -> dict[str, bytes]:
         "a wind of two": update(controls.wind, value=[0.0, 1.0]),
         "a wind of words": update(controls.wind, value=["1", "2", "3"]),
         "a choice that is none": update(controls._ways["solver"], value="no such solver"),
-        "a speed that is none": update(controls.speed, value="nan"),
-        "a scene that is none": update(controls.scenes, value="../../etc/passwd"),
+        "a speed that is none": update(controls.hands_on.speed, value="nan"),
+        "a scene that is none": update(controls.hands_on.scenes, value="../../etc/passwd"),
         "a number to a box": update(controls.stable, value=0.0),
         "a callback": update(inflation, update_cb=["x"]),
         "a control that is gone": update(inflation, removed=True),
@@ -170,7 +170,7 @@ def test_nonsense_is_not_heard(page: Page, watcher: Connection, capfd: pytest.Ca
     goes_on(page)
     said = capfd.readouterr()
     assert said.out + said.err == ""
-    say(watcher, update(page.controls.inflation, value=0.5))
+    say(watcher, update(page.controls.hands_on.inflation, value=0.5))
     wait_until(lambda: page.session.picture.inflation == 0.5, "another window is heard")
 
 
@@ -196,7 +196,7 @@ def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: C
     with joined(page) as window:
         say(window, CAMERA)
         for value in np.linspace(0.3, 0.6, 3000):
-            say(window, update(page.controls.inflation, value=float(value)))
+            say(window, update(page.controls.hands_on.inflation, value=float(value)))
         for _ in range(300):
             say(window, CLICK)
         goes_on(page)

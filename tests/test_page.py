@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError, MissingExtraError
 from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Change, Ground, Inflation, Material, Scene, String, Touch, Water
+from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Scene, String, Touch, Water
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
 from balloon_warp.viewer.session import Session
@@ -80,10 +80,10 @@ def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
     for height, far in ((0.5, 1.5 + 2.0), (-0.5, -1.5 - 2.0)):
         balloon = Balloon(mesh=quad_sphere(2), position=(0.0, height, 0.0))
         model = build_model(Scene(balloon=[balloon], string=[String(anchor=(1.0, 0.0, 0.0), length=1.5)]), "cpu")
-        reach = string_reach(model, 2.0, np.array([0.0, height, 0.0]), up)
+        reach = string_reach(model, up)
         np.testing.assert_allclose(reach, [[1.0, 0.0, 0.0], [1.0, far, 0.0]])
     without = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu")
-    assert string_reach(without, 2.0, np.zeros(3), up).shape == (0, 3)
+    assert string_reach(without, up).shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -91,22 +91,22 @@ def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
 )
 def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
     pytest.importorskip("viser", reason="needs the extra `view`")
-    from balloon_warp.viewer.controls import _range
+    from balloon_warp.viewer.hands_on import span
 
     slider = SimpleNamespace()
-    _range(slider, most, signed=True)
+    span(slider, most, signed=True)
     assert (slider.min, slider.max, slider.step) == (-end, end, pytest.approx(end / 500))
-    _range(slider, most, signed=False)
+    span(slider, most, signed=False)
     assert (slider.min, slider.max) == (0.0, end)
 
 
 def shown(scene: Scene) -> dict[str, list[str]]:
     """What has a slider in a scene, beside what every scene has."""
     pytest.importorskip("viser")
-    from balloon_warp.viewer.sliders import of_tables, stands_in
+    from balloon_warp.viewer.sliders import does_something, of_tables
 
     return {
-        name: [value.row.name for value in values if stands_in(scene, value.row)]
+        name: [value.row.name for value in values if does_something(scene, value.row)]
         for name, values in of_tables().items()
     }
 
@@ -116,7 +116,8 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
     plain = shown(Scene(balloon=[Balloon(mesh=quad_sphere(2))]))
     assert plain["Contacts"] == plain["Material"] == plain["Gas"] == []
     latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
-    touching = shown(Scene(balloon=[latex], touch=Touch(stiffness=3.0), ground=Ground(), water=Water()))
+    around = {"ground": Ground(), "water": Water(), "atmosphere": Atmosphere(wind=(1.0, 0.0, 0.0))}
+    touching = shown(Scene(balloon=[latex], touch=Touch(stiffness=3.0), **around))
     assert set(touching["Contacts"]) == {*("ground_height", "ground_friction", "ground_restitution")} | {
         *("touch_friction", "touch_stiffness")
     }  # what the scene leaves to us, as the thickness, has none
@@ -124,6 +125,28 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
     assert {"leak", "gamma"} <= set(touching["Gas"])
     assert {"water_density", "wind_shear", "gusts"} <= set(touching["Air and water"])
     assert not {"fill_breaths", "molar_mass"} & set(touching["Gas"])
+
+
+def test_what_does_nothing_as_things_are_has_no_slider():
+    """Springs of what has none, gusts in calm air, and air that no balloon feels."""
+    pytest.importorskip("viser")
+    from balloon_warp.viewer.sliders import VALUES, does_something
+
+    def springs(material: Material) -> list[str]:
+        scene = Scene(balloon=[Balloon(mesh=quad_sphere(2), material=material)])
+        rows = [value.row for value in VALUES if does_something(scene, value.row)]
+        return [row.name for row in rows if row.name in ("structural", "shear", "flexion")]
+
+    assert springs(Material()) == ["structural", "shear", "flexion"]
+    assert springs(Material(preset="latex")) == []
+    assert springs(Material(preset="latex", springs=["flexion"])) == ["flexion"]
+    plain = Balloon(mesh=quad_sphere(2))
+    assert not {"gusts", "air_pressure"} & set(shown(Scene(balloon=[plain]))["Air and water"])
+    dragged = plain.model_copy(update={"drag_coefficient": 0.5})
+    assert "air_pressure" in shown(Scene(balloon=[dragged]))["Air and water"]
+    wind = Scene(balloon=[dragged], atmosphere=Atmosphere(wind=(1.0, 0.0, 0.0)))
+    assert "gusts" in shown(wind)["Air and water"]
+    assert "gust_length" not in shown(wind)["Air and water"]
 
 
 def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):

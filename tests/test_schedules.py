@@ -115,11 +115,11 @@ def test_parameters_of_worlds_may_differ(name, schedule, device):
 @pytest.mark.parametrize(
     ("scene", "kernels"),
     [
-        (bare(), ["add_forces", "advance_particles"]),
-        (SCENES["torsion"].model_copy(update={"sphere": []}), ["add_forces", "advance_particles"]),
+        (bare(), ["add_forces", "particles_pull_to_move"]),
+        (SCENES["torsion"].model_copy(update={"sphere": []}), ["add_forces", "particles_pull_to_leave"]),
         (
             bare().model_copy(update={"water": Water()}),
-            ["add_forces", "advance_particles", "advance_particles"],
+            ["add_forces", "particles_pull_to_push", "particles_move"],
         ),
     ],
     ids=["springs", "strings and hinges", "water"],
@@ -132,7 +132,7 @@ def test_a_substep_of_scatter_is_few_launches(scene, kernels, monkeypatch):
     launched = []
     monkeypatch.setattr(wp, "launch", lambda kernel, *args, **more: launched.append(kernel.func.__name__))
     monkeypatch.setattr(wp, "copy", lambda *args: launched.append("copy"))
-    scatter.advance_substep(state, 0.0, (state.points, state.velocities))
+    scatter.launches.substep(state, 1, (state.points, state.velocities))
     assert launched == kernels
 
 

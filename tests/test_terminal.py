@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,11 @@ from meshes import quad_sphere
 from rich.console import Console
 
 import balloon_warp
+from balloon_warp.beginning import Beginning
+from balloon_warp.cli.app import app
+from balloon_warp.cli.estimate import FirstEstimate, time_left
 from balloon_warp.cli.progress import FrameProgress
+from balloon_warp.cli.words import counted
 from balloon_warp.mesh.obj import write_obj
 
 
@@ -66,9 +71,101 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
             now[0] += 1.0
             progress.update(task, completed=frame)
     lines = log.getvalue().splitlines()
-    assert lines[0] == "squirrel: frame 290 of 1,200, 9.67 frames/s, 94 s left"
-    assert len(lines) == 4  # of two minutes
+    assert lines[0] == "squirrel: about 2 min (1,170 frames at 10 frames/s)"
+    assert lines[1] == "squirrel: frame 290 of 1,200, 9.67 frames/s, 94 s left"
+    assert len(lines) == 1 + 4  # of two minutes
     assert log.getvalue().isascii()
+
+
+BEGINNING = Beginning(
+    worlds=1,
+    particles=2494,
+    frames=600,
+    substeps=13,
+    frames_per_second=60.0,
+    device="cpu",
+    schedule="octets",
+)
+
+
+def test_a_log_says_first_what_is_simulated():
+    log = io.StringIO()
+    with FrameProgress(Console(file=log)) as progress:
+        task = progress.add_task("squirrel", total=600)
+        progress.begin(task, BEGINNING)
+        progress.begin(task, replace(BEGINNING, worlds=64, workers=2), "run 1 of 2")
+    what = "2,494 particles, 13 substeps a frame, 600 frames at 60 frames/s"
+    assert log.getvalue().splitlines() == [
+        f"squirrel: 1 world, {what}, on cpu, schedule octets",
+        f"squirrel, run 1 of 2: 64 worlds, {what}, on 2 x cpu, schedule octets",
+    ]
+
+
+def test_a_bar_has_what_a_frame_costs_beside_it():
+    screen = io.StringIO()
+    with FrameProgress(Console(file=screen, force_terminal=True, width=200)) as progress:
+        progress.begin(progress.add_task("squirrel", total=600), BEGINNING)
+    assert "squirrel, 2,494 particles, 13 substeps a frame" in screen.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (["run", "ball.obj"], "ball"),
+        (["batch", "ball.obj", "--worlds", "3", "--vary", "balloon.mass=1:2"], "ball"),
+        (["compare", "ball.toml", "--vary", "balloon.mass=1,2"], "ball, run 1 of 2"),
+    ],
+)
+def test_the_first_line_of_a_log(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    name: str,
+):
+    """Before notes and warnings, of whatever is simulated."""
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path / "ball.obj", quad_sphere(3))
+    (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
+    app([*words, "--frames", "2", "--device", "cpu", "--schedule", "gather"], standalone_mode=False)
+    first, *_ = capsys.readouterr().err.splitlines()
+    worlds = 3 if words[0] == "batch" else 1
+    start = f"{name}: {counted(worlds, 'world')}, {56 * worlds} particles, "
+    assert first.startswith(start)
+    assert re.fullmatch(
+        r"\d+ substeps? a frame, 2 frames at 60 frames/s, on cpu, schedule gather", first.removeprefix(start)
+    )
+
+
+@pytest.mark.parametrize(
+    ("frames", "seconds", "left", "said"),
+    [
+        (8, 10.0, 600, "about 12 min (600 frames at 0.8 frames/s)"),
+        (3, 90.0, 200, "about 1 h 40 min (200 frames at 0.033 frames/s)"),
+        (3, 900.0, 1000, "about 3 d 11 h (1,000 frames at 0.0033 frames/s)"),
+        (1000, 2.0, 90_000, "about 3 min (90,000 frames at 500 frames/s)"),
+        (2, 100.0, 600, None),  # too few
+        (90, 1.0, 90_000, None),  # too soon
+        (100, 10.0, 500, None),  # soon done
+        (0, 0.0, 10, None),
+    ],
+)
+def test_time_left(frames: int, seconds: float, left: int, said: str | None):
+    assert time_left(frames, seconds, left) == said
+
+
+def test_the_time_is_estimated_once_and_without_what_is_compiled():
+    estimate = FirstEstimate()
+    said = [estimate.after(0, 100, 0.0), estimate.after(1, 100, 60.0)]  # a minute of compiling
+    said += [estimate.after(frame, 100, 60.0 + 2.0 * (frame - 1)) for frame in range(2, 101)]
+    assert [each for each in said if each] == ["about 3 min (96 frames at 0.5 frames/s)"]
+
+
+def test_a_run_that_begins_again_is_estimated_anew():
+    estimate = FirstEstimate()
+    assert [estimate.after(frame, 100, 0.1 * frame) for frame in range(20)] == [None] * 20
+    again = [estimate.after(frame, 100, 100.0 + 2.0 * frame) for frame in range(6)]
+    assert [each for each in again if each] == ["about 3 min (96 frames at 0.5 frames/s)"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are no bytes")

@@ -1,17 +1,23 @@
 """Simulators in threads of their own, beside each other: the bytes are those of one after the other."""
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from meshes import quad_sphere
 
-from balloon_warp import Scene, Simulator, animate, run_batch
+from balloon_warp import Scene, Simulator, animate, run_batch, turns
 from balloon_warp.outputs.render import render_stage
 from balloon_warp.scene import Balloon, Ground, Inflation, Sphere
+from balloon_warp.trajectories import simulate
 
 FRAMES, THREADS = 6, 4
+QUEUED = "launch", "launch_tiled", "copy", "clone", "empty", "zeros", "full", "capture_launch", "synchronize_event"
+"""what Warp refuses, or records as well, while another thread records on the same GPU"""
 
 
 def scene(number: int) -> Scene:
@@ -69,9 +75,39 @@ def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: 
     assert (tmp_path / "after.png").read_bytes() == (tmp_path / "before.png").read_bytes()
 
 
+def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """A CPU stands in for a GPU, where one thread's launch would go into what another records."""
+    untaken = []
+
+    def watch(owner: Any, name: str) -> None:
+        queued = getattr(owner, name)
+
+        def watched(*arguments: Any, **named: Any) -> Any:
+            caller = sys._getframe(1).f_code.co_filename
+            if "unlocked" in repr(turns.ALONE) and not (
+                name == "numpy" and caller.endswith("reading.py")
+            ):  # on the host
+                untaken.append(f"{name} in {caller}")
+            return queued(*arguments, **named)
+
+        monkeypatch.setattr(owner, name, watched)
+
+    monkeypatch.setattr(turns, "nullcontext", lambda: turns.ALONE)
+    for name in QUEUED:
+        watch(wp, name)
+    for name in ("numpy", "assign", "fill_", "zero_"):
+        watch(wp.array, name)
+    for number in range(3):
+        simulated(number, "cpu")
+    simulate(scene(1), device="cpu")
+    animate(scene(1), tmp_path / "still.usdc", device="cpu")
+    render_stage(tmp_path / "still.usdc", tmp_path / "still.png", size=(64, 36), device="cpu")
+    run_batch(scene(1), tmp_path / "batch", 3, {"gravity": [1.0, 5.0, 9.0]}, device="cpu")
+    assert not untaken
+
+
 def test_what_somebody_else_records_is_left_alone(device: str):
     """A graph of the user's own, recorded while a simulator steps in another thread, holds what he did."""
-    wp = pytest.importorskip("warp")
     simulator = Simulator(scene(1), device=device)
     if wp.get_device(device).is_cuda:
         pytest.skip("there, all threads share a stream: the user's own recording has to take its turn")

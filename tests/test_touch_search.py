@@ -31,14 +31,14 @@ def pair(speed: float) -> list[Balloon]:
 def test_only_what_moves_is_looked_for_again(speed, does):
     schedule = gathered(*pair(speed))
     schedule.advance_frame(initial_state(schedule.model))
-    assert schedule.pieces.working.near_balloons.numpy()[0, -1] == int(does)
+    assert schedule.launches.working.near_balloons.numpy()[0, -1] == int(does)
 
 
 @pytest.mark.parametrize("speed", [0.3, 4.0])
 def test_whatever_is_touched_is_on_the_list(speed):
     """In some substeps, of every particle that is nearer to another balloon than surfaces begin to push."""
     schedule = gathered(*pair(speed), ball(2.1, 0.0, 0.0, velocity=(-2.0 * speed, 0.0, 0.0), inflation=SLACK))
-    model, working = schedule.model, schedule.pieces.working
+    model, working = schedule.model, schedule.launches.working
     corners = schedule.tables.touch.triangles.numpy()
     balloons = schedule.tables.particles.balloon.numpy()
     of_triangle, offsets = balloons[corners[:, 0]], model.particle_offsets

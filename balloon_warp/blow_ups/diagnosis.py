@@ -57,7 +57,7 @@ def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: 
         touched=tuple(pulls.touched_by(particle)),
         stable_step=_stable_step(last),
         limit_point=_limit_point(last, particle),
-        pressure=_pressure(last, particle),
+        **_excess(last, particle),
     )
 
 
@@ -97,16 +97,23 @@ def _limit_point(last: LastSubstep, particle: int) -> str | None:
     return str(limit) if limit else None
 
 
-def _pressure(last: LastSubstep, particle: int) -> float | None:
-    """Return the pressure given to the balloon of a particle [Pa], if it is far beyond all that its skin bears."""
+def _excess(last: LastSubstep, particle: int) -> dict[str, float]:
+    """Return the pressure or k_normal given to the balloon of a particle, if that is far beyond all its skin bears."""
     model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
-    if model.scene.balloon[number].inflation.kind != "pressure":
-        return None
-    shape, given = model.shapes[number], float(last.before.pressures.numpy()[0, number])
+    shape, kind = model.shapes[number], model.scene.balloon[number].inflation.kind
+    if kind == "pressure":
+        name, given = "pressure", float(last.before.pressures.numpy()[0, number])
+        push = given * shape.area
+    elif kind == "normal_force":
+        begin, slope = last.before.inflation_ramp.numpy()[0, number].tolist()
+        name, given = "k_normal", begin + slope * (last.substep - 1) * model.step_seconds
+        push = 100.0 * given  # on all particles together, as the paper has it
+    else:
+        return {}
     parameters = {name: np.array(array.numpy(), dtype=np.float64) for name, array in model.parameters.items()}
-    borne = borne_pressures(model.scene, number, shape, parameters)[1].max()
-    thrown = 0.5 * abs(given) * shape.area / parameters["mass"][0, number] * model.frame_seconds**2
-    return given if abs(given) > BEYOND * borne and thrown > BEYOND * size_of(shape.mesh) else None
+    most = borne_pressures(model.scene, number, shape, parameters)[1].max() * shape.area
+    thrown = 0.5 * abs(push) / parameters["mass"][0, number] * model.frame_seconds**2
+    return {name: given} if abs(push) > BEYOND * most and thrown > BEYOND * size_of(shape.mesh) else {}
 
 
 def _stable_step(last: LastSubstep) -> float | None:

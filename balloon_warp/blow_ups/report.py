@@ -38,6 +38,8 @@ class BlowUp:
     """that its balloon is past, under a pressure that is given: no step helps there"""
     pressure: float | None = None
     """that is given [Pa], where it alone would throw its balloon away within a frame: no step helps there, either"""
+    k_normal: float | None = None
+    """that is given, where it alone would do so"""
 
     def __str__(self) -> str:
         when = f"frame {self.frame}, world {self.world}"
@@ -59,6 +61,11 @@ class BlowUp:
         """The step beside the stable one, and what helps."""
         if self.pressure:
             return f"its pressure of {self.pressure:.3g} Pa alone throws it away within a frame: less pressure helps"
+        if self.k_normal:
+            return (
+                f"its k_normal of {self.k_normal:.3g}, a push of {100.0 * self.k_normal:.3g} N in all, alone throws it "
+                "away within a frame: less force helps"
+            )
         if self.limit_point:
             return self.limit_point
         if self.is_sphere:

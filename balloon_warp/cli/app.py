@@ -16,6 +16,7 @@ from balloon_warp.cli.convert import convert
 from balloon_warp.cli.doctor import doctor
 from balloon_warp.cli.foil import foil
 from balloon_warp.cli.inspect import inspect
+from balloon_warp.cli.kernel import kernel
 from balloon_warp.cli.lone_weld import Command
 from balloon_warp.cli.remesh import remesh
 from balloon_warp.cli.render import render
@@ -38,7 +39,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, view, batch, compare, scenes, inspect, remesh, foil, render, convert, warm_up, bench, doctor):
+for command in (
+    run,
+    view,
+    batch,
+    compare,
+    scenes,
+    inspect,
+    remesh,
+    foil,
+    render,
+    convert,
+    warm_up,
+    kernel,
+    bench,
+    doctor,
+):
     app.command(cls=Command)(spread(command))
 
 

@@ -26,7 +26,7 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.warn import first_line, note, opened_by, warn
+from balloon_warp.cli.warn import Opening, first_line, note, warn, warner
 from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
@@ -156,8 +156,8 @@ def batch(
     require_room(loaded, worlds, choices, device, schedule, spread=spread_over)  # before each gets its values
     with _naming_vary(), frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
-        listeners = (lambda number: progress.update(task, completed=number)), note, warn
-        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
+        first = first_line(scene, loaded)
+        opening = Opening(first)
         summary = run_batch(
             loaded,
             output or Path(f"{name}_batch"),
@@ -172,9 +172,10 @@ def batch(
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
-            on_frame=on_frame,
-            on_note=on_note,
-            on_warning=on_warning,
+            on_begin=lambda beginning: opening.begin_with(lambda: progress.begin(task, beginning)),
+            on_frame=opening.before(lambda number: progress.update(task, completed=number)),
+            on_note=opening.before(note),
+            on_warning=opening.before(warner(first)),
         )
     if worlds > 1 and all(isinstance(values, list) and len(set(values)) == 1 for values in choices.values()):
         note("all worlds are alike; --vary PATH=LOW:HIGH, such as balloon.mass=1:3, makes them differ")

@@ -118,6 +118,7 @@ def compare(
             size=parse_size(size),
             device=device,
             schedule=schedule,
+            on_begin=lambda run, runs, beginning: progress.begin(task, beginning, f"run {run + 1} of {runs}"),
             on_frame=lambda run, runs, done, count: progress.update(
                 task, completed=run * count + done, total=runs * count
             ),

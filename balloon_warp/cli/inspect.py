@@ -17,12 +17,17 @@ from balloon_warp.cli.options import (
     MeshOptions,
     Set,
 )
+from balloon_warp.cli.stages import stages
+from balloon_warp.cli.warn import unsaid
 from balloon_warp.cli.words import counted
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import Figures, MeshReport, inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
 from balloon_warp.scene.overrides import override_scene
+
+STEP_STAGE = "looking for the longest step that is stable"
+SWELLING_STAGE = "foretelling how far it swells"
 
 
 def inspect(
@@ -49,11 +54,18 @@ def inspect(
 def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     paths = [(balloon.mesh, balloon) for balloon in scene.balloon if isinstance(balloon.mesh, Path)]
     meshes = [(path, balloon.treatment, balloon.unit, _prims(balloon)) for path, balloon in paths]
-    reports = {mesh: inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2]) for mesh in dict.fromkeys(meshes)}
-    from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
-    from balloon_warp.swelling import foretold_swellings, sentences
+    reports = {}
+    with stages(source) as stage:
+        for mesh in dict.fromkeys(meshes):
+            stage(f"checking {mesh[0].name}, and making its springs")
+            reports[mesh] = inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2])
+        from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
+        from balloon_warp.swelling import foretold_swellings, sentences
 
-    step, inflation = asdict(advise_step(scene)), foretold_swellings(_with_own_step(scene))
+        stage(STEP_STAGE)
+        step = asdict(advise_step(scene))
+        stage(SWELLING_STAGE)
+        inflation = foretold_swellings(_with_own_step(scene))
     if as_json:
         balloons = [{"mesh": str(mesh[0]), **asdict(reports[mesh])} for mesh in meshes]
         print(
@@ -88,24 +100,32 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     """The step is that of the scene that a mesh by itself gets. A mesh of which that makes no balloon is reported on
     first, and then refused."""
     balloon = changes.balloon_of(mesh)
-    report = inspect_mesh(load_mesh(mesh, balloon.prim), mesh, balloon.treatment)
-    from balloon_warp.advice import advise_step
-    from balloon_warp.swelling import foretold_swellings, sentences
-
     step, inflation, alone, refusal = None, [], {}, None
-    try:
-        scene = changes.load(str(mesh))
-        alone = {"by itself": scene.description}
-        step = asdict(advise_step(scene))
-        inflation = foretold_swellings(_with_own_step(scene))
-        alone |= _inflation_rows(sentences(inflation))
-    except InputError as mistake:
-        refusal = mistake
+    with stages(mesh.name) as stage:
+        stage("reading the mesh")
+        whole = load_mesh(mesh, balloon.prim)
+        stage("checking it, and making its springs")
+        report = inspect_mesh(whole, mesh, balloon.treatment)
+        from balloon_warp.advice import advise_step
+        from balloon_warp.swelling import foretold_swellings, sentences
+
+        try:
+            stage("making a scene of it")
+            scene = changes.load(str(mesh))
+            alone = {"by itself": scene.description}
+            stage(STEP_STAGE)
+            step = asdict(advise_step(scene))
+            stage(SWELLING_STAGE)
+            inflation = foretold_swellings(_with_own_step(scene))
+            alone |= _inflation_rows(sentences(inflation))
+        except InputError as mistake:
+            refusal = mistake
     if as_json:
         print(json.dumps({**asdict(report), "step": step, "inflation": [asdict(each) for each in inflation]}))
     else:
         more = {**alone, **(_step_rows(step) if step else {})}
-        _print_mesh(_console(), mesh.name, report, balloon.unit, more, step["doubts"] if step else ())
+        doubts = unsaid(alone.get("by itself"), step["doubts"] if step else ())
+        _print_mesh(_console(), mesh.name, report, balloon.unit, more, doubts)
     if refusal:
         raise refusal
 

@@ -18,6 +18,9 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from balloon_warp.beginning import Beginning
+from balloon_warp.cli.estimate import FirstEstimate
+from balloon_warp.cli.words import begun, briefly
 from balloon_warp.errors import StoppedError
 
 LOG_SECONDS = 30.0
@@ -32,20 +35,39 @@ class _FrameRate(ProgressColumn):
 
 
 class FrameProgress(Progress):
-    """A bar with frames a second and the time left; where the console is no terminal, a line of that every
-    `LOG_SECONDS`."""
+    """A bar with frames a second and the time left; where the console is no terminal, a line of what begins, and one
+    of how far it is every `LOG_SECONDS`. Of what takes minutes both say early how many."""
 
     def __init__(self, console: Console):
         self._logs, self._said = not console.is_terminal, time.monotonic()
+        self._estimate = FirstEstimate()
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _FrameRate())
         super().__init__(*columns, TimeRemainingColumn(), console=console, disable=self._logs, transient=True)
+
+    def begin(self, task_id: TaskID, beginning: Beginning, which: str = "") -> None:
+        """Say what begins: in a log all of it, beside a bar what is worth its place.
+
+        Args:
+            which: of several runs, such as "run 2 of 3".
+        """
+        name = self._tasks[task_id].description
+        if self._logs:
+            self._print(f"{name}{f', {which}' if which else ''}: {begun(beginning)}")
+        elif not which:
+            super().update(task_id, description=f"{name}, {briefly(beginning)}")
 
     def update(self, task_id: TaskID, **fields: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Note how far a task is."""
         super().update(task_id, **fields)
+        task = self._tasks[task_id]
+        if task.total and (left := self._estimate.after(int(task.completed), int(task.total), self.get_time())):
+            self._print(f"{task.description}: {left}")
         if self._logs and time.monotonic() - self._said >= LOG_SECONDS:
             self._said = time.monotonic()
-            self.console.print(self._line(self._tasks[task_id]), markup=False, highlight=False, soft_wrap=True)
+            self._print(self._line(task))
+
+    def _print(self, line: str) -> None:
+        self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def _line(self, task: Task) -> str:
         """Such as "squirrel: frame 120 of 600, 4.1 frames/s, 117 s left"."""

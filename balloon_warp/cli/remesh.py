@@ -7,11 +7,13 @@ import typer
 
 from balloon_warp.cli.changes import checked_parts
 from balloon_warp.cli.options import PartsOption, PrimOption
+from balloon_warp.cli.stages import stages
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable
+from balloon_warp.files import check_writable, is_same_file
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.obj import LOADERS, write_obj
+from balloon_warp.mesh.obj_looks import check_materials
 from balloon_warp.mesh.placement import in_y_up_meters
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.quiet import quiet_warp
@@ -31,16 +33,21 @@ def remesh(
     Try `balloon-warp remesh YOUR_MESH.stl -o quads.obj`, then `balloon-warp run quads.obj`.
     """
     check_writable(output, tuple(LOADERS))
-    if output.resolve() == mesh.resolve():
+    if is_same_file(output, mesh):
         raise InputError(f"{output}: is the mesh itself; expected another name, with -o")
-    surface = load_mesh(mesh, prim)
-    if taken := checked_parts(parts):
-        surface = prepared(surface, mesh, Treatment(taken=taken))
-    quiet_warp()
-    from balloon_warp.mesh.remesh import remesh as remeshed  # loads Warp: only once there is a mesh
+    with stages(mesh.name) as stage:
+        stage("reading the mesh")
+        surface = load_mesh(mesh, prim)
+        if taken := checked_parts(parts):
+            surface = prepared(surface, mesh, Treatment(taken=taken))
+        if surface.looks is not None:
+            check_materials(output)
+        quiet_warp()
+        from balloon_warp.mesh.remesh import remesh as remeshed  # loads Warp: only once there is a mesh
 
-    quads = in_y_up_meters(remeshed(surface, cells))
-    write_obj(output, quads)
+        quads = in_y_up_meters(remeshed(surface, cells, on_stage=stage))
+        stage("writing it")
+        write_obj(output, quads)
     for warning in quads.warnings:
         warn(warning)
     print(f"wrote {output}: {quads.vertex_count:,} vertices, {quads.face_count:,} quads")

@@ -25,7 +25,7 @@ from balloon_warp.cli.options import (
     Set,
 )
 from balloon_warp.cli.progress import frame_progress
-from balloon_warp.cli.warn import first_line, note, opened_by, warn
+from balloon_warp.cli.warn import Opening, first_line, note, warner
 from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
@@ -133,8 +133,8 @@ def run(
 
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
-        listeners = (lambda number: progress.update(task, completed=number)), note, warn
-        on_frame, on_note, on_warning = opened_by(first_line(scene, loaded), *listeners)
+        first = first_line(scene, loaded)
+        opening = Opening(first)
         summary = animate(
             loaded,
             stage,
@@ -150,9 +150,10 @@ def run(
             checkpoint_seconds=checkpoint,
             resume=resume,
             view=asked,
-            on_frame=on_frame,
-            on_note=on_note,
-            on_warning=on_warning,
+            on_begin=lambda beginning: opening.begin_with(lambda: progress.begin(task, beginning)),
+            on_frame=opening.before(lambda number: progress.update(task, completed=number)),
+            on_note=opening.before(note),
+            on_warning=opening.before(warner(first)),
         )
     if as_json:
         print(json.dumps(summary.as_json()))

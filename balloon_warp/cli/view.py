@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.options import OUTPUT, Device, MeshOptions, SceneName, Set
-from balloon_warp.cli.warn import first_line, note, warn
+from balloon_warp.cli.warn import first_line, note, warner
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
 
@@ -68,12 +68,13 @@ def view(
     Try `balloon-warp view squirrel_tether --open`.
     """
     loaded = Changes(overrides, mesh).load(scene)
+    first = first_line(scene, loaded)
     quiet_warp()
     from balloon_warp.viewer.view import view as play
 
     def say(page: "Page") -> None:
-        if sentence := first_line(scene, loaded):
-            note(sentence)
+        if first:
+            note(first)
         _say_where(page.address, scene_name(scene))
         if not _is_loopback(host):
             _say_who_may_come(page.server.get_port(), folder.resolve())
@@ -88,7 +89,7 @@ def view(
         origins=origins or [],
         open_page=open_page,
         on_start=say,
-        on_warning=warn,
+        on_warning=warner(first),
     )
     Console(highlight=False, soft_wrap=True).print("the page is closed")
 

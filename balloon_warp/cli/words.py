@@ -1,5 +1,7 @@
 """How things are counted in what a user reads."""
 
+from balloon_warp.beginning import Beginning
+
 BLENDERS_RATE = 24.0
 """frames a second at which Blender plays a stage, whatever the stage says, unless its scene is told otherwise"""
 
@@ -17,3 +19,17 @@ def played(frames: int, rate: float, hint: bool = True) -> str:
         if rate == BLENDERS_RATE or not hint
         else f"{said}; in Blender, set the frame rate to {rate:g}, or run with --fps {BLENDERS_RATE:g}"
     )
+
+
+def begun(beginning: Beginning) -> str:
+    """All that tells one job from another in its log."""
+    work = f"{counted(beginning.worlds, 'world')}, {briefly(beginning)}"
+    device = f"{beginning.workers} x {beginning.device}" if beginning.workers > 1 else beginning.device
+    frames = f"{counted(beginning.frames, 'frame')} at {beginning.frames_per_second:g} frames/s"
+    return f"{work}, {frames}, on {device}, schedule {beginning.schedule}"
+
+
+def briefly(beginning: Beginning) -> str:
+    """What a frame costs: particles and substeps."""
+    substeps = counted(beginning.substeps, "substep")
+    return f"{counted(beginning.particles, 'particle')}, {substeps} a frame"

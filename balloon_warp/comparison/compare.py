@@ -5,10 +5,11 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.comparison.choices import shown
 from balloon_warp.comparison.run import Run, simulate
 from balloon_warp.comparison.sheet import Tile, compose_sheet
@@ -19,6 +20,7 @@ from balloon_warp.outputs.render.alike import render_alike
 from balloon_warp.outputs.render.files import write_png
 from balloon_warp.outputs.render.render import MOST_PIXELS, MOST_SAMPLES
 from balloon_warp.scene import SceneLike, scene_of
+from balloon_warp.temporaries import scratch_folder
 
 MOST_COLUMNS = 4
 """of the picture, where one thing varies"""
@@ -62,6 +64,7 @@ def compare(
     device: str | None = None,
     schedule: str = "auto",
     laws: Sequence[Law] = (),
+    on_begin: Callable[[int, int, Beginning], None] = lambda run, run_count, beginning: None,
     on_frame: Callable[[int, int, int, int], None] = lambda run, run_count, frame, frame_count: None,
 ) -> Comparison:
     """Simulate a scene once for each combination of values, and show the runs side by side: all through one camera, in
@@ -81,6 +84,7 @@ def compare(
         device: a Warp device; if missing, the GPU or else the CPU.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
+        on_begin: told which run begins, of how many, and what it simulates.
         on_frame: told which run is at which frame, and of how many each, after each frame.
 
     Raises:
@@ -92,15 +96,12 @@ def compare(
     combinations = [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
     columns = _column_count(vary)
     _check_request(combinations, columns, picture, table, size, samples)
-    with TemporaryDirectory() as folder:
-        stages = [Path(folder) / f"{number}.usdc" for number in range(len(combinations))]
+    with scratch_folder() as folder:
+        stages = [folder / f"{number}.usdc" for number in range(len(combinations))]
         runs = []
         for number, (values, stage) in enumerate(zip(combinations, stages, strict=True)):
-
-            def report(done: int, count: int, number: int = number) -> None:
-                on_frame(number, len(combinations), done, count)
-
-            runs.append(simulate(scene, values, stage, frame, device, schedule, laws, report))
+            begin, report = (partial(told, number, len(combinations)) for told in (on_begin, on_frame))
+            runs.append(simulate(scene, values, stage, frame, device, schedule, laws, begin, report))
         _require_one(runs)
         moments = [(stage, int(run.figures["frame"])) for run, stage in zip(runs, stages, strict=True) if run.figures]
         pictures = render_alike(moments, size, samples, device)

@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal
 
 import numpy as np
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.comparison.choices import shown
 from balloon_warp.errors import BlowUpError, InputError, MissingExtraError
 from balloon_warp.kernels.laws import Law
@@ -51,6 +52,7 @@ def simulate(
     device: str | None = None,
     schedule: str = "auto",
     laws: Sequence[Law] = (),
+    on_begin: Callable[[Beginning], None] = lambda beginning: None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Run:
@@ -61,13 +63,14 @@ def simulate(
         frame: the frame that is shown, unless `picture_frame` is varied; when missing, the one that the scene names as
             its picture, else the last.
         laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
+        on_begin: told what begins, and of it the frames until the one that is shown.
         on_frame: told how many frames are done, and of how many, after each.
         clock: what frames are timed with.
     """
     try:
         scene = override_scene(scene, values.items(), other_kinds=True)
         frame = scene.picture_frame if "picture_frame" in values else frame  # what a label says is shown, or refused
-        figures, seconds = _measured(scene, stage, frame, device, schedule, laws, on_frame, clock)
+        figures, seconds = _measured(scene, stage, frame, device, schedule, laws, on_begin, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})
     except BlowUpError as failure:
@@ -82,12 +85,14 @@ def _measured(
     device: str | None,
     schedule: str,
     laws: Sequence[Law],
+    on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int, int], None],
     clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
     """The figures at the frame that is shown, and what each frame until then took [s]."""
     last = shown_frame(scene, frame)
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
+    on_begin(replace(simulator.beginning, frames=last))
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
     seconds = []
     for number in range(1, last + 1):

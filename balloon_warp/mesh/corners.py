@@ -37,6 +37,17 @@ def corners_beside(mesh: PolygonMesh, gone: NDArray[np.bool_]) -> NDArray[np.int
     return mesh.face_vertex_indices[np.where(gone[faces], face_starts(mesh)[faces], places)]
 
 
+def beside_faces(mesh: PolygonMesh, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which vertices still have a face, shape (vertex_count,); all of them where no face is left.
+
+    Args:
+        gone: shape (face_count,).
+    """
+    held = np.zeros(mesh.vertex_count, dtype=bool)
+    held[mesh.face_vertex_indices[~gone[corner_faces(mesh)]]] = True
+    return held if held.any() else ~held
+
+
 def with_corners(mesh: PolygonMesh, corners: NDArray[np.integer | np.bool_]) -> PolygonMesh:
     """The mesh with those of its corners, in that order, or those where a mask is true, and what belongs to them."""
     textures = mesh.texture_coordinates

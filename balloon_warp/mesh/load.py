@@ -2,9 +2,11 @@
 its, and how they are read."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from balloon_warp.errors import InputError
+from balloon_warp.files import file_behind, legible
 from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import gltf, obj, trimesh_formats, usd
 from balloon_warp.mesh.check import check_mesh
@@ -40,6 +42,15 @@ def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = 
         raise InputError(f"{path}: expected a mesh file ({' '.join(LOADERS)}), got suffix {suffix or 'none'}")
     if not path.exists():
         raise InputError(f"{path}: no such file{did_you_mean_file(path, LOADERS)}")
+    behind = file_behind(path)
+    mesh = _read(behind, prim)
+    is_renamed = behind != path and mesh.name == legible(behind.stem)
+    return replace(mesh, name=legible(path.stem)) if is_renamed else mesh
+
+
+def _read(path: Path, prim: str | Sequence[str] | None) -> PolygonMesh:
+    """Read a file that is there."""
+    suffix = path.suffix.lower()
     if suffix in usd.LOADERS:
         return usd.read_usd(path, prim)
     if prim is not None:

@@ -1,5 +1,6 @@
 """What a mesh looks like by its own file: colors and images, face by face."""
 
+import hashlib
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import whole_file
+from balloon_warp.files import target_of, whole_file
+from balloon_warp.temporaries import clear_left_over
 
 FOLDER = "textures"
 """where images stand beside a stage"""
 Color = tuple[float, float, float]
 """linear RGB"""
+WHITE = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -43,23 +46,38 @@ class Picture:
         """as a stage names it"""
         return f"./{FOLDER}/{self.name}"
 
+    def times(self, color: Color) -> "Picture":
+        """Return the image with its texels multiplied by a color, as PNG."""
+        from PIL import Image
+
+        with Image.open(io.BytesIO(self.data)) as image, io.BytesIO() as packed:
+            shades = linear(np.asarray(image.convert("RGB")) / 255.0) * np.array(color)
+            Image.fromarray(np.round(255.0 * encoded(shades)).astype(np.uint8)).save(packed, "PNG")
+            data = packed.getvalue()
+        return Picture(f"{Path(self.name).stem}_{hashlib.sha256(data).hexdigest()[:8]}.png", data)
+
     def beside(self, stage: Path) -> Path:
         """Where it is, if a stage names it."""
         return stage.parent / FOLDER / self.name
 
     def write_beside(self, stage: Path) -> None:
-        """Write the file into the folder beside a stage.
+        """Write the file into the folder beside a stage, and, if that is a link, beside what it leads to: programs look
+        here or there.
 
         Raises:
             InputError: it cannot be written.
         """
-        path = self.beside(stage)
+        for place in {self.beside(stage), self.beside(target_of(stage))}:
+            self._write_to(place)
+
+    def _write_to(self, path: Path) -> None:
         try:
-            path.parent.mkdir(exist_ok=True)
+            target_of(path.parent).mkdir(exist_ok=True)
             known = path.is_file() and path.read_bytes() == self.data
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         if not known:
+            clear_left_over(path.parent)
             with whole_file(path) as temporary:
                 temporary.write_bytes(self.data)
 
@@ -180,3 +198,9 @@ def linear(encoded: NDArray[np.floating]) -> NDArray[np.float32]:
     """Decode sRGB values from 0 to 1 to linear ones (IEC 61966-2-1)."""
     values = np.clip(np.asarray(encoded, dtype=np.float64), 0.0, 1.0)
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def encoded(values: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Encode linear values from 0 to 1 as sRGB ones."""
+    shades = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
+    return np.where(shades <= 0.0031308, 12.92 * shades, 1.055 * shades ** (1.0 / 2.4) - 0.055)

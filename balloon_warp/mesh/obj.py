@@ -15,7 +15,9 @@ import numpy as np
 from balloon_warp.errors import InputError
 from balloon_warp.files import legible, whole_file
 from balloon_warp.mesh.check import FLOAT32_MAX, LARGEST_FACE
+from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.obj_groups import ObjGroups
+from balloon_warp.mesh.obj_looks import vertex_colors, write_materials
 from balloon_warp.mesh.obj_materials import ObjMaterials
 from balloon_warp.mesh.obj_textures import ObjTextures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
@@ -111,25 +113,41 @@ LOADERS = {".obj": read_obj}
 
 
 def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
-    """Write vertices and polygons, with texture coordinates where there are some. Reading them gives the same float64
-    points. The file appears whole or not at all.
+    """Write vertices and polygons, with texture coordinates and looks where there are some: materials go into an .mtl
+    beside the file, images into a folder `textures`. Reading them gives the same float64 points. The file appears whole
+    or not at all.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or the .mtl is another program's.
     """
     path = Path(path)
-    lines = [f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.points.tolist()]
+    colors = vertex_colors(mesh)
+    ends = [""] * mesh.vertex_count if colors is None else [" {:.5g} {:.5g} {:.5g}".format(*c) for c in colors.tolist()]
+    lines = [f"v {x!r} {y!r} {z!r}{end}\n" for (x, y, z), end in zip(mesh.points.tolist(), ends, strict=True)]
     corners = list(map(str, (mesh.face_vertex_indices + 1).tolist()))
     if mesh.texture_coordinates is not None:
         places, numbers = np.unique(mesh.texture_coordinates, axis=0, return_inverse=True)
         lines += [f"vt {u:.7g} {v:.7g}\n" for u, v in places.tolist()]
         corners = [f"{corner}/{number}" for corner, number in zip(corners, numbers.ravel() + 1, strict=True)]
+    begins = _material_lines(path, mesh)
+    if begins:
+        lines.insert(0, f"mtllib {path.with_suffix('.mtl').name}\n")
     begin = 0
-    for end in np.cumsum(mesh.face_vertex_counts).tolist():
-        lines.append(f"f {' '.join(corners[begin:end])}\n")
+    for face, end in enumerate(np.cumsum(mesh.face_vertex_counts).tolist()):
+        lines.append(f"{begins.get(face, '')}f {' '.join(corners[begin:end])}\n")
         begin = end
     with whole_file(path) as temporary:
-        temporary.write_text("".join(lines), encoding="ascii", newline="\n")
+        temporary.write_text("".join(lines), encoding="utf-8", errors="surrogateescape", newline="\n")
+
+
+def _material_lines(path: Path, mesh: PolygonMesh) -> dict[int, str]:
+    """Write a mesh's materials; what stands before those faces from which on it is another."""
+    if mesh.looks is None or not mesh.looks.materials or not mesh.face_count:
+        return {}
+    names = write_materials(path, mesh.looks)
+    of_faces = mesh.looks.of_corners[face_starts(mesh)]
+    begins = np.flatnonzero(np.append(True, of_faces[1:] != of_faces[:-1])).tolist()
+    return {face: f"usemtl {names[of_faces[face]]}\n" for face in begins}
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:

@@ -1,12 +1,14 @@
 """Any surface as a closed mesh of even quads: signed distance, then surface nets."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
+from balloon_warp.mesh.dressed import dressed
 from balloon_warp.mesh.faithful import infidelity
 from balloon_warp.mesh.feasible import (
     MOST_BY_ITSELF,
@@ -17,9 +19,8 @@ from balloon_warp.mesh.feasible import (
     wrong_volume,
 )
 from balloon_warp.mesh.fit import fitted, slabs_left
-from balloon_warp.mesh.geometry import triangulate
-from balloon_warp.mesh.mesh_distance import MeshDistance
-from balloon_warp.mesh.orientation import oriented_outward
+from balloon_warp.mesh.handles import handle_count, handles_lost, handles_of_level, handles_said
+from balloon_warp.mesh.level import Level
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.surface_nets import surface_nets
 from balloon_warp.mesh.topology import mesh_edges
@@ -32,17 +33,18 @@ CRUMB = 3.0
 """cells: a part is a crumb that no box has of more than that, which is what a speck of a cell and a half becomes"""
 
 
-def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
+def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lambda stage: None) -> PolygonMesh:
     """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
     What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
     thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other
-    part of the surface is there in one piece, which may take more cells. `warnings` says what was done. It runs on
-    Warp's default device.
+    part of the surface is there in one piece, and a clean surface keeps its handles, which may take more cells.
+    It looks as the surface does at the nearest place. `warnings` says what was done. It runs on Warp's default device.
 
     Args:
         mesh: the surface; the result keeps its name, unit and up axis.
         cells: grid cells along the longest side of its bounding box, from 4 to 256. Edges are about a cell long.
+        on_stage: told what is done, whenever something else begins; a mesh of 200,000 faces takes a minute.
 
     Raises:
         InputError: `cells` is out of range, the mesh has no size, it is of many ribbons, there would be too many quads,
@@ -51,20 +53,46 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     if not MIN_CELLS <= cells <= MAX_CELLS:
         raise InputError(f"cells must be from {MIN_CELLS} to {MAX_CELLS} (got {cells})")
     quiet_warp()
-    used = mesh.points[np.unique(mesh.face_vertex_indices)]
-    size = float(np.ptp(used, axis=0).max())
-    if size == 0.0:
+    if Level.width(mesh, cells) == 0.0:
         raise InputError(f"{mesh.name}: all its vertices are at one place, expected a surface")
+    on_stage("looking at the surface")
     require_quads(mesh, cells)
     require_no_ribbons(mesh)
+    made = _keeping_handles(mesh, _faithful(mesh, cells, on_stage), on_stage)
+    more = [f"With {cells} cells {made.wrong}: {made.cells} were taken."] if made.cells > cells else []
+    on_stage("giving them the looks of the surface")
+    return dressed(replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings)), mesh)
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Quads of a surface."""
+
+    quads: PolygonMesh
+    cells: int
+    warnings: list[str]
+    wrong: str | None = None
+    """with fewer cells, as the end of a sentence"""
+
+    def mistake(self, mesh: PolygonMesh) -> str | None:
+        """What of the surface they do not stand for, as the end of a sentence."""
+        return infidelity(mesh, self.quads, Level.width(mesh, self.cells)) or wrong_volume(mesh, self.quads)
+
+
+def _faithful(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
+    """Quads that stand for the surface, of so many cells, or of more where it takes more.
+
+    Raises:
+        InputError: more do not help.
+    """
     finer = [min(round(cells * FINER**power), MAX_CELLS) for power in range(1, TRIES)]
     number, mistake, wrong = cells, None, None
     for number in dict.fromkeys([cells, *(more for more in finer if quads_expected(mesh, more) < MOST_BY_ITSELF)]):
-        quads, warnings = _quads(mesh, number)
-        mistake = infidelity(mesh, quads, size / number) or wrong_volume(mesh, quads)
+        made = replace(_quads(mesh, number, on_stage), wrong=wrong)
+        on_stage("comparing them with the surface")
+        mistake = made.mistake(mesh)
         if mistake is None:
-            more = [f"With {cells} cells {wrong}: {number} were taken."] if number > cells else []
-            return replace(quads, warnings=(*mesh.warnings, *more, *warnings))
+            return made
         wrong = wrong or mistake
     more = 2 * number
     finer_helps = more <= MAX_CELLS and quads_expected(mesh, more) < MOST_QUADS
@@ -72,32 +100,64 @@ def remesh(mesh: PolygonMesh, cells: int) -> PolygonMesh:
     raise InputError(f"{mesh.name}: with {number} cells {mistake}; expected {expected}")
 
 
-def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
+def _keeping_handles(mesh: PolygonMesh, made: _Made, on_stage: Callable[[str], None]) -> _Made:
+    """Quads that have the handles of the surface, of more cells where it takes more.
+
+    Raises:
+        InputError: it takes so many that one has to ask for them.
+    """
+    lost = handles_lost(mesh, made.quads)
+    if not lost:
+        return made
+    on_stage("looking for how many cells keep its handles")
+    what, needed = handles_said(lost, handle_count(mesh)), _cells_for_handles(mesh, made.cells)
+    if needed and quads_expected(mesh, needed) < MOST_BY_ITSELF:
+        finer = replace(_quads(mesh, needed, on_stage), wrong=made.wrong or what)
+        if not finer.mistake(mesh) and not handles_lost(mesh, finer.quads):
+            return finer
+    if needed and lost > 0:
+        raise InputError(
+            f"{mesh.name}: with {made.cells} cells {what}; expected --cells {needed}, or a surface without that"
+        )
+    why = "no number of cells keeps that" if lost > 0 else "where parts come near each other"
+    return replace(made, warnings=[*made.warnings, f"With {made.cells} cells {what}: {why}."])
+
+
+def _cells_for_handles(mesh: PolygonMesh, cells: int) -> int | None:
+    """How many cells, more than that, keep the handles of a surface; None where no number does that can be taken."""
+    wanted = handle_count(mesh)
+    while cells < MAX_CELLS:
+        cells = min(round(cells * FINER), MAX_CELLS)
+        if quads_expected(mesh, cells) > MOST_QUADS:
+            return None
+        level = Level.of(mesh, cells)
+        if handles_of_level(level.distance, level.reach) == wanted:
+            return cells
+    return None
+
+
+def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
     """A closed quad mesh of a surface, with so many cells, and what to say about it."""
-    used = mesh.points[np.unique(mesh.face_vertex_indices)]
-    lower, upper = used.min(axis=0), used.max(axis=0)
-    middle, cell = 0.5 * (lower + upper), float((upper - lower).max()) / cells
-    triangles, _ = triangulate(oriented_outward(mesh))
-    # In cells about the middle: Warp measures in float32.
-    distance = MeshDistance((mesh.points - middle) / cell, triangles, thickness=1.0)
-    # Half of a slab and its blend stand out of the box.
-    reach = 0.5 * (upper - lower) / cell + 2.0
-    nets = surface_nets(distance, -reach, reach, cell=1.0)
+    on_stage("looking for thin parts")
+    level = Level.of(mesh, cells)
+    on_stage(f"making quads of {cells} cells")
+    nets = surface_nets(level.distance, -level.reach, level.reach, cell=1.0)
     if nets.face_count == 0:
         raise InputError(
-            f"{mesh.name}: nothing of it is as thick as a cell ({cell:.3g}), expected more than {cells} cells"
+            f"{mesh.name}: nothing of it is as thick as a cell ({level.cell:.3g}), expected more than {cells} cells"
         )
     kept, warnings = _without_crumbs(nets)
-    used = (used - middle) / cell
-    kept = fitted(kept, distance, used)
-    if distance.has_thin_parts and slabs_left(kept, distance):
+    on_stage("fitting them to the surface")
+    used = mesh.points[np.unique(mesh.face_vertex_indices)]
+    kept = fitted(kept, level.distance, (used - level.middle) / level.cell)
+    if level.distance.has_thin_parts and slabs_left(kept, level.distance):
         warnings.append(
-            f"Open parts became 1.5 cells thick ({1.5 * cell:.3g}), and thin ones where there is no room; more cells "
-            "make them thinner."
+            f"Open parts became 1.5 cells thick ({1.5 * level.cell:.3g}), and thin ones where there is no room; more "
+            "cells make them thinner."
         )
     placed = replace(
         mesh,
-        points=kept.points * cell + middle,
+        points=kept.points * level.cell + level.middle,
         face_vertex_counts=kept.face_vertex_counts,
         face_vertex_indices=kept.face_vertex_indices,
         texture_coordinates=None,
@@ -105,7 +165,7 @@ def _quads(mesh: PolygonMesh, cells: int) -> tuple[PolygonMesh, list[str]]:
         groups={},
         stand_ins=None,
     )
-    return placed, warnings
+    return _Made(placed, cells, warnings)
 
 
 def _without_crumbs(mesh: PolygonMesh) -> tuple[PolygonMesh, list[str]]:

@@ -9,6 +9,8 @@ UpAxis = Literal["Y", "Z"]
 Unit = Literal["m", "cm", "mm", "km", "in", "ft"]
 METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
 """in each unit; of inch and foot, the international ones of 1959"""
+NO_AXIS = "file names no up axis"
+"""what sentences say of such a mesh"""
 
 
 def as_told(mesh: PolygonMesh, unit: Unit | None, up: UpAxis | None) -> PolygonMesh:

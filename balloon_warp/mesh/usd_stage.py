@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import legible
+from balloon_warp.files import file_behind, legible
 from balloon_warp.meant import did_you_mean
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.corners import backward_corners, with_corners
@@ -46,7 +46,7 @@ def open_stage(path: Path | str) -> Usd.Stage:
         raise InputError(f"{legible(str(path))}: its name is not UTF-8, which USD needs; expected another name")
     _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
     try:
-        return Usd.Stage.Open(str(path))
+        return Usd.Stage.Open(str(file_behind(Path(path))))
     except Tf.ErrorException as error:
         raise InputError(f"{path}: is not a USD stage that can be read") from error
 

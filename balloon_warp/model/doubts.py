@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from balloon_warp.mesh.seams import size_of
-from balloon_warp.mesh.units import METERS
+from balloon_warp.mesh.units import METERS, NO_AXIS
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Balloon, Scene
@@ -37,7 +37,7 @@ def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
             found.append(f"{shape.name}: {size:.3g} m? --unit {balloon.unit}?")
         if scene.up_axis != "Y" and isinstance(balloon.mesh, Path) and not shape.mesh.up_known:
             found.append(
-                f"{shape.name}: its file names no up axis, so that its Y is turned to the {scene.up_axis} of up_axis; "
+                f"{shape.name}: its {NO_AXIS}, so that its Y is turned to the {scene.up_axis} of up_axis; "
                 f'--up {scene.up_axis} (up = "{scene.up_axis}") takes it as it is'
             )
         thickness = float(parameters["thickness"][:, number].max()) if balloon.material.is_membrane else 0.0

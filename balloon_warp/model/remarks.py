@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.model.model import Model
 from balloon_warp.model.state import State
+from balloon_warp.turns import in_turn
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,11 @@ def remarks_on(model: Model, state: State, worlds: NDArray[np.integer] | None = 
         state: of all its worlds.
         worlds: their numbers, as they are to be called; as they stand, when missing.
     """
-    worlds = np.arange(model.world_count) if worlds is None else worlds
+    with in_turn(model.device):
+        return _found(model, state, np.arange(model.world_count) if worlds is None else worlds)
+
+
+def _found(model: Model, state: State, worlds: NDArray[np.integer]) -> list[Remark]:
     unsettled, overstretched = state.unsettled.numpy(), state.overstretched.numpy()
     found = []
     for row in np.flatnonzero(unsettled[:, 0]).tolist():

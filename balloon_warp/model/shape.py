@@ -156,7 +156,7 @@ def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) 
     lowest, size = used.min(), max(float(np.ptp(used)), LEAST_SIZE)
     place = (along[springs.pairs].mean(axis=1) - lowest) / size
     low, high = stiffness.gradient
-    weights = _weights(mesh, stiffness.weights, "stiffness.weights")[springs.pairs].mean(axis=1)
+    weights = vertex_weights(mesh, stiffness.weights, "stiffness.weights")[springs.pairs].mean(axis=1)
     return _drawn(springs, stiffness) * (low + (high - low) * place) * weights
 
 
@@ -179,7 +179,7 @@ def _membrane(mesh: PolygonMesh, material: Material) -> Membrane:
             f"material: {mesh.name} has no face with an area to be made of {material.law.replace('_', '-')} material; "
             'expected one, or kind = "springs"'
         )
-    weights = _weights(mesh, material.weights, "material.weights")
+    weights = vertex_weights(mesh, material.weights, "material.weights")
     return replace(membrane, areas=membrane.areas * weights[membrane.corners].mean(axis=1))
 
 
@@ -188,7 +188,7 @@ def _softness(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:
     return relative_thickness(mesh)[springs.pairs].mean(axis=1)
 
 
-def _weights(mesh: PolygonMesh, said: object, field: str) -> NDArray[np.float64]:
+def vertex_weights(mesh: PolygonMesh, said: object, field: str) -> NDArray[np.float64]:
     """What a field says of each vertex: 1 where it says nothing."""
     weights = np.ones(mesh.vertex_count)
     if said is None:

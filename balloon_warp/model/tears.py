@@ -21,7 +21,7 @@ def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Va
     Raises:
         InputError: a balloon that may burst has something that would not burst with it.
     """
-    _require_bursting_alone(scene)
+    _require_bursting_alone(scene, parameters)
     strength, density = parameters["film_strength"], parameters["initial_density"]
     shear = parameters["shear_modulus"]
     of_terms = 0.5 * (parameters["ogden_moduli"] * parameters["ogden_exponents"]).sum(axis=-1)
@@ -37,13 +37,15 @@ def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Va
     return settled
 
 
-def _require_bursting_alone(scene: Scene) -> None:
+def _require_bursting_alone(scene: Scene, parameters: Mapping[str, Values]) -> None:
     may_burst = {number for number, balloon in enumerate(scene.balloon) if balloon.material.strength is not None}
     for number in may_burst:
         balloon = scene.balloon[number]
         named = f"balloon.{number}.material.strength: a balloon that may burst"
         if balloon.stiffness.torsion:
             raise InputError(f"{named} has no torsion springs, which hold tears together (got stiffness.torsion)")
+        if balloon.material.springs:
+            _require_struts(scene, number, parameters["yield_stretch"][:, number])
         if balloon.neck:
             raise InputError(f"{named} has no open neck (got neck); expected one or the other")
         if balloon.inflation.kind == "normal_force":
@@ -55,3 +57,17 @@ def _require_bursting_alone(scene: Scene) -> None:
         raise InputError("touch: balloons that may burst, material.strength, touch none; expected one or the other")
     if may_burst and scene.water:
         raise InputError("water: balloons that may burst, material.strength, do not float; expected one or the other")
+
+
+def _require_struts(scene: Scene, number: int, yield_stretches: Values) -> None:
+    """Springs beside what tears push alone: those that pull would go on from one side of a tear to the other."""
+    if yield_stretches.max() > 1.0:
+        raise InputError(
+            f"balloon.{number}.material.springs: would hold a tear together, as they pull; expected "
+            "stiffness.yield_stretch = 1, with which they only push, or none beside a strength"
+        )
+    if scene.correction != "none":
+        raise InputError(
+            f"correction: shortens springs beside a material that tears, balloon {number}, and would hold it together "
+            f'(got "{scene.correction}"); expected "none"'
+        )

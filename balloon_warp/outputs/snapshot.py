@@ -1,11 +1,9 @@
 """A picture of a frame that is in no stage yet."""
 
-from pathlib import Path
-from tempfile import TemporaryDirectory
-
 from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
+from balloon_warp.temporaries import scratch_folder
 
 
 def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) -> bytes:
@@ -24,8 +22,8 @@ def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) ->
     from balloon_warp.outputs.render import render_stage
     from balloon_warp.outputs.usd import StageWriter
 
-    with TemporaryDirectory() as folder:
-        stage, picture = Path(folder) / "frame.usdc", Path(folder) / "frame.png"
+    with scratch_folder() as folder:
+        stage, picture = folder / "frame.usdc", folder / "frame.png"
         with StageWriter(stage, model) as writer:
             writer.write(frame)
         render_stage(stage, picture, frame.number, size, samples, str(model.device))

@@ -15,6 +15,7 @@ from balloon_warp.files import whole_file
 from balloon_warp.outputs.decimals import PAD, decimals
 from balloon_warp.outputs.npz import write_npz
 
+TABLE_NAMES = ("table.npz", "table.csv")
 BLOCK = 4096
 """worlds whose rows are made text together: more would only fill the memory"""
 
@@ -56,9 +57,9 @@ class TableWriter:
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
-            self._npz = files.enter_context(whole_file(self.folder / "table.npz"))
+            self._npz = files.enter_context(whole_file(self.folder / TABLE_NAMES[0]))
             files.push(self._save_npz)
-            csv_path = files.enter_context(whole_file(self.folder / "table.csv"))
+            csv_path = files.enter_context(whole_file(self.folder / TABLE_NAMES[1]))
             self._csv = files.enter_context(csv_path.open("wb"))
             self._write_header()
             self._world_text = _padded([str(world).encode() for world in range(self.world_count)])

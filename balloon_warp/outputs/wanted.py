@@ -1,16 +1,16 @@
 """What a run is to leave behind: a stage, what is made of it, and a picture."""
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, Self
 
 from pxr import Usd
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable
+from balloon_warp.files import check_writable, folder_beside, is_same_file
 from balloon_warp.outputs.exports import HDF5_SUFFIXES, check_export, export_stage
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 from balloon_warp.scene import Scene
@@ -33,7 +33,8 @@ class Wanted:
     """whether it has the scene's ground"""
     view: Mapping[str, Any] = field(default_factory=dict)
     """options of `render_stage` for the picture"""
-    _folder: TemporaryDirectory[str] | None = field(default=None, init=False)
+    _files: ExitStack = field(default_factory=ExitStack, init=False)
+    _folder: Path | None = field(default=None, init=False)
 
     @classmethod
     def of(
@@ -63,7 +64,7 @@ class Wanted:
     @property
     def stage(self) -> Path:
         """where the frames are written to"""
-        return self.output if self._folder is None else Path(self._folder.name) / "frames.usdc"
+        return self.output if self._folder is None else self._folder / "frames.usdc"
 
     def checked(self, scene: Scene) -> Self:
         """Itself, once it is sure that all files can be written, and that none is a mesh of the scene.
@@ -84,7 +85,7 @@ class Wanted:
                 raise InputError(f"{self.points}: cannot hold points; expected {' or '.join(HDF5_SUFFIXES)}")
             check_export(self.points)
         for balloon in scene.balloon:
-            if isinstance(balloon.mesh, Path) and balloon.mesh.resolve() == self.output.resolve():
+            if isinstance(balloon.mesh, Path) and is_same_file(balloon.mesh, self.output):
                 raise InputError(f"{self.output}: is the mesh of the scene; expected another name, with -o")
         return self
 
@@ -99,14 +100,13 @@ class Wanted:
 
     def __enter__(self) -> Self:
         if not self.is_stage:
-            self._folder = TemporaryDirectory(prefix=".", suffix=".partial", dir=self.output.parent)
+            self._folder = self._files.enter_context(folder_beside(self.output))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if self._folder is not None:
-            self._folder.cleanup()
+        self._files.close()
 
     def export(self, on_note: Callable[[str], None]) -> None:
         """Make of the stage, which is written, what is wanted beside it or in its place.

@@ -1,15 +1,16 @@
 """What is safe of a job that is not finished: a folder beside its output, from which the job can go on."""
 
 import json
-import secrets
-import shutil
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
+import os
+import weakref
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import whole_file
+from balloon_warp.files import target_of, whole_file
+from balloon_warp.temporaries import clear_left_over, hold, temporary_in
 
 JOB_NAME = "job.json"
 
@@ -18,13 +19,14 @@ class PartialFolder:
     """A folder of files that each appear whole, in the order in which they are written, and that say of what job.
 
     Args:
-        path: where it is, or will be.
+        path: where it is, or will be, or a link that leads there.
     """
 
     def __init__(self, path: Path):
-        self.path = path
-        self.aside = path.with_name(f"{path.name}.old")
+        self.path = target_of(path)
+        self.aside = self.path.with_name(f"{self.path.name}.old")
         """where the files of an earlier job go when another begins: whoever forgot to resume it has lost nothing yet"""
+        self._let_go: Callable[[], object] = lambda: None
 
     def job(self) -> dict[str, Any] | None:
         """What the files are of; nothing where there are none.
@@ -55,6 +57,17 @@ class PartialFolder:
                 if not begun:
                     raise InputError(f"{path}: is in the way of checkpoints; expected nothing of that name")
 
+    def clear(self, has_checkpoint: bool) -> None:
+        """Clear away what a process that was killed had begun here: all of it, where it came to no checkpoint."""
+        clear_left_over(self.path)
+        if has_checkpoint:
+            return
+        with suppress(OSError):  # it has files, or there is no such folder
+            self.path.rmdir()
+        if self._take():
+            self._let_go()
+            _remove(self.path)
+
     def begin(self, job: Mapping[str, Any]) -> None:
         """Make the folder, for a job; what was there of an earlier one is put aside.
 
@@ -71,6 +84,22 @@ class PartialFolder:
             raise InputError(f"{self.path}: cannot be made: {error.strerror}") from None
         with self.file(JOB_NAME) as path:
             path.write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
+        self._take()
+
+    def go_on(self) -> None:
+        """Go on with the job whose files are there."""
+        self._take()
+
+    def _take(self) -> bool:
+        """Show other processes, as long as this one is at work here, that it is; return whether nobody else is."""
+        try:
+            descriptor = hold(self.path / JOB_NAME)
+        except OSError:  # there is none
+            return False
+        if descriptor is None:
+            return False
+        self._let_go = weakref.finalize(self, os.close, descriptor)
+        return True
 
     def file(self, name: str) -> AbstractContextManager[Path]:
         """A temporary path, which becomes the file of that name when the `with` block ends well."""
@@ -78,17 +107,17 @@ class PartialFolder:
 
     def remove(self) -> None:
         """Once the job is done: the folder, and what was put aside."""
+        self._let_go()
         for path in (self.path, self.aside):
             _remove(path)
 
 
 def _remove(path: Path) -> None:
     """All at once: under another name first, so that a kill leaves no part of it that looks whole."""
-    doomed = path.with_name(f".{secrets.token_hex(4)}.partial")
     try:
-        path.rename(doomed)
+        with temporary_in(path.parent) as doomed:
+            path.rename(doomed)
     except FileNotFoundError:
         return
     except OSError as error:
         raise InputError(f"{path}: cannot be removed: {error.strerror}") from None
-    shutil.rmtree(doomed, ignore_errors=True)

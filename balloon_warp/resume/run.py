@@ -10,11 +10,13 @@ import numpy as np
 
 from balloon_warp.blow_ups import MOST_HALVINGS
 from balloon_warp.errors import InputError
+from balloon_warp.files import target_of
 from balloon_warp.outputs.npz import write_npz
 from balloon_warp.provenance import describe_simulation
 from balloon_warp.resume.folder import PartialFolder
 from balloon_warp.resume.same_job import as_json, differences
 from balloon_warp.simulator import Simulator
+from balloon_warp.turns import in_turn
 
 if TYPE_CHECKING:
     from balloon_warp.outputs.usd import StageWriter
@@ -25,8 +27,9 @@ PLAYLIST, STILL = "frames.usda", "still.usdc"
 
 
 def partial_path(output: Path) -> Path:
-    """The folder of a run that is not finished, beside its output."""
-    return output.with_name(f"{output.name}.partial")
+    """The folder of a run that is not finished, beside its output, or what links lead to from there."""
+    target = target_of(output)
+    return target.with_name(f"{target.name}.partial")
 
 
 def halvings_until(folder: Path, substeps: int) -> int:
@@ -110,6 +113,7 @@ class Checkpoints:
                 self.simulator.restore(saved)
         except (OSError, ValueError, KeyError, BadZipFile) as error:
             raise InputError(f"{state}: cannot be read: {error}; expected a checkpoint") from None
+        self.folder.go_on()
         self._begun = True
         return True
 
@@ -133,7 +137,7 @@ class Checkpoints:
                 self._begun = True  # and no frame
         if self._safe <= frame:
             self.stage.write_part(self._part(self._safe), range(self._safe, frame + 1))
-            with self.folder.file(self._state(frame).name) as path:
+            with self.folder.file(self._state(frame).name) as path, in_turn(self.simulator.model.device):
                 write_npz(path, ((name, array.numpy()) for name, array in vars(self.simulator.state).items()))
             for state in self.folder.path.glob("state_*.npz"):
                 if state != self._state(frame):

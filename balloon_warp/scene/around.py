@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import legible
+from balloon_warp.files import legible, whole_path
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
@@ -13,7 +13,7 @@ from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
-from balloon_warp.mesh.units import METERS, as_told
+from balloon_warp.mesh.units import METERS, NO_AXIS, as_told
 from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.scene.schema import Balloon, Inflation
 
@@ -81,7 +81,7 @@ def scene_table_around(
         "frames": 120,
         "balloon": [
             {
-                "mesh": source if isinstance(source, PolygonMesh) else source.resolve(),
+                "mesh": source if isinstance(source, PolygonMesh) else whole_path(source),
                 **({"prim": balloon.prim} if balloon.prim else {}),
                 "mass": mass,
                 "helium": _short(lift * growth),
@@ -100,7 +100,7 @@ def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str) -> str:
     """Which axis is up, in which unit the mesh is, and who says so; what is not said of its unit, is told elsewhere."""
     up = f"{mesh.up_axis} is up, as {'told' if balloon.up else 'its file says'}"
     if not mesh.up_known:
-        up = f"The file names no up axis, so {mesh.up_axis} is up; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
+        up = f"The {NO_AXIS}, so {mesh.up_axis} is up; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
     if mesh.up_axis != up_axis:
         up += f". It is turned, so that this is the scene's {up_axis}"
     if balloon.unit:

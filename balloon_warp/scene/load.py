@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import legible
+from balloon_warp.files import file_behind, legible, whole_path
 from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike, is_mesh
@@ -129,7 +129,7 @@ def _around(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path)
 
 
 def _bare_scene(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path) -> Scene:
-    bare: dict[str, Any] = {"balloon": [{"mesh": mesh.resolve() if isinstance(mesh, Path) else mesh}]}
+    bare: dict[str, Any] = {"balloon": [{"mesh": whole_path(mesh) if isinstance(mesh, Path) else mesh}]}
     return _overridden(bare, overrides, path)
 
 
@@ -143,7 +143,7 @@ def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path
     if any(callable(value) for _, value in overrides):  # which is told of the points of a mesh
         for balloon in table["balloon"]:
             if isinstance(balloon, dict) and isinstance(balloon.get("mesh"), str):
-                balloon["mesh"] = (path.parent / balloon["mesh"]).resolve()
+                balloon["mesh"] = whole_path(path.parent / balloon["mesh"])
     before = copy.deepcopy(table)
     apply_overrides(table, overrides)
     try:
@@ -179,7 +179,7 @@ def _complaint(table: dict[str, Any], overrides: Sequence[Override] = ()) -> str
 
 def _mesh_beside(value: Any) -> Any:
     """A file that an override names is sought in the current folder first, then beside the scene's file."""
-    return Path(value).resolve() if isinstance(value, str) and Path(value).is_file() else value
+    return whole_path(Path(value)) if isinstance(value, str) and Path(value).is_file() else value
 
 
 def check_scene(table: dict[str, Any], path: Path) -> Scene:
@@ -205,8 +205,14 @@ def _beside(meshed: Meshed, path: Path) -> Meshed:
     """A balloon, obstacle or body whose files are named from where the scene's file is."""
     files = {name: getattr(meshed, name, None) for name in FILES}
     return meshed.model_copy(
-        update={name: path.parent / file for name, file in files.items() if isinstance(file, Path)}
+        update={name: _found(file, path) for name, file in files.items() if isinstance(file, Path)}
     )
+
+
+def _found(file: Path, path: Path) -> Path:
+    """Where a file is that a scene's file names: beside that, or, if that is a link, beside what it leads to."""
+    places = [path.parent / file, file_behind(path).parent / file]
+    return next((place for place in places if place.exists()), places[0])
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

@@ -7,60 +7,52 @@ particles need of each other no more than where they are, see `patches`.
 
 from typing import Any
 
-import warp as wp
-
-from balloon_warp.kernels.schedules.advance import gathering_loops
+from balloon_warp.kernels.schedules.looks import GATHERED
+from balloon_warp.kernels.schedules.pieces import Step, cut
+from balloon_warp.kernels.substep import AIMING, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.later import near_solids_array, puts_off
-from balloon_warp.schedules.launched import ExplicitSchedule, Moving
+from balloon_warp.schedules.later import has_many
+from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches
 
 
-class GatherSchedule(ExplicitSchedule):
+class GatherSchedule(LaunchedSchedule):
     """Advances a state by whole frames, in place."""
 
     name = "gather"
     watchable = False
     fast_math = True
+    look = GATHERED
 
     def __init__(self, model: Model):
         super().__init__(model)
         patches = cut_into_patches(model, self.traits)
-        self._patches = PatchLaunch(model, self.traits, self.tables, patches, self.vectors[2]) if patches else None
-        self.puts_off = puts_off(model, self.traits)
-        self.pieces.working.near_solids = self.vectors[3]
+        self._patches = PatchLaunch(model, self.traits, self.tables, patches, self.vectors[0]) if patches else None
+
+    @classmethod
+    def step_of(cls, model: Model, traits: Traits) -> Step:
+        """The phases of the model, in pieces. Of many particles on a GPU those that meet nothing do not wait for
+        others, nor take as many registers: what stands on something has a launch of its own."""
+        apart = ("leave",) if traits.stands_on_fixtures and has_many(model) else ()
+        if cut_into_patches(model, traits):
+            return cut(phases_of(traits, AIMING), traits, cls.look, shown=("aim",))
+        return cut(phases_of(traits), traits, cls.look, apart=apart)
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """Second places, and second velocities where they are needed; or what patches keep. And who is put off."""
-        later = near_solids_array(model, traits, room)
-        if patches := cut_into_patches(model, traits):
-            return None, None, PatchLaunch.arrays(model, traits, patches, room), later
-        shape = (model.world_count, model.particle_count)
-        velocities = room.array(shape, wp.vec3) if traits.keeps_velocities else None
-        return room.array(shape, wp.vec3), velocities, None, later
-
-    def loops(self) -> Any:
-        """Over its springs, strings, hinges and faces."""
-        return gathering_loops(self.traits)
+        """What patches keep."""
+        patches = cut_into_patches(model, traits)
+        return (PatchLaunch.arrays(model, traits, patches, room),) if patches else ()
 
     def advance_frame(self, state: State) -> None:
         """One frame."""
         if self._patches is None:
             super().advance_frame(state)
             return
-        self.pieces.begin_frame(state)
+        self.begin_frame(state)
         if not self.traits.fresh_normals:
-            self.pieces.refresh(state.points)
-        self._patches.advance(state, self.pieces.working.aims)
-        self.pieces.end_frame(state)
-        self._health.end_frame(state)
-
-    def advance_substep(self, state: State, time_in_frame: float, now: Moving) -> Moving:
-        """From one buffer to the other."""
-        points, velocities, _, _ = self.vectors
-        other = (points, velocities or state.velocities) if now[0] is state.points else (state.points, state.velocities)
-        self.step_particles(state, time_in_frame, now, other, other[1] if self.traits.gas else None)
-        return other
+            self.launches.substep(state, 0, (state.points, state.velocities))
+        self._patches.advance(state, self.launches.values.get("aim"))
+        self.end_frame(state)

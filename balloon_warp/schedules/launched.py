@@ -1,27 +1,28 @@
-"""What schedules share that launch a kernel for each piece of a substep: `gather`, `scatter`, and the projective
-solver."""
+"""Schedules that launch a kernel for each piece of a substep: `gather`, `scatter`, and the projective solver."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from abc import ABC
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.advance import advance_kernel
-from balloon_warp.kernels.schedules.launched_later import PARTICLES_OF_BLOCK, end_later_kernel
+from balloon_warp.kernels.phase import Look, Phase
+from balloon_warp.kernels.schedules.between import read_sphere_forces, write_sphere_forces
+from balloon_warp.kernels.schedules.pieces import Step, cut
+from balloon_warp.kernels.substep import STEP, phases_of
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.launching import launch_tiled
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.fixtures import look_arrays
+from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.later import FEW_THREADS
-from balloon_warp.schedules.pieces import Pieces
-from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.launches import Launches, Moving, Own
+from balloon_warp.schedules.membranes import left_array
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
+from balloon_warp.schedules.tables import make_tables
+from balloon_warp.schedules.tears import tear_arrays
+from balloon_warp.schedules.touching import TouchLaunches
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
-
-Moving = tuple[wp.array, wp.array]
-"""points and velocities, shape (world_count, particle_count), vec3"""
 
 
 class LaunchedSchedule(ABC):
@@ -33,15 +34,29 @@ class LaunchedSchedule(ABC):
     """whether each substep ends in the state"""
     fast_math: ClassVar[bool] = False
     """whether divisions and roots are a GPU's own, good to the last bits but two"""
+    phases: ClassVar[Sequence[Phase]] = STEP
+    look: ClassVar[Look]
 
     def __init__(self, model: Model):
         self.model, self.traits = model, model_traits(model)
         self.tables = make_tables(model, self.traits)
-        room = Allocating(model.device)
-        self.pieces = Pieces(model, self.traits, self.tables, room, self.fast_math)
-        self.vectors = self.allot(model, self.traits, room)
+        self.vectors = self.allot(model, self.traits, room := Allocating(model.device))
         """its own memory"""
+        step = self.step_of(model, self.traits)
+        self.launches = Launches(model, step, self.tables, room, self.own(), fast_math=self.fast_math)
+        self._touch = None
+        if self.traits.touches:
+            self._touch = TouchLaunches(model, self.traits, self.tables, self.launches.working, self.fast_math)
         self._health = HealthCheck(model, self.tables)
+
+    @classmethod
+    def step_of(cls, model: Model, traits: Traits) -> Step:
+        """The phases of the model, in pieces."""
+        return cut(phases_of(traits, cls.phases), traits, cls.look, doubles=not cls.watchable)
+
+    def own(self) -> Mapping[str, Own]:
+        """What it does itself of a step, by the names of phases."""
+        return {"press": self._press}
 
     @property
     def depends_on(self) -> frozenset[str]:
@@ -51,25 +66,23 @@ class LaunchedSchedule(ABC):
     @property
     def crowded(self) -> int:
         """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
-        return int(self.pieces.working.crowded.numpy().sum())
+        return int(self.launches.working.crowded.numpy().sum())
 
     @staticmethod
-    @abstractmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """Ask for its own memory, beside what the pieces share."""
+        """Ask for its own memory, beside what launches share."""
+        return ()
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
-        Pieces.allot(model, traits, room)
+        Launches.allot(model, cls.step_of(model, traits), room)
+        left_array(model, room)
+        tear_arrays(model, room)
         cls.allot(model, traits, room)
         look_arrays(model, room)
         return room.bytes // model.world_count
-
-    @abstractmethod
-    def advance_substep(self, state: State, time_in_frame: float, now: Moving) -> Moving:
-        """Where particles are then; spheres have moved, and normal forces have their aims."""
 
     def advance_frame(self, state: State) -> None:
         """One frame."""
@@ -78,72 +91,37 @@ class LaunchedSchedule(ABC):
 
     def substeps(self, state: State) -> Iterator[int]:
         """One frame that pauses after each substep, with its number from 0."""
-        pieces, kept = self.pieces, (state.points, state.velocities)
-        now = kept
-        pieces.begin_frame(state)
+        now = kept = (state.points, state.velocities)
+        self.begin_frame(state)
         for substep in range(self.model.substeps):
-            time_in_frame = substep * self.model.step_seconds
-            if substep == 0 or self.traits.fresh_normals:
-                pieces.refresh(now[0])
-            pieces.roll(state, time_in_frame)
-            pieces.tumble(state, time_in_frame)
-            pieces.press(state, substep, *now)
-            pieces.wear(state, time_in_frame, now[0])
-            now = self.advance_substep(state, time_in_frame, now)
-            pieces.touch(state, time_in_frame, *now)
+            now = self.launches.substep(state, substep, now)
             yield substep
         for source, target in zip(now, kept, strict=True):
             if source is not target:
                 wp.copy(target, source)
-        pieces.end_frame(state)
+        self.end_frame(state)
+
+    def begin_frame(self, state: State) -> None:
+        """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
+        refresh_ramp(self.model, state)
+        weigh_air(self.model, self.traits, self.tables, state)
+        forget_looks(self.tables)
+        if self.traits.penalties:
+            self._over_spheres(read_sphere_forces, state.sphere_forces, self.launches.working.sphere_quanta)
+
+    def end_frame(self, state: State) -> None:
+        """What the last substep leaves on spheres, and the pressures that it had."""
+        if self.traits.penalties:
+            self._over_spheres(write_sphere_forces, self.launches.working.sphere_quanta, state.sphere_forces)
+        note_pressures(self.model, self.traits, state)
         self._health.end_frame(state)
 
+    def _press(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
+        """Balloons that touch push each other off; now and then it is found which may."""
+        assert self._touch is not None
+        self._touch.search(state, substep, *now)
+        self._touch.press(state, *now)
 
-class ExplicitSchedule(LaunchedSchedule):
-    """One whose particles advance by `advance_kernel`."""
-
-    puts_off = False
-    """whether some end their substep in a launch of their own, see `kernels.schedules.later`"""
-
-    @abstractmethod
-    def loops(self) -> Any:
-        """What a particle goes through for its forces."""
-
-    def step_particles(
-        self, state: State, time_in_frame: float, old: Moving, new: Moving, free_velocities: wp.array | None
-    ) -> None:
-        """From the old to the new; given an array for free velocities, all particles get those before any goes on."""
-        if free_velocities is None:
-            self._launch(state, time_in_frame, old, None, new)
-        else:
-            self.pieces.pump(state, time_in_frame)
-            self._launch(state, time_in_frame, old, free_velocities, None)
-            self.pieces.swell(state, time_in_frame, old, free_velocities)
-            self._launch(state, time_in_frame, old, free_velocities, new)
-        if self.puts_off:
-            self._end_later(state, time_in_frame, old[0], new)
-        self.pieces.correct(state, time_in_frame, *new)
-
-    def _launch(
-        self, state: State, time_in_frame: float, old: Moving, free_velocities: wp.array | None, new: Moving | None
-    ) -> None:
-        """A thread a particle: a whole substep, or as far as its free velocity, or, with both, from there on."""
-        pulls = free_velocities is None or new is None
-        loops, until = self.loops() if pulls else None, "end" if new else "free velocities"
-        later = new is not None and self.puts_off
-        self.pieces.over_particles(
-            advance_kernel(self.traits, loops, until, self.fast_math and pulls, later),
-            *(self.tables, time_in_frame, *old, world_state(state), self.pieces.working),
-            *(free_velocities, *(new or (None, None))),
-        )
-
-    def _end_later(self, state: State, time_in_frame: float, old_points: wp.array, new: Moving) -> None:
-        """Particles that were put off end the substep."""
-        m = self.model
-        launch_tiled(
-            end_later_kernel(self.traits, self.fast_math),
-            dim=[-(-m.world_count * m.particle_count // int(PARTICLES_OF_BLOCK))],
-            inputs=[self.tables, time_in_frame, world_state(state), self.pieces.working, old_points, *new],
-            block_dim=FEW_THREADS if m.device.is_cuda else 1,
-            device=m.device,
-        )
+    def _over_spheres(self, kernel: Any, *arguments: Any) -> None:
+        shape = (self.model.world_count, self.model.sphere_count)
+        launch(kernel, shape, inputs=list(arguments), device=self.model.device)

@@ -1,23 +1,26 @@
 """Forces as they are shown and written, whatever the schedule."""
 
 from copy import copy
-from functools import cached_property
 from typing import Any, Self
 
 import warp as wp
 
 from balloon_warp.kernels.measure.pulls import law_measure, pull_kernel, spring_measure, string_measure
-from balloon_warp.kernels.schedules.aims import add_inflation_forces
-from balloon_warp.kernels.schedules.launched_wear import wear_kernel
-from balloon_warp.kernels.schedules.working import Working
+from balloon_warp.kernels.schedules.looks import GATHERED
+from balloon_warp.kernels.schedules.pieces import cut
+from balloon_warp.kernels.substep import READING, phases_of
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
-from balloon_warp.schedules.aims import AimRefresher
+from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.ramp import refresh_ramp
-from balloon_warp.schedules.tables import make_tables, tables_of_world, world_state
-from balloon_warp.schedules.tears import TearPieces
+from balloon_warp.schedules.tables import make_tables, tables_of_world
 from balloon_warp.schedules.traits import model_traits
+
+PULL, INFLATE = "pull", "inflate"
+"""phases that begin a launch of their own"""
+SHOWN = ("force", "area_vector", "aim", "inflation", "net_force")
+"""what is kept of them"""
 
 
 class ForceReader:
@@ -34,43 +37,33 @@ class ForceReader:
         self._tables.step_seconds = 0.0  # forces as they are now, not on average over a step
         if batch:
             self._tables = tables_of_world(model, self._tables)
-        self._working = Working()
-        room, shape = Allocating(model.device), (model.world_count, model.particle_count)
-        for name in ("forces", "aims", "area_vectors"):
-            setattr(self._working, name, room.array(shape, wp.vec3))
+        step = cut(phases_of(self._traits, READING), self._traits, GATHERED, apart=(PULL, INFLATE), shown=SHOWN)
+        self._launches = Launches(model, step, self._tables, Allocating(model.device))
 
     def beside(self, model: Model) -> Self:
         """A reader of another world of the same batch, which shares its memory with this one."""
         other = copy(self)
         other.model, other._tables = model, tables_of_world(model, self._tables)
+        other._launches = self._launches.beside(model, other._tables)
         return other
 
     def refresh(self, state: State) -> None:
         """What a frame begins with: its ramp, such as of k_normal, each particle's aim, and its area vector."""
         refresh_ramp(self.model, state)
-        if self._traits.wears:
-            inputs = [self._tables, state.points, state.peaks]
-            shape = (self.model.world_count, self.model.triangle_count)
-            launch(wear_kernel(self._traits, keeps=False), shape, inputs, device=self.model.device)
-        if self._traits.bursts:
-            TearPieces(self.model, self._tables).weigh(state, 0.0)
-        if self._traits.aims:
-            self._refresher.refresh(state.points, self._working.aims)
+        self._execute(state, *self._first)
         if self._traits.measures_areas:
-            self._sum_forces(state)
+            self._execute(state, PULL)
 
     def inflation_forces(self, state: State, time_in_frame: float = 0.0) -> wp.array:
         """On each particle [N], shape (world_count, particle_count), vec3, once it is refreshed."""
-        self._working.forces.zero_()
-        self._add_inflation(state, time_in_frame)
-        return self._working.forces
+        self._execute(state, INFLATE, time_in_frame=time_in_frame)
+        return self._launches.values["inflation"]
 
     def net_forces(self, state: State) -> wp.array:
         """On each particle at the start of a frame [N], shape (world_count, particle_count), vec3, once it is
         refreshed."""
-        self._sum_forces(state)
-        self._add_inflation(state, 0.0)
-        return self._working.forces
+        self._execute(state, PULL, INFLATE)
+        return self._launches.values["net_force"]
 
     def spring_pulls(self, state: State, time: float) -> wp.array:
         """With which each spring pulls, or if negative pushes [N], shape (world_count, spring_count)."""
@@ -99,26 +92,13 @@ class ForceReader:
         launch(pull_kernel(measure), (worlds, count), inputs, [pulls], device=device)
         return pulls
 
-    @cached_property
-    def _refresher(self) -> AimRefresher:
-        return AimRefresher(self.model, self._tables, Allocating(self.model.device))
+    @property
+    def _first(self) -> list[str]:
+        """Phases with which pieces begin before any force is found."""
+        return [
+            piece.phases[0].name for piece in self._launches.step.pieces if piece.phases[0].name not in (PULL, INFLATE)
+        ]
 
-    def _sum_forces(self, state: State) -> None:
-        """All but the inflation's, and the area vectors."""
-        # loads when first needed: it has much to load, and aims go without
-        from balloon_warp.kernels.schedules.advance import advance_kernel, gathering_loops
-
-        kernel = advance_kernel(self._traits, gathering_loops(self._traits), "forces")
-        moving = state.points, state.velocities, world_state(state)
-        self._launch(kernel, self._tables, 0.0, *moving, self._working, None, None, None)
-
-    def _add_inflation(self, state: State, time_in_frame: float) -> None:
-        self._launch(
-            add_inflation_forces,
-            *(self._tables.particles, self._tables.inflation_kind, self._tables.up),
-            *(not self._traits.gas, time_in_frame),
-            *(world_state(state), self._working.aims, self._working.area_vectors, self._working.forces),
-        )
-
-    def _launch(self, kernel: Any, *arguments: Any) -> None:
-        launch(kernel, self._working.forces.shape, inputs=list(arguments), device=self.model.device)
+    def _execute(self, state: State, *phases: str, time_in_frame: float = 0.0) -> None:
+        """Pieces that begin with these."""
+        self._launches.execute(state, 0, time_in_frame, (state.points, state.velocities), phases)

@@ -99,7 +99,7 @@ def _residence(
     if traits.stands_on_fixtures or traits.touches:
         own += CONTACT_REGISTERS
     needed = own + particles_a_thread * (24 + slots)
-    one_tile = film is not None and not _looks_late(traits, slots)
+    one_tile = film is not None and not looks_late(traits, slots, film)
     words = (1 if one_tile else 2) * 3 * threads * particles_a_thread
     if film:
         words += (6 if film.areas else 4) * film_entries(model, film._replace(held=quads * threads))
@@ -116,13 +116,15 @@ def _residence(
     return None
 
 
-def _looks_late(traits: Traits, slots: int) -> bool:
-    """Whether points are looked at once some may have moved. Faces of membranes look sooner, before a barrier.
+def looks_late(traits: Traits, slots: int, film: FilmLayout) -> bool:
+    """Whether points are looked at once some may have moved. Faces of membranes look sooner, before a barrier; not so
+    who finds an area vector by itself, as where some faces are no quads, or are slack.
 
     Args:
         slots: of springs.
     """
     around = slots > 0 or traits.has("hinge") or traits.has("face") or traits.aims or traits.jets or traits.in_water
+    around = around or (traits.measures_areas and not film.areas)
     beside = traits.touches or traits.spheres > 0 or (traits.obstacles and traits.frames == "free")
     return around or beside or traits.corrected or traits.looks_at_velocities
 

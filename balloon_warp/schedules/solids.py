@@ -19,7 +19,6 @@ def solid_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     particles = model.particle_count
     return {
         "sphere_starts": room.array((worlds, model.sphere_count if traits.keeps_starts else 0), wp.vec3),
-        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "body_starts": room.array((worlds, bodies), wp.vec3),
         "body_start_turns": room.array((worlds, bodies), wp.quat),
         "body_masses": room.array((worlds, bodies), wp.float32),

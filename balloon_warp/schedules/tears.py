@@ -1,4 +1,4 @@
-"""How membranes tear: the tables, and the launches of each substep."""
+"""How membranes tear: the tables."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -7,21 +7,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.laws.air import AIR
-from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.tearing import PARAMETERS
-from balloon_warp.kernels.schedules.launched_holes import GasColumns, open_balloons
-from balloon_warp.kernels.schedules.launched_tears import (
-    run_tears,
-    tear_faces,
-    weigh_faces,
-)
 from balloon_warp.kernels.wear_tables import TearTable
-from balloon_warp.launching import launch
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corner_faces, next_corners
 from balloon_warp.mesh.geometry import face_vector_areas, total_area
-from balloon_warp.model import Model, State
+from balloon_warp.model import Model
 from balloon_warp.model.memory import Allocating, Room
 
 BRANCHING_WAY = 0.25
@@ -156,27 +147,3 @@ def share_of_tear(mesh: PolygonMesh) -> float:
 def branchings_of(mesh: PolygonMesh) -> int:
     """How often a tear may branch, so that its gaps, a face wide, leave nine tenths of the skin."""
     return int(np.searchsorted(TEARS_BY_BRANCHINGS, MOST_TORN / share_of_tear(mesh), side="right")) - 1
-
-
-class TearPieces:
-    """Launches each piece for all worlds."""
-
-    def __init__(self, model: Model, tables: Any):
-        self.model, self.tables = model, tables
-        places, split = model.columns.places, model.columns.balloon_width
-        self._columns = GasColumns(*(places[row.name] - split for row in (*AIR, GRAVITY)), places["gamma"])
-
-    def weigh(self, state: State, time_in_frame: float) -> None:
-        """What faces bear, and which are gone."""
-        self._over(self.model.face_count, weigh_faces, time_in_frame, state.frame, state.torn, state.bursts)
-
-    def tear(self, state: State, worlds: Any, time_in_frame: float, points: wp.array) -> None:
-        """Tears begin and run on, and holes are as large as they are then."""
-        faces = self.model.face_count
-        self._over(faces, run_tears, points, state.bursts, state.torn, state.tear_planes)
-        self._over(faces, tear_faces, points, state.bursts, state.torn)
-        self._over(self.model.balloon_count, open_balloons, time_in_frame, self._columns, points, worlds)
-
-    def _over(self, count: int, kernel: Any, *arguments: Any) -> None:
-        model = self.model
-        launch(kernel, (model.world_count, count), inputs=[self.tables, *arguments], device=model.device)

@@ -28,7 +28,7 @@ PART_THREADS = 512
 """that go through the parts of a world there"""
 
 
-class TouchPieces:
+class TouchLaunches:
     """Launches what finds and presses balloons that touch."""
 
     def __init__(self, model: Model, traits: Traits, tables: Any, working: Any, fast_math: bool = False):

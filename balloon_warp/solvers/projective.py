@@ -1,5 +1,6 @@
 """The `projective` solver: backward Euler by local and global steps (Liu et al. 2013), stable at any step."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -7,11 +8,12 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.hooke import HOOKE
+from balloon_warp.kernels.schedules.looks import GATHERED
 from balloon_warp.kernels.solvers.projective import (
-    ending_kernel,
     foreseeing_kernel,
     inertia_function,
     local_step_kernel,
+    take_displacements,
 )
 from balloon_warp.kernels.solvers.settling import (
     LEAST_ITERATIONS,
@@ -21,11 +23,13 @@ from balloon_warp.kernels.solvers.settling import (
     Settling,
     settling_kernel,
 )
+from balloon_warp.kernels.substep import PROJECTIVE_STEP
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.launching import launch_tiled
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.launched import LaunchedSchedule, Moving
+from balloon_warp.schedules.launched import LaunchedSchedule
+from balloon_warp.schedules.launches import Moving, Own
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.traits import model_traits
 from balloon_warp.solvers.dense_inverse import DenseInverse
@@ -49,6 +53,8 @@ class ProjectiveSolver(LaunchedSchedule):
     """
 
     name = "projective"
+    look = GATHERED
+    phases = PROJECTIVE_STEP
 
     def __init__(self, model: Model, global_step: type[SparseFactor] | type[DenseInverse] | None = None):
         if beyond := _beyond(model_traits(model)):
@@ -74,20 +80,23 @@ class ProjectiveSolver(LaunchedSchedule):
         """Device memory that it keeps for each world, beside the state."""
         return super().world_bytes(model) + _global_step(model).world_bytes(model, StepMatrices(model))
 
-    def advance_substep(self, state: State, time_in_frame: float, now: Moving) -> Moving:
+    def own(self) -> Mapping[str, Own]:
+        """What it does itself of a step, by the names of phases."""
+        return {"settle": self._settle}
+
+    def _settle(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Local and global steps in turn, until every world has settled."""
         free, tried, reached, trials, _, _ = self.vectors
-        t, settling, worlds, working = self.tables, self._settling, world_state(state), self.pieces.working
-        over_particles, foresee = self.pieces.over_particles, foreseeing_kernel(self.traits)
-        over_particles(foresee, t, time_in_frame, worlds, working, settling, free, tried, reached, trials)
+        t, settling, inflations = self.tables, self._settling, self.launches.values["inflation"]
+        begin = t, time_in_frame, world_state(state), inflations, settling
+        self._over_particles(foreseeing_kernel(self.traits), *begin, free, tried, reached, trials)
         most, device = int(settling.most), self.model.device
         can_ask = device.is_cpu or wp.is_conditional_graph_supported()
         if most <= ITERATIONS_BETWEEN or not can_ask:
             self._iterate(state, most)  # worlds that have settled do nothing more
         else:
             wp.capture_while(settling.any_going, self._iterate, state=state, count=ITERATIONS_BETWEEN)
-        over_particles(ending_kernel(self.traits), t, time_in_frame, reached, worlds, working)
-        return now
+        self._over_particles(take_displacements, t.step_seconds, reached, *now)
 
     def _iterate(self, state: State, count: int) -> None:
         """So many iterations in the worlds that go on."""
@@ -95,7 +104,7 @@ class ProjectiveSolver(LaunchedSchedule):
         t, settling, model = self.tables, self._settling, self.model
         settle = settling_kernel(self.traits, inertia_function(self.traits))
         for _ in range(count):
-            self.pieces.over_particles(local_step_kernel(self.traits), t, free, tried, trials, settling, residuals)
+            self._over_particles(local_step_kernel(self.traits), t, free, tried, trials, settling, residuals)
             self._global_step.solve(residuals, increments, settling.going)
             launch_tiled(
                 settle,
@@ -105,6 +114,11 @@ class ProjectiveSolver(LaunchedSchedule):
                 block_dim=SETTLING_THREADS if model.device.is_cuda else 1,
                 device=model.device,
             )
+
+    def _over_particles(self, kernel: Any, *arguments: Any) -> None:
+        """Launch a thread a (world, particle)."""
+        shape = (self.model.world_count, self.model.particle_count)
+        launch(kernel, shape, inputs=list(arguments), device=self.model.device)
 
 
 def _settling(model: Model, matrices: StepMatrices) -> Any:

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import check_policy
 from balloon_warp.endings import BadEnding, ending_sentences
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences
 from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.outputs.table import TABLE_NAMES
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene, SceneLike
@@ -27,8 +29,6 @@ from balloon_warp.sweep.memory import require_room
 from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.resume import BatchCheckpoints
 from balloon_warp.sweep.task import BatchTask, Outcome
-
-TABLE_NAMES = ("table.npz", "table.csv")
 
 
 @described
@@ -99,6 +99,7 @@ def run_batch(
     provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     resume: bool = False,
+    on_begin: Callable[[Beginning], None] = lambda beginning: None,
     on_frame: Callable[[int], None] = lambda number: None,
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
@@ -129,6 +130,7 @@ def run_batch(
         checkpoint_seconds: between two checkpoints; 0 for one only when the batch is stopped.
         resume: goes on from the last checkpoint, if there is one, to the same files as a batch that was never stopped;
             on a cluster without the shares that are done, whatever the number of workers.
+        on_begin: called once, before all that follows, with what is simulated, where, and how.
         on_frame: called with the number of each frame when it is simulated; on a cluster now and then, on average.
         on_note: told where the batch begins, and of an earlier one that was not finished, in a sentence.
         on_warning: told what is odd about each mesh, what became of it, how exported worlds end, what was left out.
@@ -149,12 +151,10 @@ def run_batch(
     require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
     groups = plan_groups(scene, world_count, vary, laws)
     task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup)
-    for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
-        on_warning(warning)
     description = describe_batch(task)
     checkpoints = BatchCheckpoints(task, description, checkpoint_seconds, resume, on_note)
     try:
-        outcome = _simulate(task, cluster, device, checkpoints, on_frame)
+        outcome = _simulate(task, cluster, device, checkpoints, _warning(task, on_begin, on_warning), on_frame)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(checkpoints.advice) from None
     names = [*TABLE_NAMES, *WORLDS_NAMES, *([STAGE_NAME] if len(chosen) else [])]
@@ -163,6 +163,19 @@ def run_batch(
     for sentence in _remarks(outcome):
         on_warning(sentence)
     return _summary(task, outcome, name)
+
+
+def _warning(
+    task: BatchTask, on_begin: Callable[[Beginning], None], on_warning: Callable[[str], None]
+) -> Callable[[Beginning], None]:
+    """A listener to what begins that tells, too, what is odd about the meshes."""
+
+    def begin(beginning: Beginning) -> None:
+        on_begin(beginning)
+        for warning in dict.fromkeys(sentence for group in task.groups for sentence in group.plan.warnings):
+            on_warning(warning)
+
+    return begin
 
 
 def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np.int64]:
@@ -182,14 +195,15 @@ def _simulate(
     cluster: Cluster | None,
     device: str | None,
     checkpoints: BatchCheckpoints,
+    on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:
     """On the cluster's workers, or here."""
     if not cluster:
-        return simulate_locally(task, device, checkpoints, on_frame)
+        return simulate_locally(task, device, checkpoints, on_begin, on_frame)
     from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
 
-    return distribute_batch(task, cluster, device, checkpoints, on_frame)
+    return distribute_batch(task, cluster, device, checkpoints, on_begin, on_frame)
 
 
 def _remarks(outcome: Outcome) -> list[str]:
@@ -202,7 +216,7 @@ def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
     """What `run_batch` hands back."""
     scene, groups, stage = task.scene, task.groups, str(task.folder / STAGE_NAME)
     substeps = groups[0].plan.substeps
-    particles = sum(len(group.worlds) * group.plan.particle_count for group in groups)
+    particles = task.particle_count
     simulated = particles * substeps * scene.frames * (1.0 - outcome.resumed)
     return BatchSummary(
         output=str(task.folder),

@@ -13,6 +13,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.interrupts import Interrupts
@@ -54,6 +55,7 @@ def distribute_batch(
     cluster: Cluster,
     device: str | None,
     checkpoints: BatchCheckpoints,
+    on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:
     """Simulate a batch on workers, and write its files here, as if it had been simulated here.
@@ -61,6 +63,7 @@ def distribute_batch(
     Args:
         device: the Warp device of each worker; its GPU where it has one, when missing.
         checkpoints: of shares that are done; those that were when the last one was written are not done again.
+        on_begin: called once there are workers; they choose the schedule themselves.
         on_frame: told how many frames are simulated, on the average of all worlds.
 
     Raises:
@@ -71,6 +74,8 @@ def distribute_batch(
     with ExitStack() as workers:
         client = workers.enter_context(connect(cluster))
         devices = _worker_devices(client, cluster, device, task.laws)
+        named = ", ".join(sorted(set(devices)))
+        on_begin(task.beginning(named, task.schedule, len(devices)))
         began = time.perf_counter()
         # Where workers differ, the shares are small enough for the least of them.
         kind = "cuda" if all(name.startswith("cuda") for name in devices) else "cpu"
@@ -98,7 +103,7 @@ def distribute_batch(
                 workers.close()  # which end meanwhile
             endings = output.endings()
         return Outcome(
-            device=", ".join(sorted(set(devices))),
+            device=named,
             schedule=", ".join(sorted(set(journal.schedules.values()))),
             workers=len(devices),
             healthy_worlds=output.healthy_count,

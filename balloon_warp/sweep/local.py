@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.device import pick_device
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.model import lay_out, remarks_on
@@ -20,16 +21,22 @@ from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.recorder import Recorder
 from balloon_warp.sweep.resume import BatchCheckpoints, Part
 from balloon_warp.sweep.task import BatchTask, Outcome
+from balloon_warp.turns import in_turn
 
 
 def simulate_locally(
-    task: BatchTask, device: str | None, checkpoints: BatchCheckpoints, on_frame: Callable[[int], None]
+    task: BatchTask,
+    device: str | None,
+    checkpoints: BatchCheckpoints,
+    on_begin: Callable[[Beginning], None],
+    on_frame: Callable[[int], None],
 ) -> Outcome:
     """Simulate a batch and write its table and its stage.
 
     Args:
         device: a Warp device; if missing, the GPU or else the CPU.
         checkpoints: what is kept safe meanwhile, and gone on from.
+        on_begin: called once all is laid out.
         on_frame: called with the number of each frame when it is simulated.
 
     Raises:
@@ -37,19 +44,22 @@ def simulate_locally(
     """
     began = time.perf_counter()
     target = pick_device(device)
-    models = [lay_out(group.plan, target) for group in task.groups]
-    schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
-    require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
-    simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
-    failures = Failures()
+    with in_turn(target):
+        models = [lay_out(group.plan, target) for group in task.groups]
+        schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
+        require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
+        simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
+    failures, named = Failures(), ", ".join(sorted(set(schedules)))
+    on_begin(task.beginning(str(target), named))
     with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
         begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
-        crowded = sum(simulator.schedule.crowded for simulator in simulators)
-        remarks = [
-            remark
-            for simulator, group in zip(simulators, task.groups, strict=True)
-            for remark in remarks_on(simulator.model, simulator.state, group.worlds)
-        ]
+        with in_turn(target):
+            crowded = sum(simulator.schedule.crowded for simulator in simulators)
+            remarks = [
+                remark
+                for simulator, group in zip(simulators, task.groups, strict=True)
+                for remark in remarks_on(simulator.model, simulator.state, group.worlds)
+            ]
         if output.healthy_count < task.world_count:
             failures = _report_all(task, output, simulators)
             simulators.clear()  # what begins again has their memory
@@ -60,7 +70,7 @@ def simulate_locally(
         endings = output.endings()
     return Outcome(
         device=str(target),
-        schedule=", ".join(sorted(set(schedules))),
+        schedule=named,
         workers=1,
         healthy_worlds=output.healthy_count,
         failures=failures,
@@ -133,7 +143,9 @@ def _take_up(
 def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDArray]]:
     """All that a frame depends on of those before it; one at a time is on the host."""
     for name, array in {**vars(simulator.state), **recorder.changing}.items():
-        yield name, array.numpy()
+        with in_turn(array.device):
+            values = array.numpy()
+        yield name, values
 
 
 def _report_all(task: BatchTask, output: BatchOutput, simulators: Sequence[Simulator]) -> Failures:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from balloon_warp.endings import BadEnding, LastFrame, bad_endings
 from balloon_warp.errors import InputError
-from balloon_warp.files import check_writable, whole_file
-from balloon_warp.outputs.table import TableWriter
+from balloon_warp.files import check_writable, target_of, whole_file
+from balloon_warp.outputs.table import TABLE_NAMES, TableWriter
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
+from balloon_warp.sweep.manifest import MANIFEST_NAME
 from balloon_warp.sweep.recorder import Record, columns_of
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ class BatchOutput:
     ) -> None:
         self._files.__exit__(kind, error, traceback)
         if kind is None and not self.stage and self.stage_path.exists():
-            self.stage_path.unlink()
+            target_of(self.stage_path).unlink()
             self.removed_stage = True
 
 
@@ -161,11 +162,12 @@ def _in_grid(group: Group, chosen: NDArray[np.integer], varied: Mapping[str, NDA
 
 def _prepare_folder(folder: Path) -> None:
     try:
-        folder.mkdir(exist_ok=True)
+        target_of(folder).mkdir(exist_ok=True)
     except FileNotFoundError:
         raise InputError(f"{folder}: the folder {folder.parent} does not exist") from None
     except (FileExistsError, NotADirectoryError):
         raise InputError(f"{folder}: is a file; expected a folder") from None
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
-    check_writable(folder / "table.npz", (".npz",))
+    for name in (*TABLE_NAMES, *WORLDS_NAMES, STAGE_NAME, MANIFEST_NAME):
+        check_writable(folder / name, (Path(name).suffix,))

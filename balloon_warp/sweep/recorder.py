@@ -74,8 +74,12 @@ class Recorder:
     """
 
     def __init__(self, simulator: Simulator, chosen: NDArray[np.integer]):
-        model, worlds = simulator.model, simulator.model.world_count
         self.simulator = simulator
+        with in_turn(simulator.model.device):
+            self._allocate(chosen)
+
+    def _allocate(self, chosen: NDArray[np.integer]) -> None:
+        model, worlds, state = self.simulator.model, self.simulator.model.world_count, self.simulator.state
 
         def zeros(shape: Any, dtype: Any) -> wp.array:
             return wp.zeros(shape, dtype=dtype, device=model.device)
@@ -102,7 +106,7 @@ class Recorder:
         self._sphere_positions = zeros((len(chosen), model.sphere_count), wp.vec3)
         self._body_positions = zeros((len(chosen), model.body_count), wp.vec3)
         self._body_turns = zeros((len(chosen), model.body_count), wp.quat)
-        self._torn = zeros((len(chosen), simulator.state.torn.shape[1]), wp.int8)
+        self._torn = zeros((len(chosen), state.torn.shape[1]), wp.int8)
 
     def read(self) -> Record:
         """The frame that the simulator is at."""
@@ -129,8 +133,9 @@ class Recorder:
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Go on from where another recorder of the same worlds was, from the contents of its `changing`."""
-        for name, array in self.changing.items():
-            array.assign(saved[name])
+        with in_turn(self.simulator.model.device):
+            for name, array in self.changing.items():
+                array.assign(saved[name])
 
     @cached_property
     def _graph(self) -> Any:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.beginning import Beginning
 from balloon_warp.endings import BadEnding
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Remark
@@ -38,6 +39,24 @@ class BatchTask:
     @property
     def world_count(self) -> int:
         return sum(len(group.worlds) for group in self.groups)
+
+    @property
+    def particle_count(self) -> int:
+        """in all worlds together"""
+        return sum(len(group.worlds) * group.plan.particle_count for group in self.groups)
+
+    def beginning(self, device: str, schedule: str, workers: int = 1) -> Beginning:
+        """What is simulated, where, and how."""
+        return Beginning(
+            worlds=self.world_count,
+            particles=self.particle_count,
+            frames=self.scene.frames,
+            substeps=self.groups[0].plan.substeps,
+            frames_per_second=self.scene.frames_per_second,
+            device=device,
+            schedule=schedule,
+            workers=workers,
+        )
 
 
 @dataclass(frozen=True)

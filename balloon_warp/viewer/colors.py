@@ -62,6 +62,13 @@ def water_color() -> Color:
     return _encoded(material.WATER_COLOR)
 
 
+def linear(color: Color) -> tuple[float, float, float]:
+    """A color of the page as scenes have it, in linear RGB."""
+    values = np.clip(np.asarray(color, float) / 255.0, 0.0, 1.0)
+    r, g, b = (float(value) for value in np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))
+    return r, g, b
+
+
 def _encoded(linear: tuple[float, float, float]) -> Color:
     values = np.asarray(linear)
     encoded = np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1 / 2.4) - 0.055)

@@ -1,4 +1,4 @@
-"""What is added to viser's page: a style sheet, three scripts and a sheet of keys."""
+"""What is added to viser's page: a style sheet, scripts and a sheet of keys."""
 
 import functools
 import gzip
@@ -10,6 +10,8 @@ from balloon_warp.viewer.status import key_sheet
 
 CHARSET = b'<meta charset="utf-8" />'
 """how the page is encoded, which must be said among its first bytes: what is ours comes behind it"""
+
+FILES = ("page.css", "look.js", "panel.js", "wait.js", "origin.js")
 
 
 def dress(response: Response) -> None:
@@ -23,9 +25,7 @@ def dress(response: Response) -> None:
 @functools.lru_cache(maxsize=4)
 def _dressed(page: bytes, zipped: bool) -> bytes:
     folder = files("balloon_warp.viewer") / "page_files"
-    read = {
-        name: (folder / name).read_text(encoding="utf-8") for name in ("page.css", "look.js", "panel.js", "origin.js")
-    }
+    read = {name: (folder / name).read_text(encoding="utf-8") for name in FILES}
     ours = f"<style>{read['page.css']}</style>"
     ours += "".join(f"<script>{read[name]}</script>" for name in read if name.endswith(".js")) + key_sheet()
     page = gzip.decompress(page) if zipped else page

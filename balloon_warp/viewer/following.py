@@ -11,6 +11,9 @@ HELD_SECONDS = 0.4
 TURNED = 1e-3
 """part of the distance by which a camera is elsewhere than it was, where somebody turned it"""
 
+NARROW = 0.75
+"""width over height of a window in which what fills its height is as wide as it"""
+
 
 class Follower:
     """The windows whose cameras follow."""
@@ -52,6 +55,13 @@ def look_at(window: Any, center: NDArray[np.floating], away: NDArray[np.floating
     with window.atomic():  # the place first: where it looks moves along with it
         window.camera.position = tuple((center + away).tolist())
         window.camera.look_at = tuple(center.tolist())
+
+
+def go_home(camera: Any, position: NDArray[np.floating], middle: NDArray[np.floating]) -> None:
+    """Put a camera where it sees everything, farther away where its window is narrow; shape (3,) each [m]."""
+    width, height = getattr(camera, "image_width", 1), getattr(camera, "image_height", 1)
+    away = (position - middle) * max(NARROW * height / max(width, 1), 1.0)
+    camera.position, camera.look_at = tuple((middle + away).tolist()), tuple(middle.tolist())
 
 
 def _away(window: Any) -> NDArray[np.float64]:

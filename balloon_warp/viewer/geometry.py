@@ -118,17 +118,17 @@ class Drawing:
         return {"volume": volume, "pressure": force / area if area > 0.0 else 0.0, "stretch": stretch}
 
 
-def string_reach(
-    model: Model, size: float, center: NDArray[np.floating], up: NDArray[np.floating]
-) -> NDArray[np.floating]:
-    """Where strings let balloons of a size come to: the anchors, and as far above them, or below where they hang; shape
-    (2 string_count, 3).
+def string_reach(model: Model, up: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Where strings let their balloons come to: the anchors, and as far above them as a string and its balloon are long,
+    or below where they hang; shape (2 string_count, 3).
 
     Args:
-        center: where the balloons are at the start, shape (3,).
         up: unit vector, shape (3,).
     """
     anchors = model.parameters["string_anchor"].numpy()[0].reshape(-1, 3)
-    far = model.parameters["string_length"].numpy()[0] + size
-    sides = np.where((center - anchors) @ up >= 0.0, 1.0, -1.0)
-    return np.concatenate([anchors, anchors + (sides * far)[:, None] * up])
+    lengths = model.parameters["string_length"].numpy()[0]
+    held = [model.shapes[string.balloon].mesh.points for string in model.scene.string[: len(anchors)]]
+    sizes = np.array([np.ptp(points, axis=0).max() for points in held])
+    centers = np.array([points.mean(axis=0) for points in held]).reshape(-1, 3)
+    sides = np.where((centers - anchors) @ up >= 0.0, 1.0, -1.0)
+    return np.concatenate([anchors, anchors + (sides * (lengths + sizes))[:, None] * up])

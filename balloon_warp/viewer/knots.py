@@ -21,6 +21,7 @@ class KnotLayer:
         self._tied: list[tuple[int, int, int]] = []
         """strings that have a knot, and the balloon and the particle that each holds"""
         self._knots: list[tuple[Knot, Any]] = []
+        self._painted: list[Any] = []
 
     def draw(self, picture: Picture, curves: dict[int, NDArray]) -> None:
         """Bring them to where they are.
@@ -29,7 +30,9 @@ class KnotLayer:
             curves: of the strings that are there, by their numbers, shape (n, 3) each.
         """
         tied = [self._holds(picture, number) for number in curves if _is_knotted(picture, number)]
-        if tied != self._tied:
+        painted = [balloon.color for balloon in picture.scene.balloon]
+        if tied != self._tied or painted != self._painted:
+            self._painted = painted
             self._build(picture, tied)
         for (number, balloon, _), (knot, mesh) in zip(self._tied, self._knots, strict=True):
             pose = knot.pose(picture.frame.points[balloon], curves[number], picture.scene.up)

@@ -8,6 +8,7 @@ import viser
 from numpy.typing import NDArray
 
 from balloon_warp.viewer import colors
+from balloon_warp.viewer.following import go_home
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
 from balloon_warp.viewer.knots import ROOT as KNOTS
 from balloon_warp.viewer.knots import KnotLayer
@@ -38,6 +39,8 @@ LINES = {
     "normals": colors.NORMALS,
     "forces": colors.FORCES,
 }
+AWAY = 1.1
+"""how far a camera stands from what it sees, in sizes of that: it fills most of the view"""
 LIGHT = 2.8
 """of the studio's key light; where it stands and what its shadow covers the page finds itself (page_files/look.js)"""
 SLOWER = 3
@@ -55,8 +58,9 @@ class Layers:
     def __init__(self, server: viser.ViserServer, on_drag: Callable[[Any], Any]):
         self.server, self._on_drag = server, on_drag
         self.shown = {name: name in AT_START for name in LAYERS}
-        self._load = 0
-        self._count = 0
+        self._load, self._count = 0, 0
+        self._coming: tuple[viser.IcosphereHandle, int] | None = None
+        """a sphere that was asked for, and by which wish"""
         server.scene.configure_default_lights(enabled=False)
         self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
 
@@ -80,6 +84,18 @@ class Layers:
         self._count += 1
         self.server.flush()
 
+    def foresee(self, position: NDArray[np.floating], radius: float, color: colors.Color, asked: int) -> None:
+        """Draw a sphere that was asked for where it will start, until a picture shows what became of it.
+
+        Args:
+            asked: how many wishes there were until then.
+        """
+        coming = self.server.scene.add_icosphere(
+            "/spheres/coming", radius=radius, color=color, subdivisions=4, position=tuple(position.tolist())
+        )
+        self._coming = coming, asked
+        self.server.flush()
+
     @property
     def drawing(self) -> Drawing:
         """Of the model that is shown."""
@@ -87,7 +103,7 @@ class Layers:
 
     def _build(self, picture: Picture) -> None:
         """Everything anew, for another model."""
-        scene, self._load = self.server.scene, picture.load
+        scene, self._load, self._coming = self.server.scene, picture.load, None
         for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
             scene.remove_by_name(name)
         self._drawing = Drawing(picture.model)
@@ -100,11 +116,12 @@ class Layers:
         center = (low + high) / 2
         self.obstacles = ObstacleLayer(self.server, picture, center, self.size)
         self._levels = LevelLayer(self.server, picture, center, self.size)
-        around = [start, string_reach(picture.model, self.size, center, up), self.obstacles.seen]
+        around = [start, string_reach(picture.model, up), self.obstacles.seen]
         self.home = _home(np.concatenate(around), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
-            camera.position, camera.look_at = (tuple(place.tolist()) for place in self.home)
+            go_home(camera, *self.home)
         self._balloons, self._bands = [], []
+        self._colors = [balloon.color for balloon in picture.scene.balloon]
         scene.add_frame("/balloons", show_axes=False)
         scene.add_frame("/strain", show_axes=False)
         scene.add_frame("/lines", show_axes=False)
@@ -158,6 +175,12 @@ class Layers:
         for number, (balloon, bands) in enumerate(zip(self._balloons, self._bands, strict=True)):
             points = picture.frame.points[number]
             _see(balloon, self.shown["balloon"] and not strained)
+            color = picture.scene.balloon[number].color
+            if color != self._colors[number]:
+                self._colors[number] = color
+                mesh = picture.model.shapes[number].mesh
+                if not isinstance(self._surfaces[number], Printed):
+                    balloon.color = colors.balloon_color(picture.scene, number, mesh)
             if balloon.visible:
                 balloon.vertices = self._surfaces[number].points(points)
                 self._hide_torn(picture, number, balloon)
@@ -199,6 +222,9 @@ class Layers:
         there = {
             number: place for place, number in enumerate(picture.sphere_numbers) if place < len(radii) and radii[place]
         }
+        if self._coming and picture.granted >= self._coming[1]:
+            self._coming[0].remove()
+            self._coming = None
         for number in self._spheres.keys() - there.keys():
             self._spheres.pop(number).remove()
         for number, place in there.items():
@@ -233,7 +259,7 @@ def _home(
     """Where a camera stands that sees points, from a side and a little above, and what it looks at; shape (3,) each."""
     low, high = points.min(axis=0), points.max(axis=0)
     center, size = (low + high) / 2, float((high - low).max())
-    return center + 1.7 * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
+    return center + AWAY * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
 
 
 def _see(handle: Any, visible: bool) -> None:

@@ -1,4 +1,4 @@
-"""What a window may say: five kinds of messages, of numbers and words within bounds. Nothing else is heard."""
+"""What a window may say: six kinds of messages, of numbers and words within bounds. Nothing else is heard."""
 
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
@@ -72,6 +72,13 @@ class GuiUpdateMessage(Said):
     updates: Updates
 
 
+class GuiButtonHoldMessage(Said):
+    """A button of the panel is held."""
+
+    uuid: Word
+    frequency: Real
+
+
 class CommandTriggerMessage(Said):
     """A key is pressed."""
 
@@ -79,7 +86,12 @@ class CommandTriggerMessage(Said):
 
 
 _decoder = msgspec.msgpack.Decoder(
-    ViewerCameraMessage | ScenePointerMessage | SceneNodeDragMessage | GuiUpdateMessage | CommandTriggerMessage
+    ViewerCameraMessage
+    | ScenePointerMessage
+    | SceneNodeDragMessage
+    | GuiUpdateMessage
+    | GuiButtonHoldMessage
+    | CommandTriggerMessage
 )
 
 

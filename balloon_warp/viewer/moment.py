@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.scene import Scene
@@ -19,3 +20,8 @@ class Moment:
     substeps: int
     hands: dict[object, int]
     state: dict[str, NDArray]
+
+    @property
+    def extent(self) -> float:
+        """of all balloons together [m]"""
+        return float(np.ptp(self.state["points"][0], axis=0).max())

@@ -1,6 +1,7 @@
 """The page: a server, what it draws and what is clicked in it. Several windows see, and do, the same."""
 
 import contextlib
+import functools
 import io
 import socket
 import sys
@@ -14,15 +15,15 @@ import viser
 
 from balloon_warp.errors import InputError
 from balloon_warp.viewer import colors
+from balloon_warp.viewer.ahead import Ahead
 from balloon_warp.viewer.controls import Controls
-from balloon_warp.viewer.following import Follower, look_at
+from balloon_warp.viewer.following import Follower, go_home, look_at
 from balloon_warp.viewer.guard import guarded
 from balloon_warp.viewer.layers import Layers
 from balloon_warp.viewer.origins import Origins
 from balloon_warp.viewer.picture import Picture
-from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.plots import Plots
-from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_particle, throw_at
+from balloon_warp.viewer.pointing import Pointing, drag
 from balloon_warp.viewer.saving import Done
 from balloon_warp.viewer.session import SHOWN_SECONDS, Session
 
@@ -67,12 +68,12 @@ class Page:
         self.server.gui.configure_theme(brand_color=colors.BRAND, show_logo=False, show_share_button=False)
         self.server.gui.set_panel_label("Balloon Warp")
         self.server.gui.main_panel.dock_right()
-        self.follower = Follower()
-        self.layers = Layers(self.server, self._drag)
+        self.follower, self.ahead = Follower(), Ahead()
+        self.layers = Layers(self.server, functools.partial(drag, session))
         self.controls = Controls(self.server, session, self.layers, self._look)
         with self.controls.plots_folder:
             self.plots = Plots(self.server)
-        self.server.scene.on_click()(self._click)
+        self.pointing = Pointing(self.server, session, self.layers, self.controls)
         self.server.on_client_connect(self._welcome)
         self.server.on_client_disconnect(self._farewell)
         self._stop = threading.Event()
@@ -97,6 +98,7 @@ class Page:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
+        self.ahead.end()
         self.session.stop()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
@@ -107,7 +109,7 @@ class Page:
 
     def _show(self) -> None:
         """The thread that draws: the newest picture, whenever there is one and somebody looks."""
-        drawn, panel_at = None, 0.0
+        drawn, panel_at, prepared = None, 0.0, 0
         np.seterr(over="ignore", invalid="ignore")  # on this thread: the page says what blew up, not the terminal
         while not self._stop.wait(SHOWN_SECONDS / 2):
             self.session.watched = bool(self.server.get_clients())
@@ -120,6 +122,9 @@ class Page:
             self.layers.draw(picture)
             self.follower.follow(self.server.get_clients(), self._center(picture))
             drawn = picture
+            if picture.load != prepared and picture.frame.number > 0:  # its own kernels are there, and do not wait
+                prepared = picture.load
+                self.ahead.begin(picture.model.scene, str(picture.model.device), self.session.laws)
             now = time.perf_counter()
             if now - panel_at >= PANEL_SECONDS:
                 panel_at = now
@@ -134,7 +139,7 @@ class Page:
             client.add_notification("Balloon Warp", str(sentence), auto_close_seconds=8.0, color=color)
 
     async def _welcome(self, client: viser.ClientHandle) -> None:
-        client.camera.position, client.camera.look_at = (tuple(place.tolist()) for place in self.layers.home)
+        go_home(client.camera, *self.layers.home)
 
     def _look(self, client: viser.ClientHandle) -> None:
         """Turn a window to the balloons where they are now, as far away as at first, and follow them; or stay."""
@@ -155,66 +160,6 @@ class Page:
     async def _farewell(self, client: viser.ClientHandle) -> None:
         """Whoever leaves lets go."""
         self.session.ask(lambda playground: playground.release(client.client_id))
-
-    def _click(self, event: Any) -> None:
-        """Throw or tie, where a click points."""
-        origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
-        tool = self.controls.tool.value
-
-        def act(playground: Playground) -> None:
-            if tool == "throws a sphere":
-                self._throw(playground, origin, direction)
-            elif tool == "ties a string":
-                self._tie(playground, origin, direction)
-
-        self.session.ask(act)
-
-    def _throw(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
-        """A sphere that flies from before the camera to what the click points at."""
-        size, points, scene = playground.size, playground.points, playground.live
-        radius = _within_its_range(self.controls.radius) * size
-        on_balloon = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
-        on_obstacle = self.layers.obstacles.hit_distance(origin, direction)
-        hit = min((each for each in (on_balloon, on_obstacle) if each is not None), default=None)
-        if hit is None and scene.ground:
-            hit = ground_distance(origin, direction, scene.up, scene.ground.height)
-        if hit is None:
-            hit = float((points.mean(axis=0) - origin) @ direction)
-        target = origin + hit * direction
-        start = origin + max(hit - 1.2 * size - radius, 0.1 * hit) * direction
-        if scene.ground:  # not from below it
-            up = np.array(scene.up)
-            start = start + max(scene.ground.height + 1.01 * radius - start @ up, 0.0) * up
-        speed = _within_its_range(self.controls.throw_speed) * size
-        velocity = throw_at(target, start, speed, scene.gravity, scene.up)
-        playground.throw(start, velocity, radius, _within_its_range(self.controls.mass))
-
-    def _tie(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
-        """A string from the ground, or from below, to the particle that the click points at."""
-        scene, points = playground.live, playground.points
-        hit = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
-        if hit is None:
-            raise InputError("click on a balloon to tie a string to it")
-        particle = nearest_particle(points, origin + hit * direction)
-        up, place = np.array(scene.up), points[particle].astype(float)
-        drop = place @ up - scene.ground.height if scene.ground else playground.size
-        playground.tie(particle, place - max(drop, 0.1 * playground.size) * up)
-
-    async def _drag(self, event: Any) -> None:
-        """Pull at the particle where a drag began."""
-        who, phase = event.client_id, event.phase
-        start, place = np.array(event.start_position, float), np.array(event.end_position, float)
-        if phase == "start":
-            self.session.ask(lambda playground: playground.grab(who, nearest_particle(playground.points, start), place))
-        elif phase == "update":
-            self.session.ask(lambda playground: playground.pull(who, place), key=("pull", who))
-        else:
-            self.session.ask(lambda playground: playground.release(who))
-
-
-def _within_its_range(slider: Any) -> float:
-    """The value of a slider: what is typed beside it may be past its ends."""
-    return min(max(float(slider.value), slider.min), slider.max)
 
 
 def _refuse_to_share(*_: object, **__: object) -> None:

@@ -35,6 +35,8 @@ class Picture:
     """of the wall's clock, for a frame"""
     schedule: str
     trouble: str
-    """what happened, if it blew up or failed, in Markdown; else nothing"""
+    """what happened, if it blew up or failed, in a sentence; else nothing"""
+    why: str
+    """more of that, where more is known"""
     recorded_seconds: float | None
     """of the recording that goes on"""

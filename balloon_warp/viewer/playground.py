@@ -23,6 +23,7 @@ from balloon_warp.viewer.bodies import as_vector
 from balloon_warp.viewer.by_hand import blowing, inflating
 from balloon_warp.viewer.journal import Journal
 from balloon_warp.viewer.moment import Moment
+from balloon_warp.viewer.restyled import painted
 
 MOST_SUBSTEPS = 1000
 """in a frame, of what is played with"""
@@ -104,6 +105,11 @@ class Playground:
     def blow(self, wind: list[float]) -> None:
         """A wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""
         self._set(blowing(self.live, wind))
+
+    def paint(self, color: tuple[float, float, float]) -> None:
+        """Give all balloons a color, in linear RGB, as if they had had it from the start."""
+        self.start, self.live = painted(self.start, color), painted(self.live, color)
+        self.journal.base = painted(self.journal.base, color)
 
     def throw(self, position: NDArray, velocity: NDArray, radius: float, mass: float) -> None:
         """A sphere appears, and flies.

@@ -50,13 +50,15 @@ def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[L
     return answer
 
 
-def told_of_saving(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> str:
-    """Save a recording, and return what became of that in a sentence."""
+def told_of_saving(
+    recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()
+) -> tuple[str, tuple[Path, ...]]:
+    """Save a recording, and return what became of that in a sentence, and the files."""
     try:
         files = save_recording(recorded, folder, name, laws)
     except InputError as mistake:
-        return str(mistake)
-    return Done(f"wrote {' and '.join(file.name for file in files)} in {folder}")
+        return str(mistake), ()
+    return Done(f"wrote {' and '.join(file.name for file in files)} in {folder}"), tuple(files)
 
 
 def main() -> None:

@@ -15,19 +15,17 @@ from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
 from balloon_warp.turns import ALONE, in_turn
-from balloon_warp.viewer.moment import Moment
+from balloon_warp.viewer.moments import Moments
 from balloon_warp.viewer.pace import Pace
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.recording import Recording, free_number
 from balloon_warp.viewer.saving import told_of_saving
+from balloon_warp.viewer.trouble import sentence_of
 from balloon_warp.viewer.wishes import Wish, Wishes
 
 SHOWN_SECONDS = 1.0 / 30.0
 """between two pictures of the state"""
-MOMENT_SECONDS = 0.5
-"""of simulated time between two states that can be gone back to"""
-MOMENTS = 12
 
 
 @dataclass
@@ -61,14 +59,18 @@ class Session:
         with ALONE:
             self.playground = Playground(self.scene, self.device, self.laws)
         self.pace = Pace()
-        self.running, self.trouble = True, ""
+        self.running, self.trouble, self.why = True, "", ""
+        self._is_back = False
+        """whether the state is a good one again, after trouble"""
         self.recording: Recording | None = None
         self.writer: threading.Thread | None = None
         """of the last recording that ended"""
+        self.saved: tuple[Path, ...] = ()
+        """the files of the last recording that was written"""
         self._load, self._revision, self._step_seconds = 1, 1, 0.0
         self._is_new = True
         self._busy_since: float | None = None
-        self._moments: deque[Moment] = deque(maxlen=MOMENTS)
+        self._moments = Moments()
         self._recordings = 0
         self._wishes, self._stop = Wishes(self._refuse), threading.Event()
         self._shown_at = 0.0
@@ -170,12 +172,9 @@ class Session:
     def go_back(self) -> None:
         """Ask for the last good state, and again for the one before; time then stands still there."""
 
-        def go_back(playground: Playground) -> None:
-            while len(self._moments) > 1 and playground.frame - self._moments[-1].frame < self._frames_apart / 2:
-                self._moments.pop()
-            if self._moments:
-                playground.return_to(self._moments.pop())
-                self.trouble, self.running = "", False
+        def go_back(_: Playground) -> None:
+            if self._is_back or self._moments.go_back(self.playground):
+                self.trouble, self.why, self.running, self._is_back = "", "", False, False
                 self._revision += 1
 
         self.ask(go_back)
@@ -188,12 +187,8 @@ class Session:
 
         self.ask(begin if on else lambda _: self._end_recording(), key="record")
 
-    @property
-    def _frames_apart(self) -> float:
-        return MOMENT_SECONDS / self.playground.simulator.model.frame_seconds
-
     def _begin_anew(self) -> None:
-        self.trouble, self.running = "", True
+        self.trouble, self.why, self.running, self._is_back = "", "", True, False
         self._moments.clear()
         self._revision += 1
         self.pace.rest()
@@ -203,7 +198,8 @@ class Session:
             try:
                 self._go_on()
             except Exception as mistake:  # one of ours must not leave a page that stands still without a word
-                self.trouble, self.running = "**It stopped.** The terminal says why. Reset begins anew.", False
+                self.trouble, self.running = "It stopped. The terminal says why. Reset begins anew.", False
+                self.why, self._is_back = "", False
                 self._wishes.fail(mistake)
                 self._stop.wait(0.25)
 
@@ -235,6 +231,10 @@ class Session:
         with in_turn(self.playground.simulator.model.device):
             self.picture = self._take_picture()
 
+    def tell(self, sentence: str) -> None:
+        """Say something to whoever watches."""
+        self.notices.append(sentence)
+
     def _refuse(self, sentence: str) -> None:
         self.notices.append(sentence)
         self._revision += 1  # whoever asked sees what holds
@@ -242,13 +242,12 @@ class Session:
     def _advance(self) -> None:
         """One frame."""
         playground, began = self.playground, time.perf_counter()
-        if not self._moments or playground.frame - self._moments[-1].frame >= self._frames_apart:
-            self._moments.append(playground.moment())
+        self._moments.note(playground)
         try:
             playground.step()
         except BlowUpError as failure:
-            said = str(failure)
-            self.trouble, self.running = f"**It blew up.** {said[0].upper()}{said[1:]}.", False
+            self.trouble, self.why, self.running = sentence_of(failure, playground.live), str(failure), False
+            self._is_back = self._moments.go_back(playground)  # the last good shape stays to be seen
             return
         if self.recording:
             self.recording.add(playground.simulator.read_frame(), playground.numbers)
@@ -265,7 +264,9 @@ class Session:
         name = f"{self.name}_{self._recordings}"
 
         def write() -> None:
-            self.notices.append(told_of_saving(recorded, self.folder, name, self.laws))
+            said, files = told_of_saving(recorded, self.folder, name, self.laws)
+            self.saved = files or self.saved
+            self.tell(said)
 
         self.writer = threading.Thread(target=write, name="recording")
         self.writer.start()
@@ -292,5 +293,6 @@ class Session:
             step_seconds=self._step_seconds,
             schedule=simulator.schedule.name,
             trouble=self.trouble,
+            why=self.why,
             recorded_seconds=(playground.frame - began) * simulator.model.frame_seconds if self.recording else None,
         )

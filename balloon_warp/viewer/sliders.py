@@ -8,7 +8,7 @@ from typing import Any
 from balloon_warp.kernels.laws import PARAMETERS, Law, Parameter
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model.parameters import value_of
-from balloon_warp.scene import Scene
+from balloon_warp.scene import Balloon, Scene
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,14 @@ class Value:
 
 VALUES = (
     Value(PARAMETERS["gravity"], "gravity [m/s²]", 20.0, signed=True),
-    Value(PARAMETERS["helium"], "helium [N/kg]", 30.0),
+    Value(PARAMETERS["helium"], "lift [N/kg]", 30.0),
     Value(PARAMETERS["damping"], "damping [N s/m]", 1.0),
     Value(PARAMETERS["structural"], "structural springs", 1.0),
     Value(PARAMETERS["shear"], "shear springs", 1.0),
     Value(PARAMETERS["flexion"], "flexion springs", 1.0),
 )
 """that every scene has"""
+SPRINGS = ("structural", "shear", "flexion")
 TABLES = {
     "Contacts": ("touch", "ground", "friction"),
     "Material": ("material",),
@@ -52,7 +53,7 @@ MUCH = {"m": 0.1, "N/m": 10.0, "m^2": 1e-5, "Pa s": 1e4}
 SET_ONCE = ("fill_", "molar_mass", "neck_opens", "neck_closes", "gust_seed", "most_stretch", "wrinkling", "air_lapse")
 """how names of parameters begin that say how a scene starts, or that are no amounts"""
 WIDER = 5.0
-"""how far a slider reaches, in times what the scene says"""
+"""how far a slider reaches, in times the default, where the scene says nothing"""
 
 
 def of_tables() -> dict[str, list[Value]]:
@@ -65,6 +66,32 @@ def of_tables() -> dict[str, list[Value]]:
         ]
         for folder, tables in TABLES.items()
     }
+
+
+IN_WIND = ("wind_shear", "wind_height", "roughness", "gusts", "gust_length")
+"""how names of parameters end that do nothing in calm air"""
+OF_AIR = ("air_pressure", "air_temperature")
+"""that do nothing to balloons without drag or gas"""
+
+
+def does_something(scene: Scene, row: Parameter) -> bool:
+    """Whether a parameter of a scene, or of its first balloon, is there, and changes anything as things are."""
+    if not stands_in(scene, row):
+        return False
+    if row.name in SPRINGS:
+        material = scene.balloon[0].material
+        return not material.is_membrane or row.name in material.springs
+    if row.name.endswith(IN_WIND):
+        gusty = scene.atmosphere.gusts > 0.0 or not row.name.endswith("gust_length")
+        return any(scene.atmosphere.wind) and gusty
+    if row.name in OF_AIR:
+        return any(_feels_air(balloon) for balloon in scene.balloon)
+    return True
+
+
+def _feels_air(balloon: Balloon) -> bool:
+    drag = balloon.drag_coefficient, balloon.face_drag, balloon.face_friction
+    return balloon.inflation.kind == "gas" or any(drag)
 
 
 def stands_in(scene: Scene, row: Parameter) -> bool:

@@ -35,10 +35,22 @@ def status_line(picture: Picture, busy_seconds: float = 0.0) -> str:
     """
     recorded = f" · ● {picture.recorded_seconds:.1f} s" if picture.recorded_seconds is not None else ""
     pace, why = (f"getting ready: {busy_seconds:.1f} s", COMPILING) if busy_seconds else _pace(picture)
+    said = f' data-busy="{escape(pace)}"' if busy_seconds else ""
+    said += " data-moves" if picture.frame.number > 0 or not picture.running else ""  # page_files/wait.js reads both
     return (
-        f'<div class="bw-status" title="{escape(why)}"><span><b>{picture.seconds:.2f} s</b> · {escape(pace)}{recorded}'
-        "</span></div>"
+        f'<div class="bw-status"{said} title="{escape(why)}">'
+        f"<span><b>{picture.seconds:.2f} s</b> · {escape(pace)}{recorded}</span></div>"
     )
+
+
+def row_of(count: int, large: bool = False) -> str:
+    """What says that so many buttons that follow stand side by side; see page_files/page.css."""
+    return f'<div class="bw-row-{count}{" bw-large" if large else ""}"></div>'
+
+
+def trouble_line(picture: Picture) -> str:
+    """What went wrong; more of it where a pointer rests."""
+    return f'<div class="bw-trouble" role="alert" title="{escape(picture.why)}">{escape(picture.trouble)}</div>'
 
 
 def _pace(picture: Picture) -> tuple[str, str]:

@@ -12,7 +12,7 @@ from balloon_warp.kernels.laws.air import air_of_height
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.substep import volume_origin
+from balloon_warp.kernels.phases.swell import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

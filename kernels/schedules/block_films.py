@@ -16,7 +16,7 @@ from balloon_warp.kernels.loops.membranes import (
     tension_function,
     wear_reader,
 )
-from balloon_warp.kernels.memory import found_anew, four_floats_at, four_ints_at, vector_at
+from balloon_warp.kernels.memory import found_anew, four_floats_at, four_ints_at
 from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.block_pairs import pairs_of
@@ -55,7 +55,7 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
     """For a layout that has films, beside the springs of particles."""
     film = layout.film
     assert film is not None
-    step, put, get, point_at = film_places(layout)
+    step, put, get, point_at, velocity_at = film_places(layout)
     quads = (pairs_of if film.pairs else quads_of)(traits, layout) if film.held else None
     quads_type = quads.held if quads else wp.int32
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
@@ -216,10 +216,10 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         r11 = wp.vec4()
         r12 = wp.vec4()
         if wp.static(viscous):
-            va = vector_at(velocities, corners[0])
-            vb = vector_at(velocities, corners[1])
-            vc = vector_at(velocities, corners[2])
-            vd = vector_at(velocities, corners[3])
+            va = velocity_at(velocities, corners[0])
+            vb = velocity_at(velocities, corners[1])
+            vc = velocity_at(velocities, corners[2])
+            vd = velocity_at(velocities, corners[3])
             vab = vb - va
             vbc = vc - vb
             vcd = vd - vc

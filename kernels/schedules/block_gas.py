@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.loops.gas import flows_function, pump_function
 from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.phases.load import load_function, note_function
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.warp_sums import put_warp_sums, sum_of_warp_sums
 from balloon_warp.kernels.schedules.warps import WARP_THREADS, block_barrier, of_thread, put_word, shared_words, word_at
-from balloon_warp.kernels.substep import load_function, note_function, ramp_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

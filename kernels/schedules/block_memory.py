@@ -7,10 +7,10 @@ import warp as wp
 
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.own import own_beside_function, own_functions
+from balloon_warp.kernels.phases.move import response
 from balloon_warp.kernels.schedules.free_frames import FREE, FreeFrames, goes_too_far, note_hurry
 from balloon_warp.kernels.schedules.warps import any_in_block
 from balloon_warp.kernels.schedules.working import Working
-from balloon_warp.kernels.substep import response
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

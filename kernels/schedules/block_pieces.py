@@ -11,20 +11,14 @@ from balloon_warp.kernels.loops.net_force import Loops, net_force_function
 from balloon_warp.kernels.loops.obstacles import around_function, leave_one_sphere, standing_function
 from balloon_warp.kernels.loops.touching import is_near_sphere
 from balloon_warp.kernels.memory import in_tile
+from balloon_warp.kernels.phases.inflate import inflation_of, pressure_at
+from balloon_warp.kernels.phases.move import drift_of, kick, response
+from balloon_warp.kernels.phases.swell import memory_function, swell_function
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_gas import GasSums
 from balloon_warp.kernels.schedules.block_memory import Layout, Seat
 from balloon_warp.kernels.schedules.block_refresh import Refresh
 from balloon_warp.kernels.schedules.warps import any_in_warp
-from balloon_warp.kernels.substep import (
-    drift_of,
-    inflation_of,
-    kick,
-    memory_function,
-    pressure_at,
-    response,
-    swell_function,
-)
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 

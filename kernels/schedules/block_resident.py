@@ -15,6 +15,7 @@ import warp as wp
 from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.phases.swell import volume_origin
 from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_ends import stretch_function
 from balloon_warp.kernels.schedules.block_films import films_of
@@ -36,7 +37,6 @@ from balloon_warp.kernels.schedules.block_springs import SlotTable, slot_functio
 from balloon_warp.kernels.schedules.block_state import state_functions
 from balloon_warp.kernels.schedules.block_together import together_of
 from balloon_warp.kernels.schedules.warps import block_barrier
-from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

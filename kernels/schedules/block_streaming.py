@@ -11,6 +11,7 @@ from balloon_warp.kernels.loops.net_force import scalar_loops
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.phases.swell import volume_origin
 from balloon_warp.kernels.schedules.block_board import board_of
 from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_films import films_of
@@ -35,7 +36,6 @@ from balloon_warp.kernels.schedules.block_solids import solids_of
 from balloon_warp.kernels.schedules.block_turns import leaving_in_turns, touching_in_turns, turns_of
 from balloon_warp.kernels.schedules.block_wear import wear_in_block
 from balloon_warp.kernels.schedules.warps import block_barrier
-from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

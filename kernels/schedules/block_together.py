@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.memory import in_tile, put_in_tile
+from balloon_warp.kernels.phases.swell import volume_origin
 from balloon_warp.kernels.schedules.block_board import Board
 from balloon_warp.kernels.schedules.block_correct import correcting
 from balloon_warp.kernels.schedules.block_gas import GasSums
@@ -14,7 +15,6 @@ from balloon_warp.kernels.schedules.block_pieces import Pieces
 from balloon_warp.kernels.schedules.block_refresh import Refresh
 from balloon_warp.kernels.schedules.block_touch import one_of_two, touching
 from balloon_warp.kernels.schedules.warps import any_in_block, block_barrier
-from balloon_warp.kernels.substep import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

@@ -24,6 +24,8 @@ class FilmPlaces(NamedTuple):
     """(pulls, area_vectors, place) to the pull [N] and the area vector [m^2]"""
     point_at: Any
     """(points, corner) to the point of a face's corner [m], as the corners stand in the table"""
+    velocity_at: Any
+    """(velocities, corner) to its velocity [m/s], which is in memory"""
 
 
 def film_places(layout: Layout) -> FilmPlaces:
@@ -88,6 +90,11 @@ def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
         """Of a tile that holds so many, by where the point begins in it."""
         ...
 
+    @wp.func_native("return *(const wp::vec3*)((const char*)velocities.data + (unsigned int)byte);")
+    def velocity_at(velocities: wp.array[wp.vec3], byte: wp.int32) -> wp.vec3:
+        """Of an array, in which a velocity begins where its particle's point does in the tile."""
+        ...
+
     @wp.func
     def put(pulls: Any, area_vectors: Any, place: wp.int32, pull: wp.vec3, area_vector: wp.vec3):
         put_four(pulls, place, wp.vec4(pull[0], pull[1], pull[2], area_vector[0]))
@@ -102,7 +109,7 @@ def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
             two = two_at(area_vectors, place)
         return wp.vec3(four[0], four[1], four[2]), wp.vec3(four[3], two[0], two[1])
 
-    return FilmPlaces(PLACE_BYTES, put, get, point_at)
+    return FilmPlaces(PLACE_BYTES, put, get, point_at, velocity_at)
 
 
 @cache
@@ -117,4 +124,4 @@ def in_arrays() -> FilmPlaces:
     def get(pulls: Any, area_vectors: Any, place: wp.int32):
         return vector_at(pulls, place), wp.vec3()
 
-    return FilmPlaces(1, put, get, in_tile)
+    return FilmPlaces(1, put, get, in_tile, vector_at)

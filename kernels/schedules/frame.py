@@ -5,10 +5,10 @@ One module without adjoints: every module and every adjoint adds to the time tha
 
 import warp as wp
 
+from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.measure.health import HealthTable, look_at_particle, look_at_sphere
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.substep import ramp_at
 from balloon_warp.kernels.tables import ParticleTable, WorldState, row_of_world
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})

@@ -10,6 +10,8 @@ from balloon_warp.kernels.algebra import Lanes, Lanes3, larger, times
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.phases.inflate import inflation_of
+from balloon_warp.kernels.phases.move import drift_of, kick, response
 from balloon_warp.kernels.schedules.lanes_contact import (
     correct_function,
     leave_all_function,
@@ -27,7 +29,6 @@ from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.lanes_touch import touch_function
 from balloon_warp.kernels.schedules.lanes_wear import peaks_functions
 from balloon_warp.kernels.schedules.layouts import Layout, of_item, one_of_item, put_item
-from balloon_warp.kernels.substep import drift_of, inflation_of, kick, response
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 

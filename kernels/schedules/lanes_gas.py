@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, of_lane, reach_along, scaled, set_lane, times
+from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.laws.gas import (
     Swelling,
     free_along,
@@ -17,10 +18,11 @@ from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pu
 from balloon_warp.kernels.loops.jets import jet_loop
 from balloon_warp.kernels.loops.obstacles import course_function, sphere_in_state
 from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.phases.load import load_function, note_function
+from balloon_warp.kernels.phases.move import response
 from balloon_warp.kernels.schedules.lanes_contact import around_in_lanes, touch_function
 from balloon_warp.kernels.schedules.lanes_tables import lane_structs
 from balloon_warp.kernels.schedules.layouts import Layout, places_of, view_of
-from balloon_warp.kernels.substep import load_function, note_function, ramp_at, response
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 

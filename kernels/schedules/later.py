@@ -12,9 +12,9 @@ import warp as wp
 
 from balloon_warp.kernels.loops.fixture_looks import is_free
 from balloon_warp.kernels.loops.obstacles import around_function, standing_function
+from balloon_warp.kernels.phases.move import drift_symplectic
 from balloon_warp.kernels.schedules.pushes import pushed
 from balloon_warp.kernels.schedules.working import Working
-from balloon_warp.kernels.substep import drift_symplectic
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 

@@ -23,36 +23,12 @@ from balloon_warp.kernels.laws.rigid import (
     rub_on,
 )
 from balloon_warp.kernels.loops.bodies import Rigid, body_at, pushed_on, put_body, stop_function
-from balloon_warp.kernels.loops.tumbling import tumbling_function
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import inertia_function
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.schedules.working import Working
-from balloon_warp.kernels.substep import end_of_step
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
-
-
-@cache
-def tumble_kernel(traits: Traits) -> Any:
-    """The kernel that moves bodies, before they meet particles."""
-    tumble = tumbling_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def tumble_bodies(
-        # model
-        t: Tables,
-        time_in_frame: float,
-        # state in and out
-        state: WorldState,
-        working: Working,
-    ):
-        """A thread a world."""
-        world = wp.tid()
-        tumble(t, state, working, world, end_of_step(t, state.frame, time_in_frame) - t.step_seconds)
-
-    return tumble_bodies
 
 
 @cache

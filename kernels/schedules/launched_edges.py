@@ -18,9 +18,9 @@ from balloon_warp.kernels.laws.edges import (
     sliding_at,
     weights_of,
 )
+from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.loops.meeting import pair_friction_function, skin_functions
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.launched import ease_function
 from balloon_warp.kernels.schedules.touch_boxes import ALONE, LOWER, UPPER, boxes_meet, is_searched, pad_function
 from balloon_warp.kernels.schedules.touch_lists import Distances, slot_for
 from balloon_warp.kernels.schedules.working import Working

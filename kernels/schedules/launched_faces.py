@@ -15,8 +15,8 @@ from balloon_warp.kernels.laws.collision import NEVER
 from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
+from balloon_warp.kernels.loops.inertia import ease_function, inertia_function
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import ease_function, inertia_function
 from balloon_warp.kernels.schedules.touch_boxes import boxes_meet
 from balloon_warp.kernels.schedules.warps import block_barrier
 from balloon_warp.kernels.schedules.working import Working

@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
+from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state, standing_function
 from balloon_warp.kernels.loops.touching import (
     answer_of_ball,
@@ -19,12 +20,9 @@ from balloon_warp.kernels.loops.touching import (
     rubbed_point,
     shift_of_ball,
 )
-from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import inertia_function
 from balloon_warp.kernels.schedules.near import PARTICLES_A_MARK
 from balloon_warp.kernels.schedules.working import Working
-from balloon_warp.kernels.substep import end_of_step
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -113,8 +111,8 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
 
 @cache
-def touch_kernel(traits: Traits) -> Any:
-    """The kernel by which spheres and particles exchange momentum, sphere by sphere."""
+def spheres_function(traits: Traits) -> Any:
+    """The function by which spheres and particles exchange momentum, sphere by sphere."""
     ball_at = ball_function(traits, sphere_in_state)
     press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits)
 
@@ -136,32 +134,32 @@ def touch_kernel(traits: Traits) -> Any:
                 part += press_at_mark(t, working, world, mark, ball, change, points, velocities)
         return part
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @wp.func
     def touch_spheres(
-        # model
         t: Tables,
-        time_in_frame: float,
-        # state in and out
         state: WorldState,
         working: Working,
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
+        world: wp.int32,
+        thread: wp.int32,
+        end: float,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
     ):
-        """A block a world; nothing if no particle of it was noted, and then all marks are taken away."""
-        world, thread = wp.tid()
+        """Of a world, by all threads of a block; nothing if no particle of it was noted, and then all marks are taken
+        away."""
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
             for sphere in range(state.sphere_positions.shape[1]):
                 ball = ball_at(t, state, state.sphere_spins, world, sphere)
                 last = wp.vec3()
-                part = press_of_thread(t, working, world, thread, ball, last, points[world], velocities[world])
+                part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
                 press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
                 if is_met(press):
                     change = change_of_ball(t, ball, press, last)
                     turn = wp.int32(1)
                     while turn < MOST_TURNS and not is_settled(change, last):
                         last = change
-                        part = press_of_thread(t, working, world, thread, ball, last, points[world], velocities[world])
+                        part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
                         press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
                         change = change_of_ball(t, ball, press, last)
                         turn += 1
@@ -170,8 +168,8 @@ def touch_kernel(traits: Traits) -> Any:
                     for mark in range(thread, marks, wp.block_dim()):
                         if working.near[world, mark] > 0:
                             mine += answer_at_mark(
-                                t, working, world, mark, ball, press, last, change, shift, points[world],
-                                velocities[world],
+                                t, working, world, mark, ball, press, last, change, shift, points,
+                                velocities,
                             )  # fmt: skip
                     center, motion, force = answer_of_ball(t, ball, change, shift)
                     if wp.static(traits.spheres_rub):
@@ -186,8 +184,7 @@ def touch_kernel(traits: Traits) -> Any:
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
                     if wp.static(traits.stands):
-                        time = end_of_step(t, state.frame, time_in_frame)
-                        stand_at_mark(t, world, time, mark, points[world], velocities[world])
+                        stand_at_mark(t, world, end, mark, points, velocities)
                     working.near[world, mark] = 0
             if thread == 0:
                 working.near[world, marks] = 0

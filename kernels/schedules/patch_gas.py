@@ -7,11 +7,11 @@ import warp as wp
 
 from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
+from balloon_warp.kernels.phases.load import load_function, note_function
 from balloon_warp.kernels.schedules.block_memory import Seat
 from balloon_warp.kernels.schedules.patch_memory import PatchMemory, PatchSeat
 from balloon_warp.kernels.schedules.patch_sums import sums_of
 from balloon_warp.kernels.schedules.warps import put_word, shared_words, word_at
-from balloon_warp.kernels.substep import load_function, note_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

@@ -7,9 +7,9 @@ import warp as wp
 
 from balloon_warp.kernels.memory import byte_in
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.phases.move import kick
 from balloon_warp.kernels.schedules.fixed_point import growth, quanta
 from balloon_warp.kernels.schedules.working import Working
-from balloon_warp.kernels.substep import kick
 
 wp.set_module_options(OPTIONS)
 

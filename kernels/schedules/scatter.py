@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.clock import time_of
 from balloon_warp.kernels.laws.torsion import FIRST_WING
 from balloon_warp.kernels.loops.areas import area_vector_of_corner
 from balloon_warp.kernels.loops.faces import face_push
@@ -16,7 +17,6 @@ from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.substep import time_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 

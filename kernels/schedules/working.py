@@ -2,7 +2,6 @@
 
 import warp as wp
 
-from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.grip import Grip
 
 
@@ -10,18 +9,12 @@ from balloon_warp.kernels.laws.grip import Grip
 class Working:
     """What a schedule keeps beside the state; arrays that a scene does not need are empty."""
 
-    aims: wp.array2d[wp.vec3]
-    """(A_p / A_total) n of each particle"""
     forces: wp.array2d[wp.vec3]
     """on each particle, where they are added up or shown [N]"""
     area_vectors: wp.array2d[wp.vec3]
     """of each particle [m^2]"""
-    inflations: wp.array2d[wp.vec3]
-    """on each particle, where corrections come between it and spheres [N]"""
     gas_masses: wp.array2d[float]
     """in each balloon [kg]"""
-    swellings: wp.array3d[Swelling]
-    """of each balloon in parts, where one has several"""
     sphere_quanta: wp.array3d[wp.int64]
     """forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
     sphere_starts: wp.array2d[wp.vec3]
@@ -48,9 +41,6 @@ class Working:
     """whether particles may touch a sphere, see `launched_touch`; empty unless momentum is exchanged"""
     later: wp.array2d[wp.int32]
     """particles of each world that are put off, in a block, see `later`; empty where none are"""
-    near_solids: wp.array2d[wp.int8]
-    """whether each particle is put off as it may stand on something, where each piece of a substep is a launch; empty
-    where none is"""
     balloon_boxes: wp.array3d[wp.vec3]
     """around each balloon until the next search: lower and upper corner [m], and `PACE`; this and what follows is empty
     unless balloons touch, see `touch_boxes`"""

@@ -21,6 +21,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.clock import time_of
 from balloon_warp.kernels.compose import sum_of_laws
 from balloon_warp.kernels.laws.body import DAMPING
 from balloon_warp.kernels.laws.law import RESULT
@@ -29,10 +30,7 @@ from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.launched import leaving_function
-from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.solvers.settling import Settling
-from balloon_warp.kernels.substep import inflation_of, ramp_at, time_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -53,28 +51,12 @@ def inertia_function(traits: Traits) -> Any:
 
 
 @cache
-def push_function(traits: Traits) -> Any:
-    """The function that gives the inflation force on a particle."""
-    inflation = inflation_of(traits)
-
-    @wp.func
-    def push_of(t: Tables, state: WorldState, working: Working, own: Any, point: wp.vec3, time_in_frame: float):
-        """[N]"""
-        value = ramp_at(state, own.world, own.balloon, time_in_frame)
-        aim = working.aims[own.world, own.number]
-        return inflation(own.kind, value, 0.0, 0.0, t.up, point, aim, wp.vec3())
-
-    return push_of
-
-
-@cache
 def foreseeing_kernel(traits: Traits) -> Any:
     """The kernel that foresees displacements."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     outer = tuple(law for law in traits.of_kind("particle") if law is not DAMPING)
     particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns, traits.air)
     inertia = inertia_function(traits)
-    push_of = push_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def foresee_displacements(
@@ -83,7 +65,7 @@ def foreseeing_kernel(traits: Traits) -> Any:
         time_in_frame: float,
         # state in
         state: WorldState,
-        working: Working,
+        inflations: wp.array2d[wp.vec3],
         # out
         settling: Settling,
         free_displacements: wp.array2d[wp.vec3],
@@ -99,7 +81,7 @@ def foreseeing_kernel(traits: Traits) -> Any:
         if own.mass > 0.0:
             velocity = state.velocities[world, particle]
             time = time_of(t, state.frame, time_in_frame)
-            force = push_of(t, state, working, own, point, time_in_frame) + particle_laws(
+            force = inflations[world, particle] + particle_laws(
                 point, velocity, own.mass, own.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds, time, own.n
             )
             impulse = own.mass * velocity + t.step_seconds * force
@@ -161,37 +143,18 @@ def local_step_kernel(traits: Traits) -> Any:
     return find_residuals
 
 
-@cache
-def ending_kernel(traits: Traits) -> Any:
-    """The kernel that ends a substep."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    leave = leaving_function(traits)
-    push_of = push_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def take_displacements(
-        # model
-        t: Tables,
-        time_in_frame: float,
-        # in
-        displacements: wp.array2d[wp.vec3],
-        # state in and out
-        state: WorldState,
-        working: Working,
-    ):
-        """A thread a (world, particle): the substep ends, and contacts follow; the spheres have moved already."""
-        world, particle = wp.tid()
-        own = read_own(t, world, particle)
-        start = state.points[world, particle]
-        point = start + displacements[world, particle]
-        velocity = displacements[world, particle] / t.step_seconds
-        if wp.static(traits.obstacles):
-            if own.share > 0.0:
-                push = push_of(t, state, working, own, start, time_in_frame)
-                out, after = leave(t, state, working, own, time_in_frame, point, velocity, push)
-                point = out
-                velocity = after
-        state.points[world, particle] = point
-        state.velocities[world, particle] = velocity
-
-    return take_displacements
+@wp.kernel(enable_backward=False)
+def take_displacements(
+    # model
+    step_seconds: float,
+    # in
+    displacements: wp.array2d[wp.vec3],
+    # state in and out
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): where it is, before contacts."""
+    world, particle = wp.tid()
+    displacement = displacements[world, particle]
+    points[world, particle] = points[world, particle] + displacement
+    velocities[world, particle] = displacement / step_seconds

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from pxr import UsdUtils
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import whole_file
+from balloon_warp.files import folder_beside, whole_file
 from balloon_warp.mesh.pictures import Pictures
 from balloon_warp.mesh.usd_surfaces import content_of
 from balloon_warp.outputs.exports.parts import Animation
@@ -17,8 +16,8 @@ def write_usdz(
     output: Path, animation: Animation, on_note: Callable[[str], None], on_frame: Callable[[int, int], None]
 ) -> None:
     """Write the package; arguments as `export_stage` has them."""
-    with TemporaryDirectory() as folder, whole_file(output) as temporary:
-        flat = Path(folder) / f"{output.stem}.usdc"  # a package begins with a binary layer, under this name
+    with folder_beside(output) as folder, whole_file(output) as temporary:
+        flat = folder / f"{output.stem}.usdc"  # a package begins with a binary layer, under this name
         animation.stage.Export(str(flat))
         if not UsdUtils.CreateNewUsdzPackage(str(flat), str(temporary)):
             raise InputError(f"{output}: USD could not make a package of {animation.path}; is the disk full?")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
-from balloon_warp.files import legible
+from balloon_warp.files import file_behind, legible
 from balloon_warp.meant import did_you_mean_file
 from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.moment import Moment
@@ -55,7 +55,7 @@ class RenderStage:
             raise InputError(f"{legible(str(path))}: its name is not UTF-8, which USD needs; expected another name")
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
         try:
-            self._stage = Usd.Stage.Open(str(path))
+            self._stage = Usd.Stage.Open(str(file_behind(path)))
         except Tf.ErrorException:
             raise InputError(f"{path}: cannot be read; expected a USD stage, as `run` makes of a mesh") from None
         timing = timing_of(self._stage, path)

@@ -16,6 +16,7 @@ from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, Camera, Camer
 from balloon_warp.outputs.render.framing import Framing, frame_action
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.outputs.usd.names import is_called
 from balloon_warp.outputs.usd.presence import SHOWN, is_shown
 
 Point = tuple[float, float, float]
@@ -134,7 +135,7 @@ class View:
         turn = Z_TO_Y_UP if UsdGeom.GetStageUpAxis(stage.stage) == UsdGeom.Tokens.z else np.eye(3)
         if not isinstance(named, str):
             return np.array([named]) @ turn
-        prims = [prim for prim in stage.stage.Traverse() if prim.GetName() == named]
+        prims = [prim for prim in stage.stage.Traverse() if is_called(prim, named)]
         bounds = UsdGeom.BBoxCache(Usd.TimeCode(frame), [*SHOWN, UsdGeom.Tokens.proxy])  # a string's curve is a proxy
         boxes = [bounds.ComputeWorldBound(prim).ComputeAlignedRange() for prim in prims]
         boxes = [box for box in boxes if not box.IsEmpty()]
@@ -152,9 +153,8 @@ class View:
         Raises:
             InputError: it has nothing of a name.
         """
-        names = {prim.GetName() for prim in stage.Traverse()}
         for named in (self.look_at, self.focus):
-            if isinstance(named, str) and named not in names:
+            if isinstance(named, str) and not any(is_called(prim, named) for prim in stage.Traverse()):
                 raise self._unknown(named, stage, path)
 
     def _unknown(self, named: str, stage: Usd.Stage, path: Path) -> InputError:

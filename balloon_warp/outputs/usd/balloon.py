@@ -6,6 +6,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.corners import beside_faces
 from balloon_warp.mesh.folds import SOFT_CREASE, sharp_edges
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.deformable import define_deformable
@@ -73,8 +74,7 @@ class BalloonPrim:
         self._has_pressure, self._has_gas = kind != "normal_force", kind == "gas"
         self.mesh = model.shapes[number].mesh
         self.prim = define_balloon(stage, path, self.mesh, number, model.scene.balloon[number])
-        define_deformable(self.prim, self.mesh, float(model.parameters["mass"].numpy()[0, number]))
-        self.prim.CreateVelocitiesAttr()
+        define_deformable(self.prim, model, number)
         self._may_burst = model.scene.balloon[number].material.strength is not None
         self._first_area = model.shapes[number].area
         self._layer = stage.GetRootLayer()
@@ -89,9 +89,16 @@ class BalloonPrim:
         if self._may_burst:
             corners = Vt.IntArray.FromNumpy(frame.corners(self.number))
             self.prim.GetFaceVertexIndicesAttr().Set(corners, frame.number)
-        self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(points), frame.number)
+        self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(self._seen(frame)), frame.number)
         for name, value in self._measure(frame).items():
             self._measures[name].Set(value, frame.number)
+
+    def _seen(self, frame: Frame) -> Vt.Vec3fArray:
+        """Its points without those that a tear cut off from all faces: they fly far, and nothing of them is seen."""
+        points = frame.points[self.number]
+        if frame.torn and frame.torn[self.number].any():
+            points = points[beside_faces(self.mesh, frame.torn[self.number])]
+        return Vt.Vec3fArray.FromNumpy(points)
 
     def write_velocities(self, number: int, source: Sdf.Layer) -> None:
         """Those of a frame, from the points that stand in `source`, a layer of the same balloons."""

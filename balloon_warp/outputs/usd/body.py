@@ -8,10 +8,11 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
-from balloon_warp.model.bodies import BodyShape
+from balloon_warp.model.bodies import BodyShape, initial_centers, initial_turns
 from balloon_warp.outputs.usd.material import BODY_COLORS
-from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.names import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, as_gf, define_obstacle
+from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, move_freely
 from balloon_warp.scene import Scene
 
 
@@ -49,7 +50,7 @@ def _principal(shape: BodyShape) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 class BodyPrim:
-    """One body of the scene, with what it weighs and how it turns as `UsdPhysics` has them."""
+    """One body of the scene, with what it weighs and how it moves as `UsdPhysics` has them."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
@@ -59,8 +60,28 @@ class BodyPrim:
         weighed = UsdPhysics.MassAPI(self.prim.GetPrim())
         weighed.CreateMassAttr(mass)
         weighed.CreateDiagonalInertiaAttr(inertia_of(model.bodies[number], mass))
+        self._start(model)
+
+    def _start(self, model: Model) -> None:
+        """Say where it is and how it moves before there are any frames."""
+        from scipy.spatial.transform import Rotation  # takes long to load
+
+        def own(name: str) -> NDArray[np.float32]:
+            return model.parameters[name].numpy()[0, self.number]
+
+        places = np.asarray(model.parameters["initial_body_positions"].numpy(), dtype=np.float64)
+        center = initial_centers(model.scene, model.bodies, places)[0, self.number]
+        turn = initial_turns(model.scene)[self.number]
+        self._put(np.concatenate([center, turn]), Usd.TimeCode.Default())
+        be_hit(self.prim.GetPrim(), *(float(own(f"body_{name}")) for name in SURFACE))
+        back = Rotation.from_quat(turn).inv()
+        velocity, spin = (back.apply(own(f"initial_body_{name}")) for name in ("velocities", "spins"))
+        move_freely(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
         """Author where it is."""
-        for op, value in zip((self._place, self._turn), as_gf(frame.body_poses[self.number]), strict=True):
-            op.Set(value, Usd.TimeCode(frame.number))
+        self._put(frame.body_poses[self.number], Usd.TimeCode(frame.number))
+
+    def _put(self, pose: NDArray[np.floating], time: Usd.TimeCode) -> None:
+        for op, value in zip((self._place, self._turn), as_gf(pose), strict=True):
+            op.Set(value, time)

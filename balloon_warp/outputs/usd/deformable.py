@@ -1,41 +1,89 @@
 """A balloon as other simulators take it up: the surface deformable of the AOUSD physics group's proposal.
 
 USD does not know these schemas yet, so they are applied by name: Newton reads them, and who does not know them passes
-them over. Springs have no counterpart there, so what is said is the mass and the shape at rest.
+them over. Lengths are meters and masses kilograms, as the stage says.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
-from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import triangulate
+from balloon_warp.model.materials import law_of
+from balloon_warp.model.model import Model
+from balloon_warp.model.shape import vertex_weights
+from balloon_warp.outputs.usd.rigid import HOME
+from balloon_warp.outputs.usd.substance import bind_substance
 from balloon_warp.scene import Scene
 
 SCHEMAS = ("PhysicsDeformableBodyAPI", "PhysicsSurfaceDeformableSimAPI")
 Types = Sdf.ValueTypeNames
 
 
-def define_deformable(mesh_prim: UsdGeom.Mesh, mesh: PolygonMesh, mass: float) -> None:
-    """Say how a balloon rests, what it weighs [kg], and where its points are before there are any frames."""
-    prim = mesh_prim.GetPrim()
+def define_deformable(mesh_prim: UsdGeom.Mesh, model: Model, number: int) -> None:
+    """Say how a balloon rests, what it weighs and is made of, and where and how fast its points are before there are
+    any frames."""
+    prim, mesh = mesh_prim.GetPrim(), model.shapes[number].mesh
     for name in SCHEMAS:
         prim.AddAppliedSchema(name)
     UsdPhysics.CollisionAPI.Apply(prim)
     points = Vt.Vec3fArray.FromNumpy(mesh.points.astype(np.float32))
     triangles = Vt.Vec3iArray.FromNumpy(np.ascontiguousarray(triangulate(mesh)[0], dtype=np.int32))
     mesh_prim.CreatePointsAttr(points)
-    for name, kind, value in (
-        ("mass", Types.Float, mass),
-        ("restShapePoints", Types.Point3fArray, points),
-        ("restTriVertexIndices", Types.Int3Array, triangles),
-        ("restBendAnglesDefault", Types.Token, "restShape"),
-    ):
-        prim.CreateAttribute(f"physics:{name}", kind, custom=False, variability=Sdf.VariabilityUniform).Set(value)
+    mesh_prim.CreateVelocitiesAttr(Vt.Vec3fArray.FromNumpy(_start_velocities(model, number)))
+    _say(prim, "restShapePoints", Types.Point3fArray, points)
+    _say(prim, "restTriVertexIndices", Types.Int3Array, triangles)
+    _say(prim, "restBendAnglesDefault", Types.Token, "restShape")
+    if law_of(model.scene, number):
+        _say_each(prim, "thicknesses", _thicknesses(model, number))
+    else:
+        _say_masses(prim, model, number)
+    bind_substance(prim, model, number)
+
+
+def _say_masses(prim: Usd.Prim, model: Model, number: int) -> None:
+    """What springs weigh does not follow from a density: all together, and each particle where none is fixed."""
+    mass = float(model.parameters["mass"].numpy()[0, number])
+    _say(prim, "mass", Types.Float, mass)
+    shares = model.shapes[number].mass_share
+    if mass > 0.0 and (shares > 0.0).all():
+        _say_each(prim, "masses", mass * shares)
+
+
+def _thicknesses(model: Model, number: int) -> NDArray[np.float64]:
+    """At rest [m]: of each point, or one where all are alike."""
+    said = model.scene.balloon[number].material.weights
+    weights = vertex_weights(model.shapes[number].mesh, said, "material.weights")
+    thicknesses = float(model.parameters["thickness"].numpy()[0, number]) * weights
+    return thicknesses if np.ptp(thicknesses) > 0.0 else thicknesses[:1]
+
+
+def _start_velocities(model: Model, number: int) -> NDArray[np.float32]:
+    """Of a balloon's particles in the first world [m/s]: its own and that of its spin; none of what is fixed."""
+    names = ("initial_velocities", "initial_spins", "initial_centers")
+    velocity, spin, center = (model.parameters[name].numpy()[0, number] for name in names)
+    shape = model.shapes[number]
+    velocities = velocity + np.cross(spin, shape.mesh.points - center)
+    return np.where(shape.mass_share[:, None] > 0.0, velocities, 0.0).astype(np.float32)
+
+
+def _say(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None:
+    attribute = prim.CreateAttribute(f"physics:{name}", kind, custom=False, variability=Sdf.VariabilityUniform)
+    attribute.Set(value)
+
+
+def _say_each(prim: Usd.Prim, name: str, values: NDArray[np.float64]) -> None:
+    """Values of a geometry's points, or a single one for all of it, and which it is."""
+    array = Vt.FloatArray.FromNumpy(values.astype(np.float32))
+    prim.CreateAttribute(f"physics:{name}", Types.FloatArray, custom=False).Set(array)
+    _say(prim, f"{name}:elementType", Types.Token, "constant" if len(values) == 1 else "point")
 
 
 def define_gravity(stage: Usd.Stage, scene: Scene) -> None:
     """The acceleration that acts on all, as UsdPhysics has it."""
-    physics = UsdPhysics.Scene.Define(stage, "/World/Physics")
+    physics = UsdPhysics.Scene.Define(stage, HOME)
     down = -1.0 if scene.gravity >= 0.0 else 1.0
     physics.CreateGravityDirectionAttr(tuple(down * axis for axis in scene.up))
     physics.CreateGravityMagnitudeAttr(abs(scene.gravity))

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Tf, UsdGeom, Vt
+from pxr import Gf, Sdf, UsdGeom, Vt
 
-from balloon_warp.mesh.corners import corner_faces, corners_beside
+from balloon_warp.mesh.corners import beside_faces, corner_faces, corners_beside
 from balloon_warp.model import ModelPlan
 from balloon_warp.outputs.knot import Knot
 from balloon_warp.outputs.usd.body import inertia_of
 from balloon_warp.outputs.usd.grid_obstacles import PLACE, TURN, GridObstacles, values_over_time
-from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.names import identifier, prim_names, show_names
 from balloon_warp.outputs.usd.obstacle import as_gf
 from balloon_warp.outputs.usd.prototypes import Prototypes
 from balloon_warp.outputs.usd.string_curve import string_curve
@@ -60,6 +60,8 @@ class GridWorld:
             )
             for number, name in enumerate(names)
         ]
+        paths = [path.GetPrimPath() for path, _, _ in self._balloons]
+        show_names(self.layer, paths, [shape.name for shape in plan.shapes])
         self._corners = []
         """of balloons that may burst, whose faces may vanish: their numbers, and the paths of the corners"""
         for number, (path, _, _) in enumerate(self._balloons):
@@ -128,12 +130,16 @@ class GridWorld:
         """Author a frame's samples, from arrays of shape (particle_count, 3), (sphere_count, 3), (body_count, 7) and
         (face_count,), or (0,); velocities follow, see `write_velocities`."""
         begin = 0
-        for shape, (point_path, _, extent_path) in zip(self.plan.shapes, self._balloons, strict=True):
-            own = slice(begin, begin + shape.mesh.vertex_count)
-            places = Vt.Vec3fArray.FromNumpy(points[own])
-            self.layer.SetTimeSample(point_path, time, places)
-            self.layer.SetTimeSample(extent_path, time, UsdGeom.PointBased.ComputeExtent(places))
-            begin = own.stop
+        for number, (shape, (point_path, _, extent_path)) in enumerate(
+            zip(self.plan.shapes, self._balloons, strict=True)
+        ):
+            own = points[begin : begin + shape.mesh.vertex_count]
+            self.layer.SetTimeSample(point_path, time, Vt.Vec3fArray.FromNumpy(own))
+            if len(torn):  # what has no face any more flies far, and nothing of it is seen
+                own = own[beside_faces(shape.mesh, self._of_faces(torn, number) == 1)]
+            extent = UsdGeom.PointBased.ComputeExtent(Vt.Vec3fArray.FromNumpy(own))
+            self.layer.SetTimeSample(extent_path, time, extent)
+            begin += shape.mesh.vertex_count
         for number, path in self._corners:
             corners = corners_beside(self.plan.shapes[number].mesh, self._of_faces(torn, number) == 1)
             self.layer.SetTimeSample(path, time, Vt.IntArray.FromNumpy(corners))
@@ -226,7 +232,7 @@ def _say(prim: Sdf.PrimSpec, path: str, value: float | str) -> None:
     """A value at a dotted path, of a mesh the file's name, as a user property: `balloon.0.position.1` is
     `userProperties:balloon_0:position_1`."""
     words = re.sub(r"\.(\d+)", r"_\1", path).split(".")
-    name = ":".join(["userProperties", *map(Tf.MakeValidIdentifier, words)])
+    name = ":".join(["userProperties", *map(identifier, words)])
     kind = Types.String if isinstance(value, str) else Types.Double
     attribute = Sdf.AttributeSpec(prim, name, kind, Sdf.VariabilityUniform)
     attribute.custom, attribute.displayName = True, path

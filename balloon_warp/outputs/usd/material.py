@@ -4,9 +4,11 @@ import colorsys
 import itertools
 from pathlib import Path
 
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
+from balloon_warp.files import whole_path
 from balloon_warp.mesh.looks import Color
+from balloon_warp.outputs.usd.names import identifier
 from balloon_warp.scene import Scene
 
 BALLOON_COLORS: list[Color] = [
@@ -60,7 +62,7 @@ def define_material(
     stage = gprim.GetPrim().GetStage()
     looks = UsdGeom.Scope.Define(stage, "/World/Looks")
     words = gprim.GetPath().pathString.split("/")[2:]
-    own = "_".join(words if name is None else [*words, Tf.MakeValidIdentifier(name)])
+    own = "_".join(words if name is None else [*words, identifier(name)])
     free = (own if number == 0 else f"{own}_{number}" for number in itertools.count())
     paths = (looks.GetPath().AppendChild(each) for each in free)
     path = next(path for path in paths if name is None or not stage.GetPrimAtPath(path))
@@ -86,7 +88,7 @@ def shine_from_within(material: UsdShade.Material) -> UsdShade.Input:
 
 def print_on(material: UsdShade.Material, image: Path) -> None:
     """Put an image in place of the color, where the primvar `st` says. It is named by its whole path."""
-    put_image(material, image.resolve().as_posix())
+    put_image(material, whole_path(image).as_posix())
 
 
 def put_image(material: UsdShade.Material, image: str, tint: Color = (1.0, 1.0, 1.0)) -> None:

@@ -1,19 +1,12 @@
-"""What every stage of ours says of itself, and how its prims are called."""
+"""What every stage of ours says of itself."""
 
-import itertools
 import json
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from pxr import Gf, Tf, Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from balloon_warp.scene import Scene
-
-RESERVED = (
-    *("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "Obstacles", "NetForces", "Prototypes"),
-    *("Studio", "Physics"),
-)
-"""what no balloon is called"""
 
 
 def describe_stage(
@@ -40,14 +33,3 @@ def describe_stage(
         said["pictureView"] = {name: Gf.Vec3d(*n) if isinstance(n, tuple) else n for name, n in place.items()}
     if said:
         layer.customLayerData = {"balloonWarp": said}
-
-
-def prim_names(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:
-    """A valid prim name for each balloon's name, all different, and none of those that are taken."""
-    chosen: list[str] = []
-    for name in map(Tf.MakeValidIdentifier, names):
-        numbered = (f"{name}_{number}" for number in itertools.count(1))
-        chosen.append(
-            next(free for free in itertools.chain([name], numbered) if free not in (*RESERVED, *taken, *chosen))
-        )
-    return chosen

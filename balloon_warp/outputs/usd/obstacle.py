@@ -1,4 +1,5 @@
-"""An obstacle in the stage: a gprim of its shape, with a place and a turn that have time samples where it moves."""
+"""An obstacle in the stage: a gprim of its shape, with a place and a turn that have time samples where it moves, and a
+collider for other simulators."""
 
 from collections.abc import Collection
 from typing import NamedTuple
@@ -15,8 +16,9 @@ from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.outputs.beveled import beveled_box
 from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
 from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, Color, paint
-from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.names import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square
+from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, be_moved
 from balloon_warp.scene import Body, Obstacle, Scene
 
 ROUGHNESS = 0.45
@@ -71,7 +73,7 @@ def define_obstacle(
     return prim
 
 
-def as_gf(pose: NDArray[np.float64]) -> tuple[Gf.Vec3d, Gf.Quatf]:
+def as_gf(pose: NDArray[np.floating]) -> tuple[Gf.Vec3d, Gf.Quatf]:
     """A pose as its ops have it."""
     x, y, z, w = pose[3:].tolist()
     return Gf.Vec3d(*pose[:3].tolist()), Gf.Quatf(w, x, y, z)
@@ -96,8 +98,12 @@ class ObstaclePrim:
         )
         self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
         self._moves = moves(model.scene, number, (turn.values for turn in model.turns))
-        if not self._moves:
-            self._put(pose, Usd.TimeCode.Default())
+        self._put(pose, Usd.TimeCode.Default())
+        be_hit(
+            self.prim.GetPrim(), *(float(model.parameters[f"obstacle_{each}"].numpy()[0, number]) for each in SURFACE)
+        )
+        if self._moves:
+            be_moved(self.prim.GetPrim())
 
     def write(self, frame: Frame) -> None:
         """Author where it is, if it moves: what stays has no time samples."""

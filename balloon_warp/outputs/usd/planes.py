@@ -10,6 +10,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import GROUND_COLOR, WATER_COLOR, Color, paint
+from balloon_warp.outputs.usd.rigid import SURFACE, be_hit
 from balloon_warp.scene import Scene
 
 SIZES = 20.0
@@ -76,6 +77,8 @@ class PlanePrim:
         height = float(model.parameters[plane.height].numpy()[0])
         path = Sdf.Path(f"/World/{plane.name}")
         self.prim = define_square(stage, path, plane, self.middle, self.half, height, self.up_axis)
+        if plane.name == "Ground":
+            be_hit(self.prim.GetPrim(), *(float(model.parameters[f"ground_{each}"].numpy()[0]) for each in SURFACE))
 
     def write(self, frame: Frame) -> None:
         """Author where it is, if the scene moves it: what stays has no time samples."""

@@ -13,7 +13,7 @@ from balloon_warp.outputs.knot import has_knot
 from balloon_warp.outputs.usd.balloon import define_balloon
 from balloon_warp.outputs.usd.body import body_names, define_body
 from balloon_warp.outputs.usd.knot import define_knot, knot_path
-from balloon_warp.outputs.usd.metadata import prim_names
+from balloon_warp.outputs.usd.names import prim_names, show_names
 from balloon_warp.outputs.usd.obstacle import Look, define_obstacle, obstacle_names
 from balloon_warp.outputs.usd.planes import Plane, define_square
 from balloon_warp.outputs.usd.sphere import define_sphere
@@ -56,6 +56,8 @@ class Prototypes:
             define_obstacle(stage, path, obstacle, shape, pose, Look(scene.up_axis, middle, half))
         for number, path in enumerate(self.bodies):
             define_body(stage, path, scene, plans[0].bodies[number], number)
+        for paths, named in ((self.obstacles, scene.obstacle), (self.bodies, scene.body)):
+            show_names(stage.GetRootLayer(), paths, [each.name for each in named])
         self.string_widths = [
             define_string(stage, path, plans[0].shapes[string.balloon].mesh).GetWidthsAttr().Get()
             for path, string in zip(self.strings, scene.string, strict=True)

@@ -1,11 +1,12 @@
-"""A sphere in the stage, with an animated translate."""
+"""A sphere in the stage, with an animated translate, and a body for other simulators."""
 
-from pxr import Gf, Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.material import SPHERE_COLORS, paint
 from balloon_warp.outputs.usd.presence import show_while_there
+from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, move_freely
 from balloon_warp.scene import Sphere
 
 
@@ -26,6 +27,23 @@ class SpherePrim:
         self.number, self._scene = number, model.scene
         self._translate = define_sphere(stage, path, model.scene.sphere[number], number)
         self.prim = UsdGeom.Sphere(stage.GetPrimAtPath(path))
+        if model.scene.sphere[number].start == 0.0:  # UsdPhysics has no word for what is not there yet
+            self._start(model)
+
+    def _start(self, model: Model) -> None:
+        """Say where it is, what it weighs and how it moves before there are any frames."""
+        names = ("mass", *SURFACE)
+        mass, friction, restitution = (
+            float(model.parameters[f"sphere_{name}"].numpy()[0, self.number]) for name in names
+        )
+        place, velocity, spin = (
+            model.parameters[f"initial_sphere_{name}"].numpy()[0, self.number]
+            for name in ("positions", "velocities", "spins")
+        )
+        self._translate.Set(Gf.Vec3d(*place.tolist()))
+        UsdPhysics.MassAPI.Apply(self.prim.GetPrim()).CreateMassAttr(mass)
+        be_hit(self.prim.GetPrim(), friction, restitution)
+        move_freely(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
         self._translate.Set(Gf.Vec3d(*frame.sphere_positions[self.number].tolist()), frame.number)

@@ -17,7 +17,8 @@ from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.body import BodyPrim, body_names
 from balloon_warp.outputs.usd.deformable import define_gravity
 from balloon_warp.outputs.usd.looks import check_textures, write_textures
-from balloon_warp.outputs.usd.metadata import describe_stage, prim_names
+from balloon_warp.outputs.usd.metadata import describe_stage
+from balloon_warp.outputs.usd.names import prim_names, show_names
 from balloon_warp.outputs.usd.net_forces import NetForcesPrim
 from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
 from balloon_warp.outputs.usd.planes import PlanePrim, planes_of
@@ -25,6 +26,7 @@ from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.outputs.usd.studio import define_studio
 from balloon_warp.outputs.usd.tube import TubePrim
+from balloon_warp.turns import in_turn
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
 Prim = BalloonPrim | PlanePrim | SpherePrim | ObstaclePrim | BodyPrim | StringPrim | TubePrim | NetForcesPrim
@@ -78,7 +80,8 @@ class StageWriter:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
         self._file.push(self._save)
         describe_stage(self.stage, self.model.scene, self._provenance, view=True)
-        self._prims = self._define_prims()
+        with in_turn(self.model.device):
+            self._prims = self._define_prims()
         return self
 
     def write(self, frame: Frame) -> None:
@@ -172,12 +175,12 @@ class StageWriter:
             self.stage.GetRootLayer().Save()
 
     def _define_prims(self) -> list[Prim]:
-        stage, model = self.stage, self.model
+        stage, model, scene = self.stage, self.model, self.model.scene
         paths = self._balloon_paths()
-        define_gravity(stage, model.scene)
+        define_gravity(stage, scene)
         self._balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
         # After the balloons: who reads a stage's first mesh wants a balloon.
-        drawn = [plane for plane in planes_of(model.scene) if self.ground or plane.name != "Ground"]
+        drawn = [plane for plane in planes_of(scene) if self.ground or plane.name != "Ground"]
         planes = [PlanePrim(stage, plane, model) for plane in drawn]
         for plane in planes:
             if self.lights and plane.plane.name == "Ground":
@@ -187,18 +190,17 @@ class StageWriter:
         ]
         obstacles = [
             ObstaclePrim(stage, Sdf.Path(f"/World/Obstacles/{name}"), model, n)
-            for n, name in enumerate(obstacle_names(model.scene))
+            for n, name in enumerate(obstacle_names(scene))
         ]
         bodies = [
-            BodyPrim(stage, Sdf.Path(f"/World/Bodies/{name}"), model, n)
-            for n, name in enumerate(body_names(model.scene))
+            BodyPrim(stage, Sdf.Path(f"/World/Bodies/{name}"), model, n) for n, name in enumerate(body_names(scene))
         ]
         strings = [
             StringPrim(stage, Sdf.Path(f"/World/Strings/String_{n}"), model, n) for n in range(model.string_count)
         ]
-        tubes = [TubePrim(stage, Sdf.Path(f"/World/Tubes/Tube_{n}"), model, n) for n in range(len(model.scene.tube))]
+        tubes = [TubePrim(stage, Sdf.Path(f"/World/Tubes/Tube_{n}"), model, n) for n in range(len(scene.tube))]
         forces = []
-        if model.scene.net_forces:
+        if scene.net_forces:
             forces = [
                 NetForcesPrim(stage, Sdf.Path(f"/World/NetForces/{path.name}"), model, n)
                 for n, path in enumerate(paths)
@@ -207,6 +209,9 @@ class StageWriter:
         self._subjects = [prim.prim.GetPath() for prim in (*self._balloons, *spheres, *bodies, *strings, *tubes)]
         for group in {prim.prim.GetPath().GetParentPath() for prim in grouped}:
             UsdGeom.Scope.Define(stage, group)
+        for prims, named in ((self._balloons, model.shapes), (obstacles, scene.obstacle), (bodies, scene.body)):
+            paths = [prim.prim.GetPath() for prim in prims]
+            show_names(stage.GetRootLayer(), paths, [each.name for each in named])
         return [*self._balloons, *planes, *grouped]
 
     def _balloon_paths(self) -> list[Sdf.Path]:

@@ -83,7 +83,8 @@ class Material(Table):
     needle_time: NonNegative = NEVER
     """of `strength`: when a needle pierces it, where it is stretched most [s]; 1e9, never, when missing"""
     springs: list[SpringsBeside] = []
-    """kinds of springs that it has beside, such as "flexion" against bending"""
+    """kinds of springs that it has beside, such as "flexion" against bending; beside a `strength` they must only push,
+    `stiffness.yield_stretch = 1`"""
     weights: list[Positive] | dict[str, Positive] | Rule | None = None
     """a number for each vertex of the file, or for groups of the mesh by their names, and 1 elsewhere: the thickness is
     multiplied by it, as for a neck. From Python also a function that takes the mesh's own points, shape (n, 3), and
@@ -132,8 +133,6 @@ class Material(Table):
             for field in others:
                 if getattr(self, first) is None and getattr(self, field) != type(self).model_fields[field].default:
                     raise ValueError(f"{field}: needs `{first}`, {what}")
-        if self.strength is not None and (self.springs):
-            raise ValueError("springs: would hold a tear together; expected none beside, or no strength")
         return self
 
     @model_validator(mode="after")

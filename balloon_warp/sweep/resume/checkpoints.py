@@ -74,6 +74,7 @@ class BatchCheckpoints:
         self._job = as_json({**self._job, **how})
         self.folder.require_own()
         path, is_there = self.folder.path, self._rows.exists()
+        self.folder.clear(is_there)
         if not self.resume:
             if is_there:
                 self.on_note(
@@ -90,6 +91,7 @@ class BatchCheckpoints:
                 f"--resume: {path} is of another batch: {different[0]}{more}; expected the same worlds, versions and "
                 "device, or no --resume to start anew"
             )
+        self.folder.go_on()
         self._begun = True
         while self._rows.exists():
             part = read_part(output, self._rows, self._stage)

@@ -2,10 +2,10 @@
 (() => {
   "use strict";
   const GLOSSY = 0.14, SATIN = 0.5;  // roughness of balloons, and of all else
-  const NEUTRAL = 7, HALF = 1016, RGBA = 1023, LINEAR = 1006, AROUND = 303, DOUBLE = 2, REPEAT = 1000;  // in three.js
+  const NEUTRAL = 7, HALF = 1016, RGBA = 1023, LINEAR = 1006, AROUND = 303, DOUBLE = 2, REPEAT = 1000, PCF = 1;  // in three.js
   const KEY = unit([-0.62, 1.0, 0.62]), RIM = unit([0.95, 0.28, -0.15]);  // toward the lights, for who looks along -z
   const FLOOR = [0.72, 0.70, 0.66];
-  const dressed = new WeakSet();
+  const dressed = new WeakSet(), softened = new WeakSet();
 
   function dot(a, b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
   function cross(a, b) {
@@ -168,7 +168,7 @@
     // A surface that is lit at a slant shadows itself in spots, unless it is asked a little above itself.
     light.shadow.normalBias = 2.5 * pixel;
     light.shadow.bias = 0;
-    light.shadow.radius = 9;
+    light.shadow.radius = 6;
   }
 
   function dress(scene, camera, state) {
@@ -177,6 +177,10 @@
       if (node.isDirectionalLight) lights.push(node);
       if (!node.isMesh) return;
       dressMaterial(node.material);
+      if (!softened.has(node.material)) {  // what was made ready for another kind of shadow is made ready anew
+        softened.add(node.material);
+        node.material.needsUpdate = true;
+      }
       const balloon = dressPrint(node);
       if (balloon) printed.push(balloon);
       if (node.castShadow && node.parent.visible && node.material.isMeshStandardMaterial && node.geometry.boundingSphere) things.push(node);
@@ -208,6 +212,7 @@
     scene.onBeforeRender = (renderer, _, camera, target) => {
       if (target || !camera.isPerspectiveCamera) return;
       renderer.toneMapping = NEUTRAL;
+      renderer.shadowMap.type = PCF;  // whose edges are as soft as `shadow.radius` says
       dress(scene, camera, state);
     };
   });

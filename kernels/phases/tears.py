@@ -1,4 +1,4 @@
-"""How membranes tear, as kernels: what each face bears, where tears begin, and how they run on.
+"""How membranes tear: what each face bears, where tears begin, and how they run on.
 
 Before each substep's forces, once the stresses of triangles are known. Each face that is whole looks whether a tear
 comes to it, and tears in a launch of its own: no order of threads matters.
@@ -17,11 +17,7 @@ from balloon_warp.kernels.laws.tearing import (
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.loops.wear import of_balloon
 from balloon_warp.kernels.memory import vector_at
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.substep import time_of
-from balloon_warp.kernels.tables import Tables
-
-wp.set_module_options(OPTIONS)
+from balloon_warp.kernels.tables import Tables, WorldState
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))
@@ -53,23 +49,14 @@ def is_gone(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
     return torn[world, face] >= 0.0
 
 
-@wp.kernel(enable_backward=False)
-def weigh_faces(
-    # model
-    t: Tables,
-    time_in_frame: float,
-    # state in
-    frame: wp.array[wp.int32],
-    torn: wp.array2d[float],
-    bursts: wp.array2d[wp.vec4],
-):
-    """A thread a (world, face): those that are torn pull no more; of the others the stress, and whether the balloon is
+@wp.func
+def weigh_faces(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, time: float):
+    """Those that are torn pull no more; of the others the stress, and whether the balloon is
     to burst there."""
-    world, face = wp.tid()
     tears = t.membranes.wear.tears
     begin = tears.triangle_offsets[face]
     end = tears.triangle_offsets[face + 1]
-    gone = is_gone(torn, world, face)
+    gone = is_gone(state.torn, world, face)
     tears.gone[world, face] = wp.where(gone, wp.int8(1), wp.int8(0))
     stress = float(0.0)
     for entry in range(begin, end):
@@ -80,8 +67,8 @@ def weigh_faces(
     stress /= wp.max(float(end - begin), 1.0)
     tears.face_stresses[world, face] = stress
     balloon = t.faces.balloon[face]
-    if end > begin and not gone and bursts[world, balloon][0] < 0.0:
-        pierced = time_of(t, frame, time_in_frame) >= of_balloon(tears.needle_time, world, balloon)
+    if end > begin and not gone and state.bursts[world, balloon][0] < 0.0:
+        pierced = time >= of_balloon(tears.needle_time, world, balloon)
         if pierced or stress >= of_balloon(tears.film_strength, world, balloon):
             wp.atomic_max(tears.weakest, world, balloon, packed(stress, face))
 
@@ -175,39 +162,29 @@ def first_plane(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
     return plane_through(normal, tears.centers[face])
 
 
-@wp.kernel(enable_backward=False)
-def run_tears(
-    # model
-    t: Tables,
-    # state in
-    points: wp.array2d[wp.vec3],
-    bursts: wp.array2d[wp.vec4],
-    torn: wp.array2d[float],
-    # state in and out
-    planes: wp.array2d[wp.vec4],
-):
-    """A thread a (world, face): whether a tear begins there, or comes there."""
-    world, face = wp.tid()
+@wp.func
+def run_tears(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
+    """Whether a tear begins at a face, or comes there."""
     tears = t.membranes.wear.tears
     tears.ahead[world, face] = WHOLE
-    if is_gone(torn, world, face):
+    if is_gone(state.torn, world, face):
         return
     balloon = t.faces.balloon[face]
-    burst = bursts[world, balloon]
+    burst = state.bursts[world, balloon]
     stress = tears.face_stresses[world, face]
     if burst[0] < 0.0:
         weakest = tears.weakest[world, balloon]
         if weakest > wp.int64(0) and weakest == packed(stress, face):
             tears.ahead[world, face] = 0.0
-            planes[world, face] = first_plane(t, points[world], face)
+            state.tear_planes[world, face] = first_plane(t, points, face)
     elif stress > of_balloon(tears.tear_strength, world, balloon):
         for entry in range(tears.neighbor_offsets[face], tears.neighbor_offsets[face + 1]):
             if tears.ahead[world, face] < 0.0:
-                ahead, plane = tear_across(t, burst, torn, planes, world, face, entry)
+                ahead, plane = tear_across(t, burst, state.torn, state.tear_planes, world, face, entry)
                 if ahead >= 0.0:
                     most = of_balloon(tears.tear_speed, world, balloon) * t.step_seconds
                     tears.ahead[world, face] = wp.min(ahead, most)  # however long it has waited
-                    planes[world, face] = plane
+                    state.tear_planes[world, face] = plane
 
 
 @wp.func
@@ -217,27 +194,19 @@ def area_of(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
     return wp.int64(wp.float64(area) * SQUARE_MICROMETERS)
 
 
-@wp.kernel(enable_backward=False)
-def tear_faces(
-    # model
-    t: Tables,
-    # state in and out
-    points: wp.array2d[wp.vec3],
-    bursts: wp.array2d[wp.vec4],
-    torn: wp.array2d[float],
-):
-    """A thread a (world, face): those to which a tear has come are torn, and from others tears run on."""
-    world, face = wp.tid()
+@wp.func
+def tear_faces(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
+    """Those to which a tear has come are torn, and from others tears run on."""
     tears = t.membranes.wear.tears
     balloon = t.faces.balloon[face]
-    gone = is_gone(torn, world, face)
+    gone = is_gone(state.torn, world, face)
     if gone:
-        torn[world, face] += of_balloon(tears.tear_speed, world, balloon) * t.step_seconds
+        state.torn[world, face] += of_balloon(tears.tear_speed, world, balloon) * t.step_seconds
     elif tears.ahead[world, face] >= 0.0:
-        torn[world, face] = tears.ahead[world, face]
+        state.torn[world, face] = tears.ahead[world, face]
         tears.gone[world, face] = wp.int8(1)
         for entry in range(tears.triangle_offsets[face], tears.triangle_offsets[face + 1]):
             t.membranes.wear.left[world, tears.triangles[entry]] = 0.0
         gone = bool(True)
-    if gone or bursts[world, balloon][0] >= 0.0:
-        wp.atomic_add(tears.areas, world, balloon, wp.where(gone, 0, 1), area_of(t, points[world], face))
+    if gone or state.bursts[world, balloon][0] >= 0.0:
+        wp.atomic_add(tears.areas, world, balloon, wp.where(gone, 0, 1), area_of(t, points, face))

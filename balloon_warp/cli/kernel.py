@@ -1,0 +1,29 @@
+"""`balloon-warp kernel`"""
+
+from typing import Annotated
+
+import typer
+
+from balloon_warp.cli.changes import Changes
+from balloon_warp.cli.options import MeshOptions, Set
+from balloon_warp.quiet import quiet_warp
+
+
+def kernel(
+    scene: Annotated[str, typer.Argument(metavar="SCENE", help="A bundled scene, a scene file, or a mesh.")],
+    overrides: Set = None,
+    *,
+    mesh: MeshOptions,
+    schedule: Annotated[
+        str, typer.Option(metavar="NAME", help="gather or scatter, whose kernels are written from the list of phases.")
+    ] = "gather",
+) -> None:
+    """Print the source of the kernels that a scene gets: the substep, as one reads it.
+
+    Try `balloon-warp kernel squirrel_tether`.
+    """
+    loaded = Changes(overrides, mesh).load(scene)
+    quiet_warp()
+    from balloon_warp.schedules.source import kernel_source  # loads Warp: only once the scene is known to be good
+
+    print(kernel_source(loaded, schedule), end="")

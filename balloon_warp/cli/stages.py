@@ -1,0 +1,80 @@
+"""At which stage a command is that has no frames to count, where it takes long."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.markup import escape
+
+SPINNER_SECONDS = 0.5
+"""after which a terminal shows that something goes on"""
+LINE_SECONDS = 5.0
+"""that a stage lasts before a log gets a line of it"""
+
+
+class Stages:
+    """Shows the stage that is told to it: on a terminal beside a spinner, which goes when all is done; elsewhere as a
+    line, if the stage lasts. What is short shows nothing.
+
+    Args:
+        name: of what is worked on.
+        console: where that is shown.
+    """
+
+    def __init__(self, name: str, console: Console):
+        self._name, self._console = name, console
+        self._status = console.status("") if console.is_terminal else None
+        self._lock = threading.Lock()
+        self._waiting: threading.Timer | None = None
+        self._stage = ""
+
+    def __call__(self, stage: str) -> None:
+        """Note that a stage begins."""
+        with self._lock:
+            self._stage = stage
+            if self._status is None:
+                self._wait(LINE_SECONDS)
+            elif self._waiting is None:
+                self._wait(SPINNER_SECONDS)
+            else:
+                self._status.update(escape(self._line))
+
+    def end(self) -> None:
+        """Show nothing any more."""
+        with self._lock:
+            self._stage = ""
+            if self._waiting:
+                self._waiting.cancel()
+            if self._status:
+                self._status.stop()
+
+    def _wait(self, seconds: float) -> None:
+        """Show the stage after some time, unless it is over then."""
+        if self._waiting:
+            self._waiting.cancel()
+        self._waiting = threading.Timer(seconds, self._show, [self._stage])
+        self._waiting.daemon = True
+        self._waiting.start()
+
+    def _show(self, stage: str) -> None:
+        with self._lock:
+            if self._status and self._stage:
+                self._status.update(escape(self._line))
+                self._status.start()
+            elif stage and stage == self._stage:
+                self._console.print(self._line, markup=False, highlight=False, soft_wrap=True)
+
+    @property
+    def _line(self) -> str:
+        return f"{self._name}: {self._stage}"
+
+
+@contextmanager
+def stages(name: str) -> Iterator[Stages]:
+    """Show on standard error the stages that are told to it in the `with` block."""
+    shown = Stages(name, Console(stderr=True))
+    try:
+        yield shown
+    finally:
+        shown.end()

@@ -1,0 +1,201 @@
+"""Launches of a step's pieces, for all worlds, and the memory that they share."""
+
+from collections.abc import Callable, Collection, Mapping
+from copy import copy
+from typing import Any, Self
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.kernels.phase import STATE, Item
+from balloon_warp.kernels.schedules.launched import ITEMS_OF_PART, Part, arguments_of, kernel_of
+from balloon_warp.kernels.schedules.near import mark_count
+from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
+from balloon_warp.kernels.schedules.working import Working
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch, launch_tiled
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.solids import solid_arrays
+from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.touching import touch_arrays
+
+TEAM_THREADS = 256
+"""of a block that does something for a world, or adds up, on a GPU; more would have too few registers"""
+MOST_REGISTERS = 128
+"""of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles meet obstacles, too"""
+FEW_REGISTERS = 64
+"""where that has a launch of its own: enough for springs, and a multiprocessor has four"""
+LARGE = 2048
+"""particles of a balloon that is summed in parts"""
+
+Moving = tuple[wp.array, wp.array]
+"""points and velocities, shape (world_count, particle_count), vec3"""
+Own = Callable[[State, int, float, Moving], None]
+"""(state, substep, time in the frame, where particles are): what the host does itself of a step"""
+
+
+class Launches:
+    """Launches each piece of a step.
+
+    Args:
+        own: what phases of the host do, by their names.
+        fast_math: whether a GPU's own division and root will do where forces are found.
+    """
+
+    def __init__(
+        self, model: Model, step: Step, tables: Any, room: Room, own: Mapping[str, Own] | None = None, *,
+        fast_math: bool = False,
+    ):  # fmt: skip
+        self.model, self.step, self.tables = model, step, tables
+        self._own, self._fast_math = own or {}, fast_math
+        self.working = Working()
+        for name, array in working_arrays(model, step.traits, room).items():
+            setattr(self.working, name, array)
+        self.values, self._parts, self._second = step_arrays(model, step, room)
+        """what lives from one piece to another, by name"""
+        offsets = np.asarray(tables.correction.color_offsets.numpy())
+        self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
+        """of the springs that are corrected: the first of each, and how many they are"""
+
+    @staticmethod
+    def allot(model: Model, step: Step, room: Room) -> None:
+        """Ask for all memory that it keeps."""
+        working_arrays(model, step.traits, room)
+        step_arrays(model, step, room)
+
+    def beside(self, model: Model, tables: Any) -> Self:
+        """The same for another world of the same batch, with the same memory."""
+        other = copy(self)
+        other.model, other.tables = model, tables
+        return other
+
+    def substep(self, state: State, substep: int, now: Moving) -> Moving:
+        """Execute a substep; where particles are then."""
+        return self.execute(state, substep, substep * self.model.step_seconds, now)
+
+    def execute(
+        self, state: State, substep: int, time_in_frame: float, now: Moving, only: Collection[str] = ()
+    ) -> Moving:
+        """Execute pieces; where particles are then.
+
+        Args:
+            only: the first phases of those, where not all are to be executed.
+        """
+        for piece in self.step.pieces:
+            if (piece.once and substep) or (only and piece.phases[0].name not in only):
+                continue
+            if piece.item == "launches":
+                self._own[piece.phases[0].name](state, substep, time_in_frame, now)
+            else:
+                now = self._launch(piece, state, time_in_frame, now)
+        return now
+
+    def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
+        new, m = self._targets(piece, state, now), self.model
+        has = {
+            "t": self.tables, "time_in_frame": time_in_frame, "state": world_state(state), "working": self.working,
+            **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
+            **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
+            **{f"all_{value}": array for value, array in self.values.items()},
+        }  # fmt: skip
+        if piece.sums:
+            self._sum(piece, has)
+        elif piece.item == "team":
+            self._over(piece, (m.world_count,), has)
+        elif piece.item == "spring":
+            for _ in range(m.scene.correction_sweeps):
+                for first, count in self._colors:
+                    inputs = self._inputs(piece, {**has, "first_spring": first})
+                    launch(self.kernel(piece), (m.world_count, count), inputs, device=m.device)
+        else:
+            launch(self.kernel(piece), self._shape(piece.item), self._inputs(piece, has), device=m.device)
+        return new
+
+    def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
+        """What the kernel of a piece takes, in order."""
+        return [has[name] for name in arguments_of(self.step, piece, part)]
+
+    def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
+        """Where the piece leaves points and velocities."""
+        second = {name: self._second.get(name) for name in STATE}
+        kept = {"point": state.points, "velocity": state.velocities}
+        points, velocities = (
+            (second[name] if old is kept[name] else kept[name]) if name in piece.doubles else old
+            for name, old in zip(STATE, now, strict=True)
+        )
+        return points, velocities
+
+    def _sum(self, piece: Piece, has: Mapping[str, Any]) -> None:
+        m, parts = self.model, self._parts.get(piece.name)
+        whole = (m.world_count, m.balloon_count)
+        if parts is None:
+            self._over(piece, whole, has)
+        else:
+            self._over(piece, parts.shape, {**has, "all_parts": parts}, "part")
+            self._over(piece, whole, {**has, "all_parts": parts}, "parts")
+
+    def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
+        """Launch so many blocks."""
+        device = self.model.device
+        threads = TEAM_THREADS if device.is_cuda else 1
+        inputs = self._inputs(piece, has, part)
+        launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
+
+    @property
+    def _stands_apart(self) -> bool:
+        """Whether particles leave obstacles in a launch of their own."""
+        return any(piece.phases[0].name == "leave" for piece in self.step.pieces)
+
+    def kernel(self, piece: Piece, part: Part = "all") -> Any:
+        """That of a piece."""
+        pulls = any(phase.name == "pull" for phase in piece.phases)
+        meets = any(phase.name == "leave" for phase in piece.phases)
+        few = pulls and not meets and not self.step.traits.membranes and self._stands_apart
+        registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
+        return kernel_of(self.step, piece, part, self._fast_math and pulls, registers)
+
+    def _shape(self, item: Item) -> tuple[int, ...]:
+        """Threads of a launch over all items."""
+        m = self.model
+        counts = {
+            "particle": m.particle_count, "face": m.face_count, "triangle": m.triangle_count, "sphere": m.sphere_count
+        }  # fmt: skip
+        return (m.world_count, counts[item]) if item in counts else (m.world_count,)
+
+
+def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Values that live from one piece to another; parts of sums; second places of particles' state."""
+    worlds = model.world_count
+    counts = {"particle": model.particle_count, "face": model.face_count, "balloon": model.balloon_count}
+    values = {
+        value: room.array((worlds, counts[step.owner(value)]), wp.float32 if dtype is float else dtype)
+        for value, dtype in values_of(step).items()
+    }
+    parts = {}
+    for piece in step.pieces:
+        if piece.sums and (count := _part_count(model, piece.item)):
+            (dtype,) = piece.phases[0].writes.values()
+            shape = (worlds, model.balloon_count, count)
+            parts[piece.name] = room.array(shape, wp.float32 if dtype is float else dtype)
+    second = {name: room.array((worlds, model.particle_count), wp.vec3) for name in step.doubled}
+    return values, parts, second
+
+
+def _part_count(model: Model, item: Item) -> int:
+    """Parts in which the items of a balloon are added up; 0 where it is done in one go."""
+    counts = [mesh.face_count if item == "face" else len(mesh.points) for mesh in (s.mesh for s in model.shapes)]
+    largest = max(counts)
+    return -(-largest // int(ITEMS_OF_PART)) if largest > LARGE else 0
+
+
+def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+    """What contact keeps beside the state; empty where a scene does not need it."""
+    worlds = model.world_count
+    return {
+        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
+        "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
+        **solid_arrays(model, traits, room),
+        **touch_arrays(model, traits, room),
+        "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
+    }

@@ -1,0 +1,25 @@
+"""The source of the kernels that a scene gets."""
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.schedules.launched import source_of
+from balloon_warp.model import build_model
+from balloon_warp.scene import Scene
+from balloon_warp.schedules.choose import LAUNCHED, SCHEDULES, schedule_named
+from balloon_warp.schedules.traits import model_traits
+
+
+def kernel_source(scene: Scene, schedule: str = "gather") -> str:
+    """Write the kernels of a scene's substep as text, in the order of their launches.
+
+    Args:
+        schedule: "gather" or "scatter", whose kernels are written from the list of phases.
+
+    Raises:
+        InputError: the schedule's kernels are not written from the list, or there is no such schedule.
+    """
+    if schedule in SCHEDULES and schedule not in LAUNCHED:
+        raise InputError(
+            f"--schedule {schedule}: its kernels are not written from the list of phases; expected gather or scatter"
+        )
+    model = build_model(scene, "cpu")
+    return source_of(schedule_named(schedule, model).step_of(model, model_traits(model)))

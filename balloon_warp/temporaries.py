@@ -1,0 +1,162 @@
+"""Temporary files and folders that no kill leaves for long: whoever writes beside them next clears them away.
+
+Each has a lock file beside it. The process that made both holds the lock, and the system lets go of it however that
+process ends. So a lock that can be had is of a process that was killed, and what it had begun may go.
+"""
+
+import atexit
+import os
+import secrets
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
+from pathlib import Path
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows has none
+    fcntl = None
+
+PREFIX, LOCK = ".balloon-warp-", ".partial.lock"
+"""how the names of lock files begin and end"""
+OLD_SECONDS = 86400.0
+"""after which what nobody has written to is taken for left over, where there are no locks"""
+
+
+@contextmanager
+def temporary_in(folder: Path, suffix: str = "") -> Iterator[Path]:
+    """Yield a path in a folder at which there is nothing; what is put there goes when the block ends.
+
+    Raises:
+        OSError: the folder takes no files.
+    """
+    lock, descriptor = _new_lock(folder)
+    temporary = lock.with_name(f"{_stem(lock)}{suffix}")
+    try:
+        yield temporary
+    finally:
+        _remove(temporary)
+        os.close(descriptor)
+        _remove(lock)
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Yield an empty folder among the system's temporary ones, which goes when the block ends.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    place = Path(tempfile.gettempdir())
+    clear_left_over(place)
+    with temporary_in(place) as folder:
+        folder.mkdir(0o700)
+        yield folder
+
+
+@cache
+def folder_of_process() -> Path:
+    """Make a folder among the system's temporary ones, which goes when this process ends.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    files, process = ExitStack(), os.getpid()
+    folder = files.enter_context(scratch_folder())
+    atexit.register(lambda: files.close() if os.getpid() == process else None)  # a fork's end is not this one's
+    return folder
+
+
+def clear_left_over(folder: Path) -> None:
+    """Remove what processes that were killed had begun in a folder; what belongs to a living one stays."""
+    with suppress(OSError):
+        with os.scandir(folder) as entries:
+            names = [each.name for each in entries if each.name.startswith(PREFIX) and each.name.endswith(LOCK)]
+        for name in names:
+            with suppress(OSError):  # somebody else's, or gone meanwhile
+                _clear(folder / name)
+
+
+def hold(path: Path) -> int | None:
+    """Lock a file until its descriptor, which is returned, is closed or this process ends; None if somebody has it, or
+    where there are no locks.
+
+    Raises:
+        OSError: there is no such file.
+    """
+    descriptor = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+    with suppress(OSError):
+        if not _is_held_elsewhere(descriptor):
+            return descriptor
+    os.close(descriptor)
+    return None
+
+
+def _new_lock(folder: Path) -> tuple[Path, int]:
+    """Make a lock file, and hold it."""
+    while True:
+        # Without any name of an output, which may be as long as names can be.
+        lock = folder / f"{PREFIX}{secrets.token_hex(4)}{LOCK}"
+        try:
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+        except FileExistsError:
+            continue
+        try:
+            is_ours = not _is_held_elsewhere(descriptor) and lock.exists()
+        except OSError:  # the file system has no locks
+            is_ours = True
+        if is_ours:
+            return lock, descriptor
+        os.close(descriptor)  # somebody cleared it away before it was held
+
+
+def _clear(lock: Path) -> None:
+    """Remove a lock file and what belongs to it, if its process is gone."""
+    descriptor = os.open(lock, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+    # The temporary, and what the library that was writing it had put there.
+    beside = [path for path in lock.parent.iterdir() if path.name.startswith(_stem(lock)) and path != lock]
+    try:
+        try:
+            is_left = not _is_held_elsewhere(descriptor)
+        except OSError:
+            is_left = all(time.time() - _last_touched(path) > OLD_SECONDS for path in (*beside, lock))
+        for path in (*beside, lock) if is_left else ():
+            _remove(path)
+    finally:
+        os.close(descriptor)
+
+
+def _is_held_elsewhere(descriptor: int) -> bool:
+    """Take a lock, and return whether that failed because another process, or another place of this one, has it.
+
+    Raises:
+        OSError: there are no locks, in this file system or on this machine.
+    """
+    if fcntl is None:
+        raise OSError("no locks")
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    return False
+
+
+def _stem(lock: Path) -> str:
+    return lock.name.removesuffix(".lock")
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder, as far as that is possible."""
+    with suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _last_touched(path: Path) -> float:
+    """When something was last written there, in seconds since 1970."""
+    return max(each.lstat().st_mtime for each in (path, *(path.iterdir() if path.is_dir() else ())))

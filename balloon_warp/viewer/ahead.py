@@ -1,0 +1,148 @@
+"""Compiles what a hand will ask for, in a process of its own: a thread would hold Python's lock."""
+
+import contextlib
+import hashlib
+import json
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.kernels.laws import Law
+from balloon_warp.provenance import describe_simulation
+from balloon_warp.quiet import quiet_warp
+from balloon_warp.scene import Scene
+from balloon_warp.viewer.playground import Playground
+
+NICENESS = 15
+"""of the process: the simulation and the browser come first"""
+
+
+class Ahead:
+    """The process that fills Warp's kernel cache, from which the page's own then loads: one at a time, of one scene."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._waiter: threading.Thread | None = None
+
+    @property
+    def busy(self) -> bool:
+        """whether it compiles"""
+        return self._process is not None and self._process.poll() is None
+
+    def begin(self, scene: Scene, device: str, laws: Sequence[Law] = ()) -> None:
+        """Compile what playing with a scene takes; what another scene takes no longer. Nothing is done where all was
+        compiled before, or where only this process knows the laws."""
+        self.end()
+        task = _task(scene, device, laws)
+        if task is None or _mark(scene, device, laws).exists():
+            return
+        found = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        found["WARP_CACHE_PATH"] = str(Path(wp.config.kernel_cache_dir).parent)  # Warp appends its version
+        nowhere = subprocess.DEVNULL
+        command = [sys.executable, "-m", __name__]
+        try:
+            process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, env=found, start_new_session=True
+            )
+        except OSError:  # no room for a process: it is compiled when it is asked for
+            return
+        self._process = process
+        self._waiter = threading.Thread(target=_tell_and_wait, args=(process, task), name="ahead", daemon=True)
+        self._waiter.start()
+
+    def end(self) -> None:
+        """Compile nothing any more."""
+        if self._process and self._waiter:
+            self._process.kill()
+            self._waiter.join()
+        self._process = self._waiter = None
+
+
+def _task(scene: Scene, device: str, laws: Sequence[Law]) -> bytes | None:
+    """For the process, or nothing where it would not know the laws."""
+    if any(law.force.func.__module__ == "__main__" for law in laws):
+        return None
+    try:
+        return pickle.dumps((scene, device, tuple(laws)))
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+
+
+def _mark(scene: Scene, device: str, laws: Sequence[Law]) -> Path:
+    """A file that says, beside the kernels in Warp's cache, that all that playing with a scene takes are there."""
+    what = json.dumps([device, describe_simulation(scene, laws, 0)], sort_keys=True, default=str)
+    return Path(wp.config.kernel_cache_dir) / f"balloon_warp_ahead_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
+
+
+def _tell_and_wait(process: "subprocess.Popen[bytes]", task: bytes) -> None:
+    """Hand the task over. The pipe stays open as long as this process lives, which tells the other that it does."""
+    assert process.stdin
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.write(len(task).to_bytes(8, "little") + task)
+        process.stdin.flush()
+    process.wait()
+    _tidy(process.pid)
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.close()
+
+
+def _tidy(process: int) -> None:
+    """Delete what a process that was ended had begun to compile."""
+    for begun in Path(wp.config.kernel_cache_dir).glob(f"*_p{process}_*"):
+        shutil.rmtree(begun, ignore_errors=True)
+
+
+def rehearse(playground: Playground) -> None:
+    """Do what people do first, a frame each: what they do later finds its kernels."""
+
+    def throw() -> None:
+        above = playground.points.mean(axis=0) + 2.0 * playground.size * np.array(playground.live.up)
+        playground.throw(above, np.zeros(3), 0.1 * playground.size, 1.0)
+
+    def pull() -> None:
+        playground.grab("hand", 0, playground.points[0] + 0.1 * playground.size)
+
+    def blow() -> None:
+        playground.blow([1.0, 0.0, 0.0])
+
+    acts: list[list[Callable[[], None]]] = [[throw, pull], [pull], [blow, throw], [playground.cut_all, throw]]
+    for some in acts:
+        playground.reset()
+        for act in (lambda: None, *some):
+            with contextlib.suppress(InputError, BlowUpError):
+                act()
+                playground.step()
+
+
+def _end_with_the_page() -> None:
+    """Whoever asked is gone, however it ended: the pipe is closed."""
+    sys.stdin.buffer.read(1)
+    _tidy(os.getpid())
+    os._exit(0)
+
+
+def main() -> None:
+    """Read a task from standard input, and do it, as long as that stays open."""
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    quiet_warp()
+    length = int.from_bytes(sys.stdin.buffer.read(8), "little")
+    task = sys.stdin.buffer.read(length)
+    threading.Thread(target=_end_with_the_page, daemon=True).start()
+    scene, device, laws = pickle.loads(task)
+    playground = Playground(scene, device, laws)
+    rehearse(playground)
+    _mark(scene, device, laws).touch()
+
+
+if __name__ == "__main__":
+    main()

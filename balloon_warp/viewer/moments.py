@@ -1,0 +1,45 @@
+"""The moments of a simulation that is played with that one can go back to."""
+
+from collections import deque
+
+from balloon_warp.viewer.moment import Moment
+from balloon_warp.viewer.playground import Playground
+
+APART_SECONDS = 0.5
+"""of simulated time between two"""
+MOST = 12
+SWOLLEN = 3.0
+"""times as large as at the first of them is no shape to go back to"""
+
+
+class Moments:
+    """The last ones, oldest first."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Moment] = deque(maxlen=MOST)
+
+    def clear(self) -> None:
+        """Forget them."""
+        self._kept.clear()
+
+    def note(self, playground: Playground) -> None:
+        """Keep the moment that it is, if it is time for another."""
+        if not self._kept or playground.frame - self._kept[-1].frame >= _frames_apart(playground):
+            self._kept.append(playground.moment())
+
+    def go_back(self, playground: Playground) -> bool:
+        """Go back to the last good moment, and the next time to the one before; returns whether there was one. It is at
+        least half of the time between two ago, and before it swelled past recognition."""
+        kept, apart = self._kept, _frames_apart(playground)
+        while len(kept) > 1 and (
+            playground.frame - kept[-1].frame < apart / 2 or kept[-1].extent > SWOLLEN * kept[0].extent
+        ):
+            kept.pop()
+        if not kept:
+            return False
+        playground.return_to(kept.pop())
+        return True
+
+
+def _frames_apart(playground: Playground) -> float:
+    return APART_SECONDS / playground.simulator.model.frame_seconds

@@ -1,0 +1,55 @@
+"""A scene with its balloons made of another material, or of another color."""
+
+from balloon_warp.scene import Balloon, Inflation, Material, Scene, Stiffness
+
+MATERIALS = ("springs", "latex", "foil", "nylon")
+"""that the page's menu has"""
+FILMS = {"foil": 5.0, "nylon": 3.0}
+"""played as springs so many times as stiff, which bend freely, as the bundled foil letters are: real film takes
+thousands of substeps a frame"""
+FILM_STRETCH = 0.05
+"""of a film's skin, as it is inflated"""
+
+
+def material_of(scene: Scene) -> str:
+    """The name of what the first balloon is made of."""
+    balloon = scene.balloon[0]
+    return balloon.material.preset or (balloon.look == "foil" and "foil") or balloon.material.law
+
+
+def made_of(scene: Scene, name: str) -> Scene:
+    """The scene with all balloons of another material. What they are filled with is theirs where it is a gas; else it
+    is what stretches that material as is usual: a pressure that springs bear is none to foil.
+
+    Raises:
+        InputError: it cannot be simulated so.
+    """
+    if name == material_of(scene):
+        return scene
+    said = {field: getattr(scene, field) for field in scene.model_fields_set}
+    return Scene.model_validate(said | {"balloon": [_made_of(each, name) for each in scene.balloon], "change": []})
+
+
+def _made_of(balloon: Balloon, name: str) -> Balloon:
+    kept = {field: getattr(balloon, field) for field in balloon.model_fields_set - {"material", "look"}}
+    if balloon.inflation.kind != "gas":
+        kept["inflation"] = Inflation(stretch=FILM_STRETCH) if name in FILMS else Inflation()
+    if name == "latex":
+        for field in ("mass", "stiffness"):  # follow from its thickness
+            kept.pop(field, None)
+        return Balloon(**kept, material=Material(preset="latex"))
+    if name in FILMS:
+        kept["stiffness"] = _stiffer(balloon.stiffness, FILMS[name])
+        kept["look"] = "foil"
+    return Balloon(**kept)
+
+
+def _stiffer(stiffness: Stiffness, factor: float) -> Stiffness:
+    springs = {"structural": factor * stiffness.structural, "shear": factor * stiffness.shear, "flexion": 0.0}
+    return stiffness.model_copy(update=springs)
+
+
+def painted(scene: Scene, color: tuple[float, float, float]) -> Scene:
+    """The scene with all balloons of a color, in linear RGB."""
+    balloons = [balloon.model_copy(update={"color": color}) for balloon in scene.balloon]
+    return scene.model_copy(update={"balloon": balloons})

@@ -1,0 +1,99 @@
+"""A phase: what one item of a world does in a substep, between two barriers.
+
+Its function is one of Warp, of plain arguments. Their names say what it reads, `writes` says what it returns. So a
+schedule, which knows no physics, can execute any list of phases: it finds what each reads, keeps what a later one
+reads, and puts a barrier where one looks at what others have written. The step is such a list, see `substep`.
+
+A name that a phase reads is one of these:
+
+- a handle: `t`, the tables; `state`; `working`, what contact keeps beside the state; `time_in_frame` [s]
+- the item: `world`, and within it `balloon`, `particle`, `face`, `triangle` or `sphere`, or all `threads` of a block
+- `own`, what a particle knows of itself, see `own`; a row of numbers of a law, by its name
+- state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
+- a value that an earlier phase of the list has written
+- the time: `time` when the substep begins, and `end` when it ends [s]
+- what a schedule says itself of items, see there: `keyed`, `load`, `origin`
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Literal, NamedTuple
+
+from balloon_warp.kernels.traits import Traits
+
+Item = Literal["world", "balloon", "particle", "face", "triangle", "spring", "sphere", "team", "launches"]
+"""whose phase it is: `team` is that of all threads of a block, for a world; `launches` one of the host's own"""
+VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area"}
+"""what is seen of all items, and what each of them has of it"""
+STATE = {"point": "points", "velocity": "velocities"}
+"""what a particle keeps from one substep to the next, and the arrays that it stands in"""
+
+
+class Look(NamedTuple):
+    """How the items of a schedule see each other."""
+
+    at: Any
+    """the function that reads a point from a view"""
+    sphere_at: Any
+    """the function that gives a sphere's center, velocity and radius"""
+    loops: Callable[[Traits], Any]
+    """what a particle goes through for its forces, see `loops.net_force`"""
+    alone: Callable[[Traits], bool] = lambda traits: False
+    """whether these need no other particle"""
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """A line of a list of phases."""
+
+    name: str
+    item: Item
+    make: Callable[[Traits, Look], Any]
+    """the function, for what a scene has"""
+    writes: Mapping[str, Any] = field(default_factory=dict)
+    """names of what it returns, in order, and their types; a sum's is one of the balloon"""
+    when: Callable[[Traits], bool] = lambda traits: True
+    """whether a scene has it"""
+    sums: bool = False
+    """whether what it returns is added up over the items of each balloon before anyone may read it"""
+    light: bool = False
+    """whether it is found again wherever it is read, of what stays the same in a substep, rather than kept"""
+    once: Callable[[Traits], bool] = lambda traits: False
+    """whether it happens only as a frame begins"""
+    also_reads: tuple[str, ...] = ()
+    """of a phase of the host: values"""
+
+    @property
+    def summary(self) -> str:
+        """What it does, in a line."""
+        return " ".join((self.make.__doc__ or self.name).partition("\n\n")[0].split())
+
+    def function(self, traits: Traits, look: Look) -> Any:
+        """The `wp.func`."""
+        return _made(self, traits, look)
+
+    def reads(self, traits: Traits, look: Look) -> tuple[str, ...]:
+        """What its arguments name."""
+        if self.item == "launches":
+            return self.also_reads
+        return tuple(inspect.signature(self.function(traits, look).func).parameters)
+
+    def views(self, traits: Traits, look: Look) -> set[str]:
+        """What it looks at in others."""
+        return {VIEWS[name] for name in self.reads(traits, look) if name in VIEWS}
+
+
+@cache
+def _made(phase: Phase, traits: Traits, look: Look) -> Any:
+    return phase.make(traits, look)
+
+
+def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:
+    """A decorator: what makes a phase's function becomes the phase, named alike."""
+
+    def named(make: Any) -> Phase:
+        return Phase(make.__name__, item, make, writes or {}, **said)
+
+    return named

@@ -1,0 +1,1 @@
+"""Phases of a substep, each in a file; `kernels.substep` lists them in order."""

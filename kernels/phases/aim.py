@@ -1,0 +1,65 @@
+"""Where the paper's normal force pushes a particle: (A_p / A_total) n, once the faces have been measured."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.aims import aim_loop
+from balloon_warp.kernels.loops.areas import face_measures
+from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+center_of_face, area_vector_of_face = face_measures(vector_at)
+aim_of_particle = aim_loop(vector_at)
+
+
+def _aims(traits: Traits) -> bool:
+    return traits.aims
+
+
+def _cached(traits: Traits) -> bool:
+    """Whether a frame keeps the aims with which it begins, as the paper does."""
+    return not traits.fresh_normals
+
+
+@phase("face", {"face_center": wp.vec3, "face_area": wp.vec3}, when=_aims, once=_cached)
+def measure(traits: Traits, look: Look) -> Any:
+    """Measure the center of a face [m], and its area times its unit normal [m^2]."""
+
+    @wp.func
+    def measure(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
+        center = center_of_face(t.faces, points, face)
+        return center, area_vector_of_face(t.faces, points, face, center)
+
+    return measure
+
+
+@phase("face", {"balloon_area": float}, when=_aims, once=_cached, sums=True)
+def extend(traits: Traits, look: Look) -> Any:
+    """Sum the area of a balloon [m^2]."""
+
+    @wp.func
+    def extend(face_area: wp.vec3):
+        return wp.length(face_area)
+
+    return extend
+
+
+@phase("particle", {"aim": wp.vec3}, when=_aims, once=_cached)
+def take_aim(traits: Traits, look: Look) -> Any:
+    """Find where a normal force pushes a particle: (A_p / A_total) n."""
+
+    @wp.func
+    def take_aim(
+        t: Tables,
+        face_centers: wp.array[wp.vec3],
+        face_areas: wp.array[wp.vec3],
+        particle: wp.int32,
+        point: wp.vec3,
+        balloon_area: float,
+    ):
+        return aim_of_particle(t.faces, face_centers, face_areas, particle, point, balloon_area)
+
+    return take_aim

@@ -1,0 +1,48 @@
+"""Gas that is pumped in or let out as a substep begins, and that flows through tubes, necks and leaks once its pressure
+is known; and how much a particle has to move of it."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
+from balloon_warp.kernels.loops.inertia import inertia_function
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.schedules.working import Working
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+def _stays(traits: Traits) -> bool:
+    """Whether the gas is the same in all of a frame."""
+    return not traits.gas_changes
+
+
+@phase("world", when=lambda traits: traits.gas, once=_stays)
+def pump(traits: Traits, look: Look) -> Any:
+    """Pump gas in, or let it out."""
+    return pump_function(traits)
+
+
+@phase("balloon", when=lambda traits: traits.gas, once=_stays)
+def weigh(traits: Traits, look: Look) -> Any:
+    """Weigh the gas in a balloon, and the air that moves along."""
+    gas_mass = gas_mass_function(traits)
+
+    @wp.func
+    def weigh(t: Tables, state: WorldState, working: Working, world: wp.int32, balloon: wp.int32):
+        working.gas_masses[world, balloon] = gas_mass(t, state, world, balloon)
+
+    return weigh
+
+
+@phase("particle", {"inertia": float}, light=True)
+def burden(traits: Traits, look: Look) -> Any:
+    """Find what a particle has to move [kg]."""
+    return inertia_function(traits)
+
+
+@phase("world", when=lambda traits: traits.gas_flows)
+def flow(traits: Traits, look: Look) -> Any:
+    """Let gas flow through tubes, necks and leaks, by the pressures then."""
+    return flows_function(traits)

@@ -1,0 +1,92 @@
+"""The force of the inflation on a particle: the paper's normal force, or a pressure times its area vector."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import reach_along, scaled, times
+from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def pressure_at(load: Any, rise: Any, point: Any, up: wp.vec3):
+    """At a place [Pa], see `inflation_of`."""
+    return load + times(rise, reach_along(point, up))
+
+
+@cache
+def inflation_of(traits: Traits) -> Any:
+    """The function that gives the force of the inflation on a particle, or on eight of a balloon."""
+
+    @wp.func
+    def inflation(kind: wp.int32, k_normal: Any, load: Any, rise: Any, up: wp.vec3, point: Any, aim: Any, area: Any):
+        """[N]
+
+        Args:
+            load: pressure at height 0 [Pa].
+            rise: of the pressure with height [Pa/m].
+        """
+        if wp.static(not traits.pressures):
+            return scaled(aim, normal_push(k_normal))
+        elif wp.static(not traits.aims):
+            return scaled(area, pressure_at(load, rise, point, up))
+        else:
+            push = pressure_at(load, rise, point, up)
+            along = area
+            if kind == NORMAL_FORCE:
+                push = normal_push(k_normal)
+                along = aim
+            return scaled(along, push)
+
+    return inflation
+
+
+@phase("particle", {"load": wp.vec2}, when=lambda traits: traits.pressures and not traits.gas, light=True)
+def given_load(traits: Traits, look: Look) -> Any:
+    """Take a given pressure, the same at all heights."""
+
+    @wp.func
+    def given_load(keyed: float):
+        """At height 0 [Pa], and its rise [Pa/m]."""
+        return wp.vec2(keyed, 0.0)
+
+    return given_load
+
+
+@phase("particle", {"inflation": wp.vec3})
+def inflate(traits: Traits, look: Look) -> Any:
+    """Find the force of the inflation [N]."""
+    inflation = inflation_of(traits)
+
+    @wp.func
+    def push_along_aim(t: Tables, keyed: float, aim: wp.vec3):
+        return inflation(NORMAL_FORCE, keyed, 0.0, 0.0, t.up, aim, aim, aim)
+
+    @wp.func
+    def push_by_pressure(t: Tables, load: wp.vec2, point: wp.vec3, area_vector: wp.vec3):
+        return inflation(0, 0.0, load[0], load[1], t.up, point, area_vector, area_vector)
+
+    @wp.func
+    def push_either_way(
+        t: Tables, own: Any, keyed: float, load: wp.vec2, point: wp.vec3, aim: wp.vec3, area_vector: wp.vec3
+    ):
+        return inflation(own.kind, keyed, load[0], load[1], t.up, point, aim, area_vector)
+
+    if not traits.pressures:
+        return push_along_aim
+    return push_either_way if traits.aims else push_by_pressure
+
+
+@phase("particle", {"net_force": wp.vec3})
+def add_up(traits: Traits, look: Look) -> Any:
+    """Add up all forces [N], for who looks at them."""
+
+    @wp.func
+    def add_up(force: wp.vec3, inflation: wp.vec3):
+        return force + inflation
+
+    return add_up

@@ -1,0 +1,91 @@
+"""The pressure of a balloon's gas, of how it would swell without."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.clock import ramp_at
+from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.laws.gas import Swelling, gas_load
+from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, PRESSURE
+from balloon_warp.kernels.loops.emptying import holding_function
+from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def load_function(traits: Traits) -> Any:
+    """The function that gives a balloon's pressure above the air's at its center of mass [Pa], at height 0, its rise
+    with height [Pa/m], and how more gas would raise it, of its swelling, its gas and the step."""
+    given = ["swelling", "amount", "free_volume", "step_seconds"]
+    fixed = {} if traits.breathes_on else {"breathing_damping": "1.0"}
+    if not traits.air_varies:
+        fixed["air_lapse"] = "-1.0"
+    call = call_of(gas_load, "gas_load", [*given, *fixed], traits.columns, lambda name: fixed.get(name, name))
+    arguments = "swelling: Any, amount: float, free_volume: float, step_seconds: float, n: Any"
+    source = f"def load_of_gas({arguments}):\n    return {call}\n"
+    load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})
+
+    @wp.func
+    def load_of_balloon(
+        kind: wp.int32,
+        given: float,
+        swelling: Swelling,
+        amount: float,
+        free_volume: float,
+        step_seconds: float,
+        n: Any,
+    ):
+        """`given` is the pressure of what is no gas [Pa]."""
+        if kind == GAS:
+            return load_of_gas(swelling, amount, free_volume, step_seconds, n)
+        return wp.vec4(given, given, 0.0, 0.0)
+
+    return load_of_balloon
+
+
+@cache
+def note_function(traits: Traits) -> Any:
+    """The function that notes a load in the state."""
+
+    @wp.func
+    def note_load(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec4):
+        """By one thread."""
+        state.pressures[world, balloon] = load[0]
+        state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
+        if wp.static(traits.gas_flows):
+            state.pressure_slopes[world, balloon] = load[3]
+
+    return note_load
+
+
+@phase("balloon", when=lambda traits: traits.gas)
+def load(traits: Traits, look: Look) -> Any:
+    """Find the pressure of the gas, and note it in the state."""
+    read_numbers, holds_gas = numbers_reader(traits.columns), holding_function(traits)
+    load_of_balloon, note_load = load_function(traits), note_function(traits)
+
+    @wp.func
+    def load(
+        t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame: float, swelling: Swelling
+    ):
+        kind = t.inflation_kind[balloon]
+        if kind != NORMAL_FORCE:
+            given = ramp_at(state, world, balloon, time_in_frame)
+            if wp.static(traits.bursts):
+                if holds_gas(t, state, world, balloon):
+                    kind = GAS
+                elif state.bursts[world, balloon][0] >= 0.0:
+                    kind = PRESSURE
+                    given = 0.0  # it is open
+            found = load_of_balloon(
+                kind, given, swelling,
+                float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]), t.step_seconds,
+                read_numbers(t, world, balloon),
+            )  # fmt: skip
+            note_load(state, world, balloon, found)
+
+    return load

@@ -1,0 +1,49 @@
+"""What comes once all particles have moved: spheres and particles exchange momentum, as do bodies and particles, small
+spheres and faces, and sharp edges. Each by all threads of a block, for a world."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.schedules.launched_bodies import bodies_function
+from balloon_warp.kernels.schedules.launched_edges import edges_function
+from balloon_warp.kernels.schedules.launched_faces import faces_function
+from balloon_warp.kernels.schedules.launched_touch import spheres_function
+from balloon_warp.kernels.schedules.working import Working
+from balloon_warp.kernels.traits import Traits
+
+
+@phase("particle", when=lambda traits: traits.small_spheres)
+def keep_start(traits: Traits, look: Look) -> Any:
+    """Keep where a particle was, for the spheres that meet faces."""
+
+    @wp.func
+    def keep_start(working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3):
+        working.point_starts[world, particle] = point
+
+    return keep_start
+
+
+@phase("team", when=lambda traits: traits.impulses)
+def meet_spheres(traits: Traits, look: Look) -> Any:
+    """Let spheres and particles exchange momentum."""
+    return spheres_function(traits)
+
+
+@phase("team", when=lambda traits: traits.bodies > 0)
+def meet_bodies(traits: Traits, look: Look) -> Any:
+    """Let free bodies and particles exchange momentum."""
+    return bodies_function(traits)
+
+
+@phase("team", when=lambda traits: traits.small_spheres)
+def meet_faces(traits: Traits, look: Look) -> Any:
+    """Let spheres meet faces beside which they are small."""
+    return faces_function(traits)
+
+
+@phase("team", when=lambda traits: traits.edges_meet)
+def meet_edges(traits: Traits, look: Look) -> Any:
+    """Let sharp edges meet."""
+    return edges_function(traits)

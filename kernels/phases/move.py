@@ -1,0 +1,110 @@
+"""A particle moves: a = F / m; v += h a; x += h v, in the order of the paper's listing."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import Lanes, scaled
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def response(mass: float, step_seconds: float):
+    """Velocity gained in a step for each newton [m/s/N]; a particle without mass is fixed."""
+    return wp.where(mass > 0.0, step_seconds / mass, 0.0)
+
+
+@wp.func_native(
+    """
+    wp::vec_t<8, wp::float32> gains;
+    for (int lane = 0; lane < 8; ++lane)
+        gains.c[lane] = mass.c[lane] > 0.0f ? step_seconds / mass.c[lane] : 0.0f;
+    return gains;
+    """
+)
+def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an overload
+    """Of eight particles."""
+    ...
+
+
+@wp.func
+def kick(velocity: Any, force: Any, gain: Any):
+    """v + h F / m; the gain is h / m, see `response`."""
+    return velocity + scaled(force, gain)
+
+
+@wp.func
+def drift_symplectic(point: Any, old_velocity: Any, velocity: Any, step_seconds: float):
+    """x + h v, v the new velocity: symplectic Euler, in the order of the paper's listing."""
+    return point + scaled(velocity, step_seconds)
+
+
+@wp.func
+def drift_forward(point: Any, old_velocity: Any, velocity: Any, step_seconds: float):
+    """x + h v, v the old velocity: forward Euler."""
+    return point + scaled(old_velocity, step_seconds)
+
+
+def drift_of(traits: Traits) -> Any:
+    """The function that moves a point."""
+    return drift_forward if traits.forward_euler else drift_symplectic
+
+
+@phase("particle", {"gain": float}, light=True)
+def respond(traits: Traits, look: Look) -> Any:
+    """Find the velocity that a force gives it, see `response`."""
+
+    @wp.func
+    def respond(t: Tables, inertia: float):
+        return response(inertia, t.step_seconds)
+
+    return respond
+
+
+@phase("particle", {"free_velocity": wp.vec3}, when=lambda traits: traits.gas)
+def free(traits: Traits, look: Look) -> Any:
+    """Accelerate it by all forces but the inflation's: so the gas finds its pressure."""
+
+    @wp.func
+    def free(velocity: wp.vec3, force: wp.vec3, gain: float):
+        return kick(velocity, force, gain)
+
+    return free
+
+
+@phase("particle", {"velocity": wp.vec3})
+def push(traits: Traits, look: Look) -> Any:
+    """Accelerate it by all forces."""
+
+    @wp.func
+    def push(velocity: wp.vec3, force: wp.vec3, inflation: wp.vec3, gain: float):
+        return kick(velocity, force + inflation, gain)
+
+    @wp.func
+    def push_on(free_velocity: wp.vec3, inflation: wp.vec3, gain: float):
+        return kick(free_velocity, inflation, gain)
+
+    return push_on if traits.gas else push
+
+
+def _move(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def move(t: Tables, point: wp.vec3, velocity: wp.vec3):
+        """x + h v [m]"""
+        return drift_symplectic(point, velocity, velocity, t.step_seconds)
+
+    return move
+
+
+@phase("particle", {"point": wp.vec3}, when=lambda traits: traits.forward_euler)
+def move_first(traits: Traits, look: Look) -> Any:
+    """Move it by the old velocity: forward Euler."""
+    return _move(traits, look)
+
+
+@phase("particle", {"point": wp.vec3}, when=lambda traits: not traits.forward_euler)
+def move(traits: Traits, look: Look) -> Any:
+    """Move it by the new velocity: symplectic Euler."""
+    return _move(traits, look)

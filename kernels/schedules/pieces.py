@@ -1,0 +1,161 @@
+"""A list of phases cut into pieces: what stands between two barriers, where each piece is a launch."""
+
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
+
+from balloon_warp.kernels.phase import STATE, VIEWS, Item, Look, Phase
+from balloon_warp.kernels.traits import Traits
+
+
+class Piece(NamedTuple):
+    """Phases that one thread executes, one after the other."""
+
+    phases: tuple[Phase, ...]
+    once: bool
+    """whether they are for the first substep of a frame only"""
+    takes: tuple[str, ...]
+    """values that it reads, which earlier pieces have left"""
+    leaves: tuple[str, ...]
+    """values that it writes, and later ones read"""
+    moves: tuple[str, ...]
+    """what it writes of a particle's state"""
+    doubles: tuple[str, ...]
+    """of that, what others look at meanwhile: it has two places, one to read and one to write"""
+
+    @property
+    def name(self) -> str:
+        """Of its kernel."""
+        first, last = self.phases[0].name, self.phases[-1].name
+        whose = "balloon" if self.sums else "world" if self.item == "team" else self.item
+        return f"{whose}s_{first}" if first == last else f"{whose}s_{first}_to_{last}"
+
+    @property
+    def item(self) -> Item:
+        """Whose it is."""
+        return self.phases[0].item
+
+    @property
+    def sums(self) -> bool:
+        """Whether a block adds up what its items give, and goes on with the balloon that they belong to."""
+        return self.phases[0].sums
+
+
+class Step(NamedTuple):
+    """The phases that a scene has, as a schedule that launches them executes them."""
+
+    traits: Traits
+    look: Look
+    pieces: tuple[Piece, ...]
+    light: tuple[Phase, ...]
+    """those that are found again wherever they are read"""
+
+    def owner(self, value: str) -> Item:
+        """The items that have a value."""
+        phase = self.writer(value)
+        return "balloon" if phase.sums else phase.item
+
+    def writer(self, value: str) -> Phase:
+        """The first phase that writes a value."""
+        return next(phase for piece in self.pieces for phase in piece.phases if value in phase.writes)
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Values that live from one piece to another."""
+        return tuple(dict.fromkeys(value for piece in self.pieces for value in piece.leaves))
+
+    @property
+    def doubled(self) -> tuple[str, ...]:
+        """State of particles that has two places."""
+        return tuple(dict.fromkeys(name for piece in self.pieces for name in piece.doubles))
+
+
+def cut(
+    phases: Sequence[Phase],
+    traits: Traits,
+    look: Look,
+    *,
+    doubles: bool = True,
+    apart: Collection[str] = (),
+    shown: Collection[str] = (),
+) -> Step:
+    """Cut the phases that a scene has into pieces.
+
+    Args:
+        doubles: whether state may have a second place, where otherwise a barrier would be needed.
+        apart: names of phases that begin a piece anyway.
+        shown: values that somebody reads afterwards.
+    """
+    light = tuple(phase for phase in phases if phase.light)
+    groups: list[list[Phase]] = []
+    for phase in phases:
+        if phase.light:
+            continue
+        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, traits, look, doubles):
+            groups.append([])
+        groups[-1].append(phase)
+    read = [_read(group, light, traits, look) for group in groups]
+    pieces = [
+        _piece(group, read[place], set(shown).union(*read[place + 1 :], *read[:place]), traits, look)
+        for place, group in enumerate(groups)
+    ]
+    return Step(traits, look, tuple(pieces), light)
+
+
+def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool) -> bool:
+    """Whether the thread that executes a group may go on with a phase."""
+    first = group[0]
+    if phase.once(traits) != first.once(traits):
+        return False
+    if first.sums:
+        return phase.item == "balloon"
+    if first.item == "particle":
+        written = {name for each in group for name in each.writes}
+        looked_at = {name for each in group for name in each.views(traits, look)}
+        moved = STATE.keys() & phase.writes.keys()
+        waits = phase.views(traits, look) & written or (not doubles and moved & looked_at)
+        return phase.item == "particle" and not phase.sums and not waits
+    small = ("world", "balloon")
+    return first.item in small and phase.item in small
+
+
+def _read(group: Sequence[Phase], light: Sequence[Phase], traits: Traits, look: Look) -> set[str]:
+    """What a group reads that it has not written itself, what phases need that are found again among it."""
+    found: set[str] = set()
+    written: set[str] = set()
+    for phase in group:
+        found |= _with_light(phase.reads(traits, look), light, traits, look) - written
+        written |= phase.writes.keys()
+    return found
+
+
+def _with_light(names: Collection[str], light: Sequence[Phase], traits: Traits, look: Look) -> set[str]:
+    """Names, with what light phases read that write them; of a view, what is seen."""
+    found: set[str] = set()
+    to_see = list(names)
+    while to_see:
+        name = to_see.pop()
+        found.add(VIEWS.get(name, name))
+        for phase in light:
+            if name in phase.writes:
+                to_see += phase.reads(traits, look)
+    return found
+
+
+def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], traits: Traits, look: Look) -> Piece:
+    written = tuple(dict.fromkeys(name for phase in group for name in phase.writes))
+    values = tuple(name for name in written if name not in STATE)
+    looked_at: set[str] = set().union(*(phase.views(traits, look) for phase in group))
+    moves = tuple(name for name in written if name in STATE)
+    return Piece(
+        tuple(group),
+        group[0].once(traits),
+        takes=tuple(sorted(read)),
+        leaves=tuple(name for name in values if name in read_elsewhere),
+        moves=moves,
+        doubles=tuple(name for name in moves if name in looked_at),
+    )
+
+
+def values_of(step: Step) -> dict[str, Any]:
+    """Of the values that are kept, their types."""
+    return {value: step.writer(value).writes[value] for value in step.kept}

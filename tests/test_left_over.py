@@ -1,0 +1,221 @@
+"""What a killed process leaves: the next that writes there clears it away, and leaves alone what a living one has."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from meshes import cube
+
+from balloon_warp import animate, run_batch, temporaries
+from balloon_warp.files import check_writable, folder_beside, whole_file
+from balloon_warp.outputs.exports import export_stage
+from balloon_warp.quiet import quiet_warp
+from balloon_warp.scene import Balloon, Scene
+from balloon_warp.temporaries import clear_left_over, scratch_folder, temporary_in
+
+SCENE = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=6)
+BEGIN = """
+import sys, time
+from contextlib import ExitStack
+from pathlib import Path
+from balloon_warp.files import folder_beside, whole_file
+from balloon_warp.temporaries import scratch_folder
+path = Path(sys.argv[1])
+with ExitStack() as files:
+    one = files.enter_context(whole_file(path))
+    one.write_text("part")
+    one.with_name(one.name + ".Xy12ab").write_text("as USD has it beside the file that it saves")
+    (files.enter_context(folder_beside(path)) / "frames.usdc").write_text("part")
+    (files.enter_context(scratch_folder()) / "frame.usdc").write_text("part")
+    print("begun", flush=True)
+    time.sleep(600)
+"""
+"""what has all kinds of temporaries, until it is killed"""
+
+
+@pytest.fixture(autouse=True)
+def system_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """In place of /tmp."""
+    folder = tmp_path / "system"
+    folder.mkdir()
+    monkeypatch.setenv("TMPDIR", str(folder))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    return folder
+
+
+def begin(path: Path) -> subprocess.Popen:
+    process = subprocess.Popen([sys.executable, "-c", BEGIN, str(path)], stdout=subprocess.PIPE)
+    assert process.stdout
+    assert process.stdout.readline() == b"begun\n"
+    return process
+
+
+def kill(process: subprocess.Popen) -> None:
+    process.kill()
+    process.communicate()
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_what_a_killed_process_left_goes_and_what_a_living_one_has_stays(tmp_path: Path, system_folder: Path):
+    place = tmp_path / "place"
+    place.mkdir()
+    (place / ".mine").write_text("not ours")
+    killed, living = begin(place / "out.usdc"), begin(place / "out.usdc")
+    try:
+        both = names(place), names(system_folder)
+        kill(killed)
+        assert (names(place), names(system_folder)) == both
+        check_writable(place / "other.usdc", (".usdc",))
+        with scratch_folder():
+            pass
+        left = names(place), names(system_folder)
+        assert [2 * len(kinds) for kinds in left] == [len(both[0]) + 1, len(both[1])]
+    finally:
+        kill(living)
+    check_writable(place / "other.usdc", (".usdc",))
+    with scratch_folder():
+        pass
+    assert names(place) == [".mine"]
+    assert names(system_folder) == []
+
+
+def test_another_thread_or_file_of_the_same_process_is_a_living_one(tmp_path: Path):
+    with whole_file(tmp_path / "a.txt") as one, folder_beside(tmp_path / "a.txt") as other:
+        one.write_text("part")
+        clear_left_over(tmp_path)
+        assert one.read_text() == "part"
+        assert other.is_dir()
+    assert names(tmp_path) == ["a.txt", "system"]
+
+
+@pytest.mark.parametrize("write", ["run", "run to .glb", "batch", "convert", "checkpoints"])
+def test_the_next_that_writes_there_clears_it_away(write: str, tmp_path: Path):
+    place = tmp_path / "place"
+    place.mkdir()
+    animate(SCENE, place / "in.usdc", device="cpu")
+    kill(begin(place / "out.usdc"))
+    kill(begin(place / "in.usdc"))
+    assert len(names(place)) > 2
+    if write == "run":
+        animate(SCENE, place / "out.usdc", device="cpu")
+    elif write == "run to .glb":
+        animate(SCENE, place / "out.glb", device="cpu")
+    elif write == "batch":
+        run_batch(SCENE, place, 2, device="cpu")
+    elif write == "convert":
+        export_stage(place / "in.usdc", place / "out.usdz")
+    else:
+        animate(SCENE, place / "out.usdc", device="cpu", checkpoint_seconds=1e-9)
+    assert [name for name in names(place) if "partial" in name] == []
+
+
+@pytest.mark.parametrize("left", ["nothing yet", "no checkpoint", "a checkpoint"])
+def test_a_folder_of_checkpoints_stays_only_if_it_has_one(left: str, tmp_path: Path):
+    folder = tmp_path / "out.usdc.partial"
+    if left == "nothing yet":
+        folder.mkdir()
+    else:
+        with pytest.raises(RuntimeError):
+            animate(SCENE, tmp_path / "out.usdc", device="cpu", checkpoint_seconds=1e-9, on_frame=stop_at_3)
+    if left == "no checkpoint":
+        for state in folder.glob("state_*"):
+            state.unlink()
+    kill(begin(folder / "state_000009.npz"))
+    animate(SCENE, tmp_path / "out.usdc", device="cpu", checkpoint_seconds=0.0)
+    assert folder.exists() == (left == "a checkpoint")
+    if folder.exists():
+        assert [name for name in names(folder) if name.startswith(".")] == []
+        assert animate(SCENE, tmp_path / "out.usdc", device="cpu", resume=True).begin == 2
+
+
+def stop_at_3(frame: int) -> None:
+    if frame == 3:
+        raise RuntimeError("stopped")
+
+
+def test_a_folder_that_a_living_run_has_begun_stays(tmp_path: Path):
+    """Before its first checkpoint, too."""
+    begun = """
+import sys, time
+from pathlib import Path
+from balloon_warp.resume import PartialFolder
+PartialFolder(folder := Path(sys.argv[1])).begin({}); kept = PartialFolder(folder); kept.go_on()
+print("begun", flush=True)
+time.sleep(600)
+"""
+    folder = tmp_path / "out.usdc.partial"
+    command = [sys.executable, "-c", begun, str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout
+        assert process.stdout.readline() == b"begun\n"
+        animate(SCENE, tmp_path / "out.usdc", device="cpu")
+        assert folder.is_dir()
+        process.kill()
+    animate(SCENE, tmp_path / "out.usdc", device="cpu")
+    assert names(tmp_path) == ["out.usdc", "system"]
+
+
+def test_without_locks_only_what_is_old_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    kill(begin(tmp_path / "out.usdc"))
+    monkeypatch.setattr(temporaries, "fcntl", None)
+    left = names(tmp_path)
+    clear_left_over(tmp_path)
+    assert names(tmp_path) == left
+    with whole_file(tmp_path / "fine.txt") as path:
+        path.write_text("whole")
+    assert names(tmp_path) == sorted([*left, "fine.txt"])
+    yesterday = time.time() - 2.0 * temporaries.OLD_SECONDS
+    for path in tmp_path.rglob("*"):
+        os.utime(path, (yesterday, yesterday))
+    clear_left_over(tmp_path)
+    assert names(tmp_path) == ["fine.txt", "system"]
+
+
+def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    held, taken = temporaries._is_held_elsewhere, []
+
+    def come_between(descriptor: int) -> bool:
+        if not taken:
+            taken.append(descriptor)
+            clear_left_over(tmp_path)
+        return held(descriptor)
+
+    monkeypatch.setattr(temporaries, "_is_held_elsewhere", come_between)
+    with temporary_in(tmp_path) as path:
+        locks = [name for name in names(tmp_path) if name.endswith(".lock")]
+        assert locks == [f"{path.name}.lock"]
+
+
+def test_headers_that_warp_compiles_go_with_a_kill(tmp_path: Path, system_folder: Path):
+    """They are megabytes in the system's temporary folder, once a kernel is compiled for a CPU."""
+    compile_one = """
+import time
+import warp as wp
+from balloon_warp.quiet import quiet_warp
+quiet_warp()
+@wp.kernel(module="unique")
+def one(a: wp.array(dtype=float)):
+    a[wp.tid()] = 1.2345678
+wp.launch(one, 1, [wp.zeros(1, device="cpu")], device="cpu")
+print("begun", flush=True)
+time.sleep(600)
+"""
+    script = tmp_path / "compile.py"
+    script.write_text(compile_one)
+    cold = {**os.environ, "WARP_CACHE_PATH": str(tmp_path / "cache")}
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, env=cold) as process:
+        assert process.stdout
+        assert process.stdout.readline() == b"begun\n"
+        assert list(system_folder.rglob("*.pch"))
+        process.send_signal(signal.SIGKILL)
+    quiet_warp.cache_clear()
+    quiet_warp()
+    assert names(system_folder) == []

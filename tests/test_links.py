@@ -1,0 +1,216 @@
+"""Symbolic links: what is written goes to where they lead, and what is read comes from there."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from meshes import cube
+from pxr import Usd, UsdGeom
+
+from balloon_warp import animate, load_scene, run_batch
+from balloon_warp.cli.app import app
+from balloon_warp.errors import InputError
+from balloon_warp.files import target_of, whole_file
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs.exports import export_stage
+from balloon_warp.outputs.render import render_stage
+from balloon_warp.scene import Balloon, Scene
+
+SCENE = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=1)
+KINDS = ["file", "dangling", "chain", "relative", "folder", "dangling in a folder"]
+
+
+def link(kind: str, folder: Path, suffix: str) -> tuple[Path, Path]:
+    """A link of a kind, and the file that it leads to, in another folder."""
+    home, away = folder / "home", folder / "away"
+    home.mkdir()
+    away.mkdir()
+    path, target = home / f"out{suffix}", away / f"real{suffix}"
+    if kind in ("file", "chain", "folder"):
+        target.write_bytes(b"old")
+    if kind in ("file", "dangling"):
+        path.symlink_to(target)
+    elif kind == "chain":
+        (home / "middle").symlink_to(target)
+        path.symlink_to("middle")
+    elif kind == "relative":
+        path.symlink_to(f"../away/real{suffix}")
+    else:
+        (home / "linked").symlink_to(away)
+        path = home / "linked" / f"real{suffix}"
+    return path, target
+
+
+def links_of(folder: Path) -> dict[str, str]:
+    return {path.name: str(path.readlink()) for path in folder.rglob("*") if path.is_symlink()}
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stage") / "box.usdc"
+    animate(SCENE, path, device="cpu")
+    return path
+
+
+def export(stage: Path, output: Path) -> None:
+    export_stage(stage, output)
+
+
+def render(stage: Path, output: Path) -> None:
+    render_stage(stage, output, 1, (32, 32), 1, "cpu")
+
+
+def run(stage: Path, output: Path) -> None:
+    animate(SCENE, output, device="cpu")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("write", "suffix"), [(run, ".usdc"), (run, ".usda"), (run, ".glb"), (export, ".usdz"), (render, ".png")]
+)
+def test_the_target_is_written_and_the_links_stay(
+    write: Callable[[Path, Path], None], suffix: str, kind: str, stage: Path, tmp_path: Path
+):
+    path, target = link(kind, tmp_path, suffix)
+    before = links_of(tmp_path)
+    write(stage, path)
+    assert links_of(tmp_path) == before
+    assert not target.is_symlink()
+    assert target.stat().st_size > 3
+    assert path.read_bytes() == target.read_bytes()
+    assert [each for each in tmp_path.rglob("*") if ".partial" in each.name] == []
+
+
+@pytest.mark.parametrize("suffix", [".usdc", ".glb", ".png", ".obj"])
+def test_links_in_a_circle_are_one_sentence(suffix: str, tmp_path: Path):
+    one, other = tmp_path / f"one{suffix}", tmp_path / f"other{suffix}"
+    one.symlink_to(other)
+    other.symlink_to(one)
+    with pytest.raises(InputError, match=rf"^.*one{suffix}: is a link that leads back to itself; expected .*$"):
+        target_of(one)
+    if suffix == ".usdc":
+        with pytest.raises(InputError, match="leads back to itself"):
+            animate(SCENE, one, device="cpu", on_frame=lambda _: pytest.fail("simulates"))
+    assert one.is_symlink()
+    assert other.is_symlink()
+
+
+def test_a_link_to_where_there_is_no_folder_is_one_sentence(tmp_path: Path):
+    (tmp_path / "out.usdc").symlink_to(tmp_path / "gone" / "real.usdc")
+    with pytest.raises(InputError, match=r"out\.usdc: the folder .*gone does not exist"):
+        animate(SCENE, tmp_path / "out.usdc", device="cpu")
+
+
+def test_a_device_is_never_replaced(tmp_path: Path):
+    (tmp_path / "out.usdc").symlink_to(os.devnull)
+    with pytest.raises(InputError, match=f"{os.devnull} is neither a file nor a folder"):
+        animate(SCENE, tmp_path / "out.usdc", device="cpu")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="neither"), whole_file(tmp_path / "pipe") as path:
+        path.touch()
+
+
+def test_a_batch_writes_where_its_folder_and_files_lead(tmp_path: Path):
+    (tmp_path / "away").mkdir()
+    (tmp_path / "batch").symlink_to(tmp_path / "real")
+    run_batch(SCENE, tmp_path / "batch", 2, export=[0], device="cpu")
+    assert (tmp_path / "batch").is_symlink()
+    for name in ("table.csv", "manifest.json", "worlds.usdc"):
+        (tmp_path / "real" / name).rename(tmp_path / "away" / name)
+        (tmp_path / "real" / name).symlink_to(tmp_path / "away" / name)
+        (tmp_path / "away" / name).write_bytes(b"old")
+    run_batch(SCENE, tmp_path / "batch", 2, export=[0], device="cpu")
+    assert set(links_of(tmp_path)) == {"batch", "table.csv", "manifest.json", "worlds.usdc"}
+    assert all((tmp_path / "away" / name).stat().st_size > 3 for name in ("table.csv", "manifest.json", "worlds.usdc"))
+
+
+def test_checkpoints_are_beside_the_target_and_either_name_finds_them(tmp_path: Path):
+    path, target = link("dangling", tmp_path, ".usdc")
+    scene = SCENE.model_copy(update={"frames": 4})
+
+    def stop(frame: int) -> None:
+        if frame == 3:
+            raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError):
+        animate(scene, path, device="cpu", checkpoint_seconds=1e-9, on_frame=stop)
+    assert (tmp_path / "away" / "real.usdc.partial").is_dir()
+    assert animate(scene, target, device="cpu", resume=True).begin > 0
+    assert [each.name for each in (tmp_path / "away").iterdir()] == ["real.usdc"]
+
+
+@pytest.mark.parametrize("named", ["link.obj", "folder/real.obj", "link to blob.obj"])
+def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_path: Path):
+    (tmp_path / "away").mkdir()
+    write_obj(tmp_path / "away" / "real.obj", cube())
+    (tmp_path / "away" / "2f3a9c").write_bytes((tmp_path / "away" / "real.obj").read_bytes())
+    (tmp_path / "link.obj").symlink_to("away/real.obj")
+    (tmp_path / "link to blob.obj").symlink_to("away/2f3a9c")
+    (tmp_path / "folder").symlink_to("away")
+    scene = load_scene(tmp_path / named, {"frames": 1})
+    animate(scene, tmp_path / "out.usda", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
+    mesh = next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
+    assert (mesh.GetDisplayName() or mesh.GetName()) == Path(named).stem
+
+
+@pytest.mark.parametrize("linked", ["model.obj", "all"])
+def test_what_a_mesh_names_is_found_beside_the_link_or_the_file(linked: str, tmp_path: Path):
+    away = tmp_path / "away"
+    away.mkdir()
+    (away / "model.obj").write_text("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n")
+    (away / "m.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    for name in ("model.obj",) if linked == "model.obj" else ("model.obj", "m.mtl"):
+        source = away / name
+        if linked == "all":  # a store that calls files by their content
+            source = source.rename(away / f"blob{name[0]}{len(name)}")
+        (tmp_path / name).symlink_to(source)
+    looks = load_mesh(tmp_path / "model.obj").looks
+    assert looks is not None
+    assert looks.materials[0].color == (1.0, 0.0, 0.0)
+
+
+def test_a_scene_behind_a_link_finds_its_meshes(tmp_path: Path):
+    (tmp_path / "away").mkdir()
+    write_obj(tmp_path / "away" / "box.obj", cube())
+    (tmp_path / "away" / "scene.toml").write_text('[[balloon]]\nmesh = "box.obj"\n')
+    (tmp_path / "link.toml").symlink_to("away/scene.toml")
+    animate(load_scene(tmp_path / "link.toml", {"frames": 1}), tmp_path / "out.usdc", device="cpu")
+    assert (tmp_path / "out.usdc").is_file()
+
+
+def test_a_stage_is_drawn_and_converted_through_a_link(stage: Path, tmp_path: Path):
+    (tmp_path / "link.usdc").symlink_to(stage)
+    render(tmp_path / "link.usdc", tmp_path / "out.png")
+    export(tmp_path / "link.usdc", tmp_path / "out.glb")
+    assert (tmp_path / "out.glb").is_file()
+
+
+def test_a_mesh_behind_a_link_in_a_circle_is_one_sentence(tmp_path: Path):
+    (tmp_path / "loop.obj").symlink_to("loop.obj")
+    write_obj(tmp_path / "box.obj", cube())
+    swapped = load_scene(tmp_path / "box.obj", {"balloon.mesh": str(tmp_path / "loop.obj")})
+    with pytest.raises(InputError, match=r"loop\.obj: no such file; it is a link to "):
+        animate(swapped, tmp_path / "out.usdc", device="cpu")
+    with pytest.raises(InputError, match=r"loop\.obj: no such file; it is a link to "):
+        app(["remesh", str(tmp_path / "loop.obj"), "-o", str(tmp_path / "out.obj")], standalone_mode=False)
+
+
+def test_a_mesh_is_not_written_over_through_a_link(tmp_path: Path):
+    write_obj(tmp_path / "box.obj", cube())
+    (tmp_path / "link.obj").symlink_to("box.obj")
+    with pytest.raises(InputError, match=r"link\.obj: is the mesh itself"):
+        app(["remesh", str(tmp_path / "box.obj"), "-o", str(tmp_path / "link.obj")], standalone_mode=False)
+
+
+@pytest.mark.parametrize("kind", ["circle", "dangling"])
+def test_a_link_that_leads_nowhere_is_one_sentence_as_an_input(kind: str, tmp_path: Path):
+    for name in ("mesh.obj", "stage.usdc", "scene.toml"):
+        (tmp_path / name).symlink_to(name if kind == "circle" else f"gone_{name}")
+    for name in ("mesh.obj", "scene.toml"):
+        with pytest.raises(InputError, match=f"{name}: no such .*; it is a link to .*{name}, where there is none$"):
+            load_scene(tmp_path / name)
+    with pytest.raises(InputError, match=r"stage\.usdc: no such .*; it is a link to "):
+        render(tmp_path / "stage.usdc", tmp_path / "out.png")

@@ -1,0 +1,219 @@
+"""Lists of phases without any physics, cut into pieces and launched, against NumPy: a missing barrier would be seen."""
+
+import re
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import cube, quad_sphere
+from method_scenes import SCENES
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.schedules.launched import source_of
+from balloon_warp.kernels.schedules.looks import GATHERED, SUMMED
+from balloon_warp.kernels.schedules.pieces import cut
+from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, build_model, initial_state
+from balloon_warp.model.memory import Allocating
+from balloon_warp.scene import Balloon, Scene, load_scene
+from balloon_warp.schedules.launches import Launches
+from balloon_warp.schedules.source import kernel_source
+from balloon_warp.schedules.tables import make_tables
+from balloon_warp.schedules.traits import model_traits
+
+DOCS = Path(__file__).parent.parent / "docs"
+Values = dict[str, np.ndarray]
+
+
+@phase("particle", {"seen": wp.vec3})
+def look_aside(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def look_aside(points: wp.array[wp.vec3], particle: wp.int32):
+        return points[(particle + 5) % points.shape[0]]
+
+    return look_aside
+
+
+@phase("particle", {"point": wp.vec3})
+def follow(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def follow(point: wp.vec3, seen: wp.vec3):
+        return 0.75 * point + 0.25 * seen
+
+    return follow
+
+
+@phase("particle", {"velocity": wp.vec3, "point": wp.vec3})
+def trade(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def trade(point: wp.vec3, velocity: wp.vec3):
+        return point, velocity
+
+    return trade
+
+
+@phase("particle", {"total": wp.vec3}, sums=True)
+def add(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def add(point: wp.vec3):
+        return point
+
+    return add
+
+
+@phase("balloon", {"half": wp.vec3})
+def halve(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def halve(total: wp.vec3):
+        return 0.5 * total
+
+    return halve
+
+
+@phase("particle", {"twice": wp.vec3}, light=True)
+def double(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def double(half: wp.vec3):
+        return 2.0 * half
+
+    return double
+
+
+@phase("particle", {"velocity": wp.vec3})
+def heed(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def heed(velocity: wp.vec3, twice: wp.vec3):
+        return 0.5 * velocity + 0.125 * twice
+
+    return heed
+
+
+def sums_of(points: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """Of each balloon, shape (worlds, balloons, 3)."""
+    return np.stack([points[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
+
+
+def by_numpy(name: str, have: Values, offsets: np.ndarray) -> None:
+    """What a phase does to all items at once."""
+    each: dict[str, Callable[[], Values]] = {
+        "look_aside": lambda: {"seen": np.roll(have["point"], -5, axis=1)},
+        "follow": lambda: {"point": 0.75 * have["point"] + 0.25 * have["seen"]},
+        "trade": lambda: {"velocity": have["point"], "point": have["velocity"]},
+        "add": lambda: {"total": sums_of(have["point"], offsets)},
+        "halve": lambda: {"half": 0.5 * have["total"]},
+        "heed": lambda: {"velocity": 0.5 * have["velocity"] + 0.25 * np.repeat(have["half"], np.diff(offsets), axis=1)},
+    }
+    have |= each[name]()
+
+
+LISTS: tuple[tuple[Phase, ...], ...] = (
+    (look_aside, follow),
+    (look_aside, trade, follow),
+    (trade, look_aside, follow, look_aside, follow),
+    (add, halve, double, heed, trade),
+    (look_aside, follow, add, halve, double, heed, look_aside, trade, follow),
+    (look_aside, add, halve, follow, double, heed, add, halve, trade, heed, follow),
+)
+
+
+@pytest.fixture(scope="module", params=["small", "large"])
+def model(request: pytest.FixtureRequest) -> Model:
+    """Balloons of 26 and 8 particles, or one so large that it is added up in parts."""
+    meshes = [quad_sphere(2), cube()] if request.param == "small" else [cube(), quad_sphere(19)]
+    return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes]), "cpu", 3)
+
+
+@pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
+@pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
+def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
+    """Three substeps of it, in 3 worlds that differ."""
+    traits = model_traits(model)
+    step = cut(phases, traits, GATHERED, doubles=doubles)
+    assert doubles or not step.doubled
+    rng = np.random.default_rng(2)
+    shape = (model.world_count, model.particle_count, 3)
+    have: Values = {name: rng.uniform(-1.0, 1.0, shape).astype(np.float32) for name in ("point", "velocity")}
+    state = initial_state(model)
+    state.points, state.velocities = (wp.array(each, dtype=wp.vec3, device="cpu") for each in have.values())
+    launches, now = Launches(model, step, make_tables(model, traits), Allocating(model.device)), None
+    have = {name: each.astype(np.float64) for name, each in have.items()}
+    for substep in range(3):
+        now = launches.substep(state, substep, now or (state.points, state.velocities))
+        for each in phases:
+            if not each.light:
+                by_numpy(each.name, have, np.asarray(model.particle_offsets))
+    assert now is not None
+    for found, name in zip(now, ("point", "velocity"), strict=True):
+        size = np.abs(have[name]).max()
+        np.testing.assert_allclose(found.numpy(), have[name], atol=4e-6 * size)  # float32, sums of thousands among them
+
+
+def test_what_nothing_writes_is_refused_by_name(model):
+    with pytest.raises(TypeError, match="a phase reads seen, which nothing before it writes"):
+        source_of(cut((follow,), model_traits(model), GATHERED))
+
+
+def test_a_phase_that_looks_at_what_others_have_moved_waits_for_them(model):
+    def names(phases: Sequence[Phase], **how: Any) -> list[list[str]]:
+        step = cut(phases, model_traits(model), GATHERED, **how)
+        return [[each.name for each in piece.phases] for piece in step.pieces]
+
+    assert names((look_aside, follow)) == [["look_aside", "follow"]]
+    assert names((look_aside, follow), doubles=False) == [["look_aside"], ["follow"]]
+    assert names((trade, look_aside, follow)) == [["trade"], ["look_aside", "follow"]]
+    assert names((look_aside, follow), apart=("follow",)) == [["look_aside"], ["follow"]]
+    assert names((add, halve, double, heed)) == [["add", "halve"], ["heed"]]
+
+
+def test_phases_of_a_step_have_names_of_their_own():
+    for step in (STEP, READING, PROJECTIVE_STEP):
+        names = [each.name for each in step]
+        assert len(names) == len(set(names))
+
+
+def test_a_scene_has_in_its_source_only_what_it_needs():
+    """A balloon and nothing else."""
+    model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
+    traits = model_traits(model)
+    source = source_of(cut(phases_of(traits), traits, GATHERED))
+    assert "leave" not in source
+    assert "pull(" in source
+    scattered = source_of(cut(phases_of(traits), traits, SUMMED, doubles=False))
+    assert "points" not in scattered.partition("force, area_vector")[2].partition(")")[0]
+
+
+def code_blocks(page: Path) -> list[str]:
+    """Of Python, on a page of the docs."""
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+
+
+def test_the_source_in_the_docs_is_the_one_that_is_printed():
+    printed = kernel_source(load_scene("latex_inflate"), "gather")
+    shown = [
+        text for text in code_blocks(DOCS / "ARCHITECTURE.md") if text.startswith("def particles_inflate_to_leave(")
+    ]
+    assert len(shown) == 1
+    assert shown[0] in printed
+
+
+def test_a_source_has_its_phases_in_the_order_of_the_list():
+    """Of a scene with much in it, in both schedules."""
+    for schedule in ("gather", "scatter"):
+        printed = kernel_source(SCENES["in air"], schedule)
+        called = [each.name for each in STEP if not each.light and re.search(rf"\b{each.name}\(", printed)]
+        assert len(called) > 10
+        places = [re.search(rf"\b{name}\(", printed) for name in called]
+        assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
+
+
+def test_what_is_not_written_from_the_list_is_refused():
+    with pytest.raises(InputError, match="--schedule block: its kernels are not written from the list of phases"):
+        kernel_source(load_scene("latex_inflate"), "block")
+    with pytest.raises(InputError, match="--schedule weave: no such schedule"):
+        kernel_source(load_scene("latex_inflate"), "weave")
