@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
@@ -133,6 +133,8 @@ def _define_box(stage: Usd.Stage, path: Sdf.Path, half: NDArray[np.float64]) -> 
     prim = _define_mesh(stage, path, box)
     prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
     prim.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    # What collides with it takes it for the box that it is.
+    UsdPhysics.MeshCollisionAPI.Apply(prim.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.boundingCube)
     return prim
 
 
