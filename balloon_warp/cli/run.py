@@ -62,14 +62,14 @@ SavePoints = Annotated[
 ]
 NoLights = Annotated[
     bool,
-    typer.Option("--no-lights", metavar="", help="Leave lights and camera out.", rich_help_panel=OUTPUT),
+    typer.Option("--no-lights", metavar="", help="Leave lights, backdrop and camera out.", rich_help_panel=OUTPUT),
 ]
 NoGround = Annotated[
     bool,
     typer.Option(
         "--no-ground",
         metavar="",
-        help="Leave the ground out. It is so wide that a program that shows all of the stage shows little else.",
+        help="Leave ground and backdrop out. They are so wide that a program that shows all shows little else.",
         rich_help_panel=OUTPUT,
     ),
 ]
