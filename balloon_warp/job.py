@@ -98,7 +98,7 @@ def animate(
         name: what the summary calls the scene.
         picture, view: an image of the stage, .png, .webp, .gif or .mp4, and options of `render_stage` for it.
         save_points: an .h5 file to write the points into, too, as arrays.
-        lights, ground: whether the stage has lights and a camera, and the scene's ground.
+        lights, ground: whether the stage has lights, a backdrop and a camera, and the scene's ground.
         device: a Warp device; if missing, the GPU or else the CPU.
         schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the

@@ -10,6 +10,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
 from balloon_warp.kernels.pictures.shapes import Hit, Shapes, capsule_distance
 from balloon_warp.kernels.pictures.surface import sky_share
+from balloon_warp.mesh.folds import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.camera import MARGIN, CameraFit
 from balloon_warp.outputs.render.sampling import TILE, disc_points
@@ -153,7 +154,7 @@ def test_disc_samples_of_a_tile_are_spread_evenly():
 def test_a_cube_stays_a_cube():
     points, counts, indices = quad_sphere(1)  # a cube's, but for its size
     corners = np.sign(points)
-    surface = SmoothSurface(PolygonMesh(corners, counts.astype(np.int32), indices.astype(np.int32)), creased=True)
+    surface = SmoothSurface(PolygonMesh(corners, counts.astype(np.int32), indices.astype(np.int32)), CREASE)
     points, normals = surface.place(corners)
     # Four vertices a side; then the sides' 5, and then their 16 edges' and triangles' middles: a 5 x 5 grid.
     assert len(points) == surface.vertex_count == 6 * 25
@@ -172,7 +173,7 @@ def test_a_crease_between_a_round_and_a_flat_side_has_no_gap():
     walls = np.stack([here, after, after + sides, here + sides], axis=1).ravel()
     indices = np.concatenate([walls, here[::-1], here + sides]).astype(np.int32)
     can = PolygonMesh(points, np.array([4] * sides + [sides] * 2, np.int32), indices)
-    surface = SmoothSurface(can, creased=True)
+    surface = SmoothSurface(can, CREASE)
     placed, normals = surface.place(points)
     round_side = np.abs(normals[:, 1]) < 0.5
     assert np.abs(normals[round_side, 1]).max() < 1e-12

@@ -225,7 +225,7 @@ def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path: Pat
     assert np.abs(caster.picture(camera).astype(int) - alone).mean() < 0.05
 
 
-def test_a_still_cube_is_flat_to_its_edges_and_a_moving_one_is_soft(tmp_path: Path):
+def test_a_cube_is_flat_to_its_edges_whether_it_moves_or_not(tmp_path: Path):
     spreads = []
     for name, frames in (("still", 0), ("moving", 1)):
         stage = new_stage(tmp_path / f"{name}.usda")
@@ -239,8 +239,7 @@ def test_a_still_cube_is_flat_to_its_edges_and_a_moving_one_is_soft(tmp_path: Pa
         # The front, 2 units wide and 9 away, covers 111 of 200 pixels.
         spreads.append(np.ptp(seen[50:150, 50:150, 0].astype(int)))
     # The lights are infinitely far away: a flat matte side has one color, but for a little gloss.
-    assert spreads[0] < 12
-    assert spreads[1] > 3 * spreads[0]
+    assert max(spreads) < 12
 
 
 @pytest.mark.parametrize("interpolation", [UsdGeom.Tokens.uniform, UsdGeom.Tokens.faceVarying, UsdGeom.Tokens.vertex])

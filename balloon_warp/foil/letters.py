@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.errors import InputError
+from balloon_warp.foil.necks import with_necks
 from balloon_warp.foil.outlines import enclosed, from_extra
 
 FONT = "DejaVu Sans"
@@ -16,7 +17,7 @@ FINE = 100.0
 
 
 def outlines_of_text(text: str, font: str | None = None) -> list[Any]:
-    """Polygons of Shapely's of a line of text, from left to right, in some unit.
+    """Polygons of Shapely's of a line of text, from left to right, in some unit: one each letter, with its dot.
 
     Args:
         font: a file, or the name of a family of the machine's.
@@ -36,7 +37,7 @@ def outlines_of_text(text: str, font: str | None = None) -> list[Any]:
     paths = from_extra("matplotlib.textpath").TextToPath()
     vertices, codes = paths.get_text_path(properties, line, ismath=False)
     loops = path(FINE * np.asarray(vertices), codes).to_polygons(closed_only=True) if len(vertices) else []
-    outlines = enclosed([np.asarray(loop) for loop in loops])
+    outlines = with_necks(enclosed([np.asarray(loop) for loop in loops]))
     if not outlines:
         raise InputError(f"text: its characters have no outlines in the font {face.family_name} (got {text!r})")
     return outlines

@@ -28,7 +28,7 @@ class Wanted:
     points: Path | None = None
     """the stage's points and what else is known of them, as arrays"""
     lights: bool = True
-    """whether the stage has lights and a camera"""
+    """whether the stage has lights, a backdrop and a camera"""
     ground: bool = True
     """whether it has the scene's ground"""
     view: Mapping[str, Any] = field(default_factory=dict)

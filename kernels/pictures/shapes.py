@@ -53,6 +53,8 @@ class Hit:
     shrunk: float
 
 
+LEAST_SEEN = wp.constant(0.6)
+"""the least cosine of a smooth normal to the viewer, as a part of its face's own"""
 NOTHING = wp.constant(0)
 SURFACE = wp.constant(1)
 LINE = wp.constant(2)
@@ -124,6 +126,26 @@ def capsule_normal(shapes: Shapes, capsule: wp.int32, point: wp.vec3):
 
 
 @wp.func
+def turned_to_viewer(smooth: wp.vec3, facing: wp.vec3, direction: wp.vec3):
+    """A smooth normal, bent toward the viewer where its face is seen by much less of a slant than it says.
+
+    Near the outline of a coarse mesh a smooth normal looks away over a whole polygon, which would be a gray shard: all
+    of it mirrors as if it were seen edge-on.
+
+    Args:
+        facing: the face's own normal; both are unit vectors on the viewer's side of the face.
+        direction: of the ray.
+    """
+    seen = -wp.dot(smooth, direction)
+    least = -LEAST_SEEN * wp.dot(facing, direction)
+    across = smooth + seen * direction
+    length = wp.length(across)
+    if seen >= least or length < 1.0e-6:
+        return smooth
+    return wp.sqrt(1.0 - least * least) / length * across - least * direction
+
+
+@wp.func
 def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float):
     """The first thing along a ray of unit direction, within `reach`. Its normal is smooth and faces the origin."""
     hit = Hit()
@@ -156,11 +178,7 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
                 facing = -facing
             if wp.dot(smooth, facing) < 0.0:
                 smooth = -smooth
-            # Near the silhouette a smooth normal may look away: bend it until it does not.
-            away = wp.dot(smooth, direction)
-            if away > 0.0:
-                smooth -= 1.01 * away * direction
-            hit.normal = wp.normalize(smooth)
+            hit.normal = turned_to_viewer(wp.normalize(smooth), facing, direction)
     capsule = wp.int32(-1)
     distance = float(0.0)
     if near:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import UsdGeom
 
+from balloon_warp.mesh.folds import CREASE
 from balloon_warp.mesh.geometry import triangulate, vertex_normals
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.exports.parts import Part
@@ -43,7 +44,7 @@ class Surface(NamedTuple):
 def surface_of(part: Part) -> Surface:
     """What moves is smooth everywhere: what bends sharply in one frame is round in the next."""
     smooth = part.soft or is_round(UsdGeom.Mesh(part.prim))
-    cut = leave_whole(part.mesh) if smooth else cut_at_creases(part.mesh)
+    cut = leave_whole(part.mesh) if smooth else cut_at_creases(part.mesh, CREASE)
     points, counts = part.mesh.points[cut.vertex_points], part.mesh.face_vertex_counts
     topology = PolygonMesh(points, counts, cut.corner_vertices)
     uv, colors = part.mesh.texture_coordinates, _many_colors(part)

@@ -1,6 +1,6 @@
 """The camera: a pinhole, the stage's own or one that frames the action."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,24 @@ class Camera:
         """How large a pixel is at a place, in a picture `height` pixels high."""
         distance = float(abs((self.eye - place) @ self.axes[2]))
         return 2.0 * self.half_height * distance / height
+
+    @property
+    def level_axes(self) -> NDArray[np.float64]:
+        """unit vectors to the right, up, and level back toward the camera, a row each, shape (3, 3)"""
+        right, _, backward = self.axes
+        across = np.array([right[0], 0.0, right[2]])
+        across /= np.linalg.norm(across)
+        level = np.cross(across, [0.0, 1.0, 0.0])
+        return np.stack([across, [0.0, 1.0, 0.0], level if level @ backward >= 0.0 else -level])
+
+    def looking_at(self, middle: NDArray[np.float64], center: NDArray[np.float64]) -> "Camera":
+        """The camera moved aside, as far away as it is from `center`, so that `middle` is in the picture's middle."""
+        distance = float((self.eye - center) @ self.axes[2])
+        return replace(self, eye=middle + distance * self.axes[2])
+
+    def zoomed(self, zoom: float) -> "Camera":
+        """The camera with a lens that shows everything `zoom` times as large."""
+        return replace(self, half_width=self.half_width / zoom, half_height=self.half_height / zoom)
 
 
 class CameraFit:

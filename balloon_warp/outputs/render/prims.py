@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
+from balloon_warp.mesh.folds import CREASE, SOFT_CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.appearance import read_colors, read_finish
 from balloon_warp.outputs.render.covering import Covering, plain_covering, read_covering
@@ -75,15 +76,14 @@ class MeshPrim:
         self._counts, self._seen = counts, seen
         self.point_count = len(points)
         self.used = np.unique(indices[whole])
-        # What bends sharply in one frame is smooth in the next.
         self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
         """whether its points move"""
         covering = read_covering(self._mesh, counts, indices, len(points), seen)
-        metallic = any(cover.finish.metallic > 0.0 for cover in covering.covers)
-        # Foil is two flat sheets at first: where they are joined, its seam is sharp ever after.
-        sharp = self.points(start) if self.soft and metallic else points
-        creased = not (self.soft or is_round(self._mesh)) or metallic
-        self.surface = SmoothSurface(PolygonMesh(sharp, counts[seen], indices[whole]), creased)
+        # What is sharp at first stays so, as the seam of foil does, which is two flat sheets then.
+        at_first = self.points(start) if self.soft else points
+        foil = any(cover.finish.metallic > 0.0 for cover in covering.covers)
+        crease = SOFT_CREASE if self.soft and not foil else None if is_round(self._mesh) and not foil else CREASE
+        self.surface = SmoothSurface(PolygonMesh(at_first, counts[seen], indices[whole]), crease)
         self.cover = SurfaceCover(self.surface, covering)
         self._first_areas = self.surface.vertex_areas(self.points(start)) if self.soft else None
 
@@ -122,7 +122,7 @@ class CubePrim:
     def __init__(self, prim: Usd.Prim, moment: Moment):
         self._cube = UsdGeom.Cube(prim)
         counts, indices = np.full(6, 4, np.int32), SIDES.ravel()
-        self.surface = SmoothSurface(PolygonMesh(self.points(moment), counts, indices), creased=True)
+        self.surface = SmoothSurface(PolygonMesh(self.points(moment), counts, indices), CREASE)
         color = read_colors(self._cube, np.ones(1, np.int32))
         self.cover = SurfaceCover(self.surface, plain_covering(prim, color, len(counts), len(indices)))
 

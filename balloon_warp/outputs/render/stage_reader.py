@@ -15,8 +15,8 @@ from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
 from balloon_warp.outputs.render.timing import timing_of
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
+from balloon_warp.outputs.usd.camera import OURS
 from balloon_warp.outputs.usd.presence import is_shown
-from balloon_warp.outputs.usd.studio import OURS
 
 DRAWN = (UsdGeom.Mesh, UsdGeom.Cube, UsdGeom.Sphere, UsdGeom.Capsule, UsdGeom.BasisCurves)
 

@@ -19,14 +19,9 @@ KEY_SPREAD = 0.15
 
 def light_studio(camera: Camera) -> Any:
     """The lights for a camera. They turn with it, but only around the vertical."""
-    right, _, backward = camera.axes
-    level_right = _unit(np.array([right[0], 0.0, right[2]]))
-    level_backward = np.cross(level_right, [0.0, 1.0, 0.0])
-    level_backward *= 1.0 if level_backward @ backward >= 0.0 else -1.0
-    level = np.stack([level_right, [0.0, 1.0, 0.0], level_backward])
     studio = Studio()
     for name, toward in (("key", KEY), ("rim", RIM)):
-        direction = _unit(np.array(toward) @ level)
+        direction = _unit(np.array(toward) @ camera.level_axes)
         across = _unit(np.cross([0.0, 1.0, 0.0], direction))
         for suffix, vector in (("", direction), ("_right", across), ("_up", np.cross(direction, across))):
             setattr(studio, name + suffix, wp.vec3(*vector))

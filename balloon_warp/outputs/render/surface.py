@@ -26,13 +26,15 @@ class SmoothSurface:
 
     Args:
         mesh: its topology is kept; its points may differ from frame to frame.
-        creased: whether edges that are sharp at the mesh's points are creases; if not, it is smooth everywhere.
+        crease: the angle at the mesh's points beyond which an edge is sharp [degrees]; if missing, it is smooth
+            everywhere.
     """
 
-    def __init__(self, mesh: PolygonMesh, creased: bool = False):
-        corner_vertices, self._source, sharp = cut_at_creases(mesh) if creased else leave_whole(mesh)
+    def __init__(self, mesh: PolygonMesh, crease: float | None = None):
+        corner_vertices, self._source, sharp = leave_whole(mesh) if crease is None else cut_at_creases(mesh, crease)
         self._mesh = replace(mesh, points=mesh.points[self._source], face_vertex_indices=corner_vertices)
-        self._creased = creased
+        self._at_crease = np.zeros(len(self._source), bool)
+        self._at_crease[sharp] = True
         self.triangles, self._faces = triangulate(self._mesh)
         corner_numbers = np.arange(len(corner_vertices), dtype=np.int32)
         self._corners = triangulate(replace(self._mesh, face_vertex_indices=corner_numbers))[0]
@@ -66,13 +68,11 @@ class SmoothSurface:
     def _evened(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Normals of vertices, each turned toward those about it as the limit of subdivision turns them: a highlight
         shows where they change at once. Those at creases stay."""
-        if self._creased:
-            return normals
         counts, corners = self._mesh.face_vertex_counts, self._mesh.face_vertex_indices
         sides = np.repeat(np.add.reduceat(normals[corners], np.cumsum(counts) - counts) / counts[:, None], counts, 0)
         sums = np.stack([np.bincount(corners, side, len(normals)) for side in sides.T], axis=1)
         length = np.linalg.norm(sums, axis=1, keepdims=True)
-        return np.divide(sums, length, out=normals.copy(), where=length > 1e-12)
+        return np.divide(sums, length, out=normals.copy(), where=(length > 1e-12) & ~self._at_crease[:, None])
 
     def vertex_areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Of all vertices the area of the mesh's faces about them, that of new ones as between old ones."""

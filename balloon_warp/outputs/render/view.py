@@ -17,7 +17,7 @@ from balloon_warp.outputs.render.framing import Framing, frame_action
 from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd.names import is_called
-from balloon_warp.outputs.usd.presence import SHOWN
+from balloon_warp.outputs.usd.presence import SHOWN, is_shown
 
 Point = tuple[float, float, float]
 CLEAR = (".png", ".webp")
@@ -108,20 +108,14 @@ class View:
         else:
             moved = framing.camera
             if self.look_at is not None:
-                backward = moved.axes[2]
-                distance = float((moved.eye - framing.center) @ backward)
                 looked_at = _middle(self._subject(stage, frames[0], self.look_at))
-                moved = replace(moved, eye=looked_at + distance * backward)
+                moved = moved.looking_at(looked_at, framing.center)
 
             def camera(frame: int) -> Camera:
                 own = stage.camera(frame, aspect) if own_first else None
                 return own or moved
 
-        return framing, lambda frame: self._with_lens(self._zoomed(camera(frame)), stage, frame, framing)
-
-    def _zoomed(self, camera: Camera) -> Camera:
-        zoom = self.zoom or 1.0
-        return replace(camera, half_width=camera.half_width / zoom, half_height=camera.half_height / zoom)
+        return framing, lambda frame: self._with_lens(camera(frame).zoomed(self.zoom or 1.0), stage, frame, framing)
 
     def _with_lens(self, camera: Camera, stage: RenderStage, frame: int, framing: Framing) -> Camera:
         if self.aperture == 0.0:
@@ -166,7 +160,7 @@ class View:
     def _unknown(self, named: str, stage: Usd.Stage, path: Path) -> InputError:
         """What is said of a name of nothing that can be seen."""
         place = "look-at" if named == self.look_at else "focus"
-        seen = [prim.GetName() for prim in stage.Traverse() if UsdGeom.Boundable(prim)]
+        seen = [prim.GetName() for prim in stage.Traverse() if UsdGeom.Gprim(prim) and is_shown(prim)]
         known = did_you_mean(named, seen) or f"; there are {', '.join(seen[:MOST_NAMES])}"
         return InputError(f"{place}: {named!r} is nothing to be seen in {path}{known}")
 

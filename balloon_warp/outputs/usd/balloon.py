@@ -7,6 +7,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import beside_faces
+from balloon_warp.mesh.folds import SOFT_CREASE, sharp_edges
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.deformable import define_deformable
 from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
@@ -32,6 +33,7 @@ def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: 
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.catmullClark)
     if (mesh.face_vertex_counts == 3).any():
         prim.CreateTriangleSubdivisionRuleAttr(UsdGeom.Tokens.smooth)
+    _crease(prim, mesh)
     prim.CreateDoubleSidedAttr(True)
     place_texture(prim, mesh)
     own, looks_like = balloon.color or palette_color(number), balloon.looks_like
@@ -40,7 +42,7 @@ def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: 
     else:
         # Of springs it is blown up from the start; rubber is thick until it is.
         opacity = 0.92 if balloon.material.law == "springs" else 0.97
-        finish = {"roughness": 0.2, "opacity": opacity, "clearcoat": 1.0}
+        finish = {"roughness": 0.2, "opacity": opacity, "clearcoat": 1.0, "ior": 1.0}  # the coat alone mirrors
     if looks := looks_of_file(mesh, balloon):
         if balloon.look is None and looks_like == "latex":
             finish = PAINTED
@@ -52,6 +54,15 @@ def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: 
     if balloon.print is not None:
         print_on(material, balloon.print)
     return prim
+
+
+def _crease(prim: UsdGeom.Mesh, mesh: PolygonMesh) -> None:
+    """Keep edges sharp that are so at the start, as those of a box and the seam of foil."""
+    edges = sharp_edges(mesh, SOFT_CREASE)
+    if len(edges):
+        prim.CreateCreaseIndicesAttr(Vt.IntArray.FromNumpy(edges.ravel()))
+        prim.CreateCreaseLengthsAttr([2] * len(edges))
+        prim.CreateCreaseSharpnessesAttr([UsdGeom.Mesh.SHARPNESS_INFINITE] * len(edges))
 
 
 class BalloonPrim:

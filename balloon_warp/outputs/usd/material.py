@@ -81,6 +81,11 @@ def bind(prim: Usd.Prim, material: UsdShade.Material) -> None:
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
 
 
+def shine_from_within(material: UsdShade.Material) -> UsdShade.Input:
+    """Return the input of a material for light that the surface gives off by itself."""
+    return _surface_of(material).CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f)
+
+
 def print_on(material: UsdShade.Material, image: Path) -> None:
     """Put an image in place of the color, where the primvar `st` says. It is named by its whole path."""
     put_image(material, whole_path(image).as_posix())
@@ -110,9 +115,15 @@ def put_image(material: UsdShade.Material, image: str, tint: Color = (1.0, 1.0, 
 
 def color_from(material: UsdShade.Material, primvar: str, otherwise: Color) -> None:
     """Have a material take its color from a primvar of what it is on."""
+    take_from_primvar(_color_of(material), primvar, otherwise)
+
+
+def take_from_primvar(color: UsdShade.Input, primvar: str, otherwise: Color) -> None:
+    """Have an input of a surface take its color from a primvar of what it is on."""
+    material = UsdShade.Material(color.GetPrim().GetParent())
     reader = _reader(material, "Colors", "UsdPrimvarReader_float3", primvar)
     reader.CreateInput("fallback", Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*otherwise))
-    _color_of(material).ConnectToSource(reader.CreateOutput("result", Sdf.ValueTypeNames.Float3))
+    color.ConnectToSource(reader.CreateOutput("result", Sdf.ValueTypeNames.Float3))
 
 
 def _reader(material: UsdShade.Material, name: str, kind: str, primvar: str) -> UsdShade.Shader:
@@ -123,9 +134,11 @@ def _reader(material: UsdShade.Material, name: str, kind: str, primvar: str) -> 
 
 
 def _color_of(material: UsdShade.Material) -> UsdShade.Input:
-    """The color of its surface."""
-    path = material.GetPath().AppendChild("Surface")
-    return UsdShade.Shader(material.GetPrim().GetStage().GetPrimAtPath(path)).GetInput("diffuseColor")
+    return _surface_of(material).GetInput("diffuseColor")
+
+
+def _surface_of(material: UsdShade.Material) -> UsdShade.Shader:
+    return UsdShade.Shader(material.GetPrim().GetStage().GetPrimAtPath(material.GetPath().AppendChild("Surface")))
 
 
 def offer_latex(material: UsdShade.Material, color: Color) -> None:

@@ -6,19 +6,23 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
 from balloon_warp.frame import Frame
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model
 from balloon_warp.model.obstacle_motion import moves, obstacle_poses
 from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.outputs.beveled import beveled_box
 from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
 from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, Color, paint
 from balloon_warp.outputs.usd.names import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square
 from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, be_moved
 from balloon_warp.scene import Body, Obstacle, Scene
+
+ROUGHNESS = 0.45
+"""as of wood with oil on it, or of painted metal"""
 
 
 class Look(NamedTuple):
@@ -54,22 +58,18 @@ def define_obstacle(
     if shape.mesh is not None:
         prim = _define_mesh(stage, path, shape.mesh)
     elif shape.kind == "box":
-        prim = UsdGeom.Cube.Define(stage, path)
-        prim.CreateSizeAttr(1.0)
-        prim.CreateExtentAttr([Gf.Vec3f(-0.5), Gf.Vec3f(0.5)])
+        prim = _define_box(stage, path, shape.size)
     elif shape.kind == "capsule":
         prim = _define_capsule(stage, path, float(shape.size[0]), float(shape.size[1]), look.up_axis)
     else:
         prim = _define_plane(stage, path, pose, look)
     prim.AddTranslateOp()
     prim.AddOrientOp()
-    if shape.kind == "box":
-        prim.AddScaleOp().Set(Gf.Vec3f(*(2.0 * shape.size).tolist()))
     own = obstacle.color or otherwise
     if shape.mesh is not None and (looks := looks_of_file(shape.mesh, obstacle)):
-        paint_as_file(UsdGeom.Mesh(prim), shape.mesh, looks, own, roughness=0.6)
+        paint_as_file(UsdGeom.Mesh(prim), shape.mesh, looks, own, roughness=ROUGHNESS)
     else:
-        paint(prim, own, roughness=0.6)
+        paint(prim, own, roughness=ROUGHNESS)
     return prim
 
 
@@ -125,6 +125,16 @@ def _define_mesh(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh) -> UsdGeom
     prim.CreateDoubleSidedAttr(True)
     prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
     place_texture(prim, mesh)
+    return prim
+
+
+def _define_box(stage: Usd.Stage, path: Sdf.Path, half: NDArray[np.float64]) -> UsdGeom.Mesh:
+    box, normals = beveled_box(half)
+    prim = _define_mesh(stage, path, box)
+    prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
+    prim.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    # What collides with it takes it for the box that it is.
+    UsdPhysics.MeshCollisionAPI.Apply(prim.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.boundingCube)
     return prim
 
 

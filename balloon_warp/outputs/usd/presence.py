@@ -7,12 +7,16 @@ from balloon_warp.scene.timeline import is_there
 
 PAIRED = "balloonWarpPair"
 """key of the custom data of a curve and of the mesh around it: pictures and exports of ours take the curve"""
+BACKDROP = "balloonWarpBackdrop"
+"""key of the custom data of a backdrop: pictures of ours bring their own, and exports have none"""
 SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 """purposes of prims that are there to be seen"""
 
 
 def is_shown(prim: Usd.Prim) -> bool:
-    """Whether a prim is there to be seen; of a curve and its mesh, the curve."""
+    """Whether a prim is there to be seen by pictures and exports; of a curve and its mesh, the curve."""
+    if prim.HasCustomDataKey(BACKDROP):
+        return False
     return (UsdGeom.Imageable(prim).ComputePurpose() in SHOWN) != prim.HasCustomDataKey(PAIRED)
 
 

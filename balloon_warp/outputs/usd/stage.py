@@ -12,6 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
+from balloon_warp.outputs.usd.backdrop import glow_like_floor
 from balloon_warp.outputs.usd.balloon import BalloonPrim
 from balloon_warp.outputs.usd.body import BodyPrim, body_names
 from balloon_warp.outputs.usd.deformable import define_gravity
@@ -23,7 +24,7 @@ from balloon_warp.outputs.usd.obstacle import ObstaclePrim, obstacle_names
 from balloon_warp.outputs.usd.planes import PlanePrim, planes_of
 from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
-from balloon_warp.outputs.usd.studio import define_camera, define_studio
+from balloon_warp.outputs.usd.studio import define_studio
 from balloon_warp.outputs.usd.tube import TubePrim
 from balloon_warp.turns import in_turn
 
@@ -46,8 +47,8 @@ class StageWriter:
         path: where the stage goes; .usdc, .usda or .usd.
         model: what is simulated.
         provenance: what the stage is to say of where it comes from, see `describe_stage`.
-        lights: whether it has lights and a camera.
-        ground: whether it has the ground, if the scene does.
+        lights: whether it has lights, a backdrop and a camera.
+        ground: whether it has the ground, if the scene does, and the backdrop.
 
     Raises:
         InputError: the file cannot be written there.
@@ -167,7 +168,8 @@ class StageWriter:
             self._write_last_velocities()
             if self.lights and self._last is not None:
                 first = int(self.stage.GetStartTimeCode())
-                define_camera(self.stage, self._subjects, list(range(first, self._last + 1)))
+                frames = range(first, self._last + 1)
+                define_studio(self.stage, self.model.scene, self._subjects, frames, backdrop=self.ground)
             if self._is_whole:
                 write_textures(self.path, [self.model])
             self.stage.GetRootLayer().Save()
@@ -178,10 +180,11 @@ class StageWriter:
         define_gravity(stage, scene)
         self._balloons = [BalloonPrim(stage, path, model, number) for number, path in enumerate(paths)]
         # After the balloons: who reads a stage's first mesh wants a balloon.
-        if self.lights:
-            define_studio(stage, scene.up_axis)
         drawn = [plane for plane in planes_of(scene) if self.ground or plane.name != "Ground"]
         planes = [PlanePrim(stage, plane, model) for plane in drawn]
+        for plane in planes:
+            if self.lights and plane.plane.name == "Ground":
+                glow_like_floor(plane.prim.GetPrim())
         spheres = [
             SpherePrim(stage, Sdf.Path(f"/World/Spheres/Sphere_{n}"), model, n) for n in range(model.sphere_count)
         ]

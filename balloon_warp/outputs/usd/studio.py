@@ -1,69 +1,118 @@
-"""Lights, and a camera that has all of the run in view, in a group of their own that can be left out or deleted."""
+"""Lights, a backdrop, and a camera that has the run in view, in a group of their own that can be left out or deleted.
+
+They stand around the subject as the camera sees it, and so are defined once the run is over.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom
+
+from balloon_warp.outputs.usd.backdrop import define_backdrop
+from balloon_warp.outputs.usd.camera import as_pictured, define_camera, fit_for
+from balloon_warp.outputs.usd.lights import define_lights
+from balloon_warp.scene import Scene
 
 HOME = Sdf.Path("/World/Studio")
-OURS = "balloonWarp"
-"""key of the custom data that tells our camera from a user's: pictures find a better place for each themselves"""
-ASPECT = 16.0 / 9.0
-FOCAL_LENGTH = 0.5
-"""of the camera, in tenths of the stage's unit, as USD has it: 50 mm where that is a meter"""
+GROUND, OBSTACLES = Sdf.Path("/World/Ground"), Sdf.Path("/World/Obstacles")
 MOST_FRAMES = 40
-"""that the camera's place is found from"""
+"""that the subject's place is found from"""
+HOVER = 0.6
+"""how far below the subject the floor is where nothing stands on one, in sizes of the subject"""
+LARGE = 12.0
+"""what an obstacle is, in sizes of the subject, that is a floor or a wall itself"""
+BELOW = 1e-3
+"""how far the backdrop lies below what stands on it, in sizes of the subject"""
 
 
-def define_studio(stage: Usd.Stage, up_axis: str) -> None:
-    """A sky all around and a sun from above, to the right and behind whoever looks from the front."""
-    home = UsdGeom.Xform.Define(stage, HOME)
-    if up_axis == "Z":  # what is in it is placed as if Y were up
-        home.AddRotateXOp().Set(90.0)
-    sky = UsdLux.DomeLight.Define(stage, HOME.AppendChild("Sky"))
-    sky.CreateIntensityAttr(0.5)
-    sky.CreateColorAttr(Gf.Vec3f(0.90, 0.95, 1.0))
-    sun = UsdLux.DistantLight.Define(stage, HOME.AppendChild("Sun"))
-    sun.CreateNormalizeAttr(True)  # what it gives does not depend on how wide it is
-    sun.CreateIntensityAttr(0.7)  # Blender takes it four times as strong, others as it is: fit for both
-    sun.CreateAngleAttr(4.0)
-    sun.AddRotateXYZOp().Set(Gf.Vec3f(-50.0, 40.0, 0.0))
+@dataclass
+class Bounds:
+    """The box around all points that were taken in, Y up."""
+
+    lower: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.inf))
+    """shape (3,)"""
+    upper: NDArray[np.float64] = field(default_factory=lambda: np.full(3, -np.inf))
+    """shape (3,)"""
+
+    def include(self, points: NDArray[np.float64]) -> None:
+        """Take in points, shape (n, 3)."""
+        self.lower = np.minimum(self.lower, points.min(axis=0))
+        self.upper = np.maximum(self.upper, points.max(axis=0))
+
+    @property
+    def center(self) -> NDArray[np.float64]:
+        """shape (3,)"""
+        return 0.5 * (self.lower + self.upper)
+
+    @property
+    def size(self) -> float:
+        """the longest side; not finite without points"""
+        return float((self.upper - self.lower).max())
 
 
-def define_camera(stage: Usd.Stage, paths: list[Sdf.Path], frames: list[int]) -> None:
-    """A camera for a wide picture, near enough to have prims at all frames in view; none where nothing is to be seen.
+def define_studio(
+    stage: Usd.Stage, scene: Scene, paths: Sequence[Sdf.Path], frames: Sequence[int], *, backdrop: bool = True
+) -> None:
+    """Define a camera, and lights and a backdrop around what it sees; nothing where nothing is to be seen.
 
     Args:
+        scene: whose picture says from where to look.
         paths: of the prims that matter.
         frames: whose time samples are there.
+        backdrop: whether there is one.
     """
-    from balloon_warp.outputs.render.camera import CameraFit  # a room that reads stages, and so loads this one
-    from balloon_warp.outputs.render.moment import Z_TO_Y_UP
-
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int))
-    purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render, UsdGeom.Tokens.proxy]
-    turn = Z_TO_Y_UP if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else np.eye(3)
-    fit, seen = CameraFit(ASPECT), [np.empty((0, 3))]
-    for place in chosen.tolist():
-        cache = UsdGeom.BBoxCache(Usd.TimeCode(frames[place]), purposes)
-        boxes = [cache.ComputeWorldBound(stage.GetPrimAtPath(path)).ComputeAlignedRange() for path in paths]
-        seen += [np.array([box.GetCorner(corner) for corner in range(8)]) for box in boxes if not box.IsEmpty()]
-    corners = np.concatenate(seen) @ turn
-    if not len(corners) or not np.isfinite(corners).all() or not np.ptp(corners, axis=0).max() > 0.0:
+    moments = [frames[place] for place in chosen.tolist()]
+    fit, subject = fit_for(scene), Bounds()
+    for points in _points(stage, paths, moments):
+        fit.include(points)
+        subject.include(points)
+    if not np.isfinite(subject.size) or subject.size <= 0.0:
         return
-    fit.include(corners)
-    found = fit.camera()
-    camera = UsdGeom.Camera.Define(stage, HOME.AppendChild("Camera"))
-    camera.GetPrim().SetCustomDataByKey(OURS, "frames the run")
-    camera.AddTransformOp().Set(_matrix(found.axes, found.eye))
-    camera.CreateFocalLengthAttr(FOCAL_LENGTH)
-    camera.CreateHorizontalApertureAttr(2.0 * FOCAL_LENGTH * found.half_width)
-    camera.CreateVerticalApertureAttr(2.0 * FOCAL_LENGTH * found.half_height)
-    distance = float(np.linalg.norm(found.eye - corners.mean(axis=0)))
-    camera.CreateFocusDistanceAttr(distance)
-    camera.CreateClippingRangeAttr(Gf.Vec2f(0.01 * distance, 1000.0 * distance))
+    shown, center, size = replace(subject), subject.center, subject.size
+    lowest = subject.lower[1]
+    for points in _obstacles(stage, size, moments):
+        lowest = min(lowest, points[:, 1].min())
+        if scene.picture is not None:  # whose zoom is of all that is shown
+            fit.include(points)
+            shown.include(points)
+    home = UsdGeom.Xform.Define(stage, HOME)
+    if scene.up_axis == "Z":  # what is in it is placed as if Y were up
+        home.AddRotateXOp().Set(90.0)
+    camera = as_pictured(fit.camera(), shown.center, scene)
+    define_camera(stage, HOME.AppendChild("Camera"), camera, center)
+    define_lights(stage, HOME, center, camera.level_axes, size)
+    if backdrop:
+        heights = [points[:, 1].min() for points in _points(stage, [GROUND], moments)]
+        hovers = lowest == subject.lower[1]
+        floor = min(heights, default=lowest - HOVER * size if hovers else lowest)
+        foot = np.array([center[0], floor - BELOW * size, center[2]])
+        define_backdrop(stage, HOME.AppendChild("Backdrop"), foot, camera.level_axes, size)
 
 
-def _matrix(axes: NDArray[np.float64], eye: NDArray[np.float64]) -> Gf.Matrix4d:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[3, :3] = axes, eye
-    return Gf.Matrix4d(matrix.tolist())
+def _obstacles(stage: Usd.Stage, size: float, moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:
+    """The points of those that are no floor or wall themselves, shape (n, 3) each."""
+    obstacles = stage.GetPrimAtPath(OBSTACLES)
+    paths = [prim.GetPath() for prim in obstacles.GetChildren()] if obstacles else []
+    return (points for points in _points(stage, paths, moments) if np.ptp(points, axis=0).max() < LARGE * size)
+
+
+def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:
+    """The points of each mesh at some frames, and of what is none the corners of its box, Y up, shape (n, 3) each."""
+    # A room that reads stages, and so loads this one.
+    from balloon_warp.outputs.render.moment import Moment
+
+    purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render, UsdGeom.Tokens.proxy]
+    prims = [prim for path in paths if (prim := stage.GetPrimAtPath(path))]
+    for frame in moments:
+        moment, boxes = Moment(stage, frame), UsdGeom.BBoxCache(Usd.TimeCode(frame), purposes)
+        for prim in prims:
+            if UsdGeom.PointBased(prim):
+                points = UsdGeom.PointBased(prim).GetPointsAttr().Get(frame)
+            else:
+                box = boxes.ComputeUntransformedBound(prim).ComputeAlignedRange()
+                points = [] if box.IsEmpty() else [box.GetCorner(number) for number in range(8)]
+            if points:
+                yield moment.place(prim, np.array(points, np.float64))

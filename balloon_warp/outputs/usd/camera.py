@@ -1,0 +1,65 @@
+"""The stage's camera: it has the run in view, from where the scene says that a picture is taken."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from balloon_warp.scene import Scene
+
+if TYPE_CHECKING:
+    from balloon_warp.outputs.render.camera import Camera, CameraFit
+
+OURS = "balloonWarp"
+"""key of the custom data that tells our camera from a user's: pictures find a better place for each themselves"""
+ASPECT = 16.0 / 9.0
+FOCAL_LENGTH = 0.5
+"""in tenths of the stage's unit, as USD has it: 50 mm where that is a meter"""
+
+
+def fit_for(scene: Scene) -> CameraFit:
+    """Begin to find the camera for a wide picture, from where the scene's picture looks."""
+    from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, CameraFit  # a room that loads this one
+
+    said = scene.picture
+    azimuth = AZIMUTH if said is None or said.azimuth is None else said.azimuth
+    elevation = ELEVATION if said is None or said.elevation is None else said.elevation
+    return CameraFit(ASPECT, azimuth, elevation)
+
+
+def as_pictured(camera: Camera, center: NDArray[np.float64], scene: Scene) -> Camera:
+    """Return a camera as near, and at what place, as the scene's picture says.
+
+    Args:
+        center: of what the camera has in view, Y up, shape (3,).
+    """
+    from balloon_warp.outputs.render.moment import Z_TO_Y_UP  # a room that loads this one
+
+    if scene.picture is None:
+        return camera
+    if scene.picture.look_at is not None:
+        middle = np.array(scene.picture.look_at) @ (Z_TO_Y_UP if scene.up_axis == "Z" else np.eye(3))
+        camera = camera.looking_at(middle, center)
+    return camera.zoomed(scene.picture.zoom)
+
+
+def define_camera(stage: Usd.Stage, path: Sdf.Path, camera: Camera, sharp: NDArray[np.float64]) -> None:
+    """Define a camera in the coordinates of its parent, where Y is up.
+
+    Args:
+        sharp: the point that is in focus, shape (3,).
+    """
+    prim = UsdGeom.Camera.Define(stage, path)
+    prim.GetPrim().SetCustomDataByKey(OURS, "frames the run")
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[3, :3] = camera.axes, camera.eye
+    prim.AddTransformOp().Set(Gf.Matrix4d(matrix.tolist()))
+    prim.CreateFocalLengthAttr(FOCAL_LENGTH)
+    prim.CreateHorizontalApertureAttr(2.0 * FOCAL_LENGTH * camera.half_width)
+    prim.CreateVerticalApertureAttr(2.0 * FOCAL_LENGTH * camera.half_height)
+    distance = float(np.linalg.norm(camera.eye - sharp))
+    prim.CreateFocusDistanceAttr(distance)
+    prim.CreateClippingRangeAttr(Gf.Vec2f(0.01 * distance, 1000.0 * distance))

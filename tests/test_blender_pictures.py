@@ -1,0 +1,46 @@
+"""Blender shows what our picture shows: the same colors and highlights, where its Python module is installed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from balloon_warp import animate, load_scene, render_stage
+from balloon_warp.benchmarks.blender_pictures import blender_python, render_in_blender
+from balloon_warp.outputs.render.stage_reader import RenderStage
+
+SIZE = (160, 90)
+pytestmark = pytest.mark.skipif(blender_python() is None, reason="Blender's module is not installed")
+
+
+def linear(path: Path) -> np.ndarray:
+    """Of a picture's bytes, shape (height, width, 3)."""
+    shown = np.asarray(Image.open(path).convert("RGB"), np.float64) / 255.0
+    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+
+
+def vivid(picture: np.ndarray) -> np.ndarray:
+    """Which pixels are of a balloon: those of a color, as all else is gray paper."""
+    return np.ptp(picture, axis=2) > 0.3 * picture.max(axis=2)
+
+
+@pytest.mark.parametrize("name", ["squirrel_inflate", "foil_letters", "balloon_bunch", "latex_inflate"])
+def test_blender_shows_what_our_picture_shows(name: str, tmp_path: Path):
+    stage, ours, blenders = (tmp_path / end for end in ("out.usdc", "ours.png", "blender.png"))
+    animate(load_scene(name), stage, device="cpu")
+    frame = RenderStage(stage).picture_frame
+    render_stage(stage, ours, size=SIZE, device="cpu", samples=16)
+    render_in_blender(stage, blenders, frame, size=SIZE, samples=32)
+    one, other = linear(ours), linear(blenders)
+    # Ours is framed for one frame, Blender's for the run: about as large.
+    assert vivid(other).mean() == pytest.approx(vivid(one).mean(), rel=0.35)
+    means = [picture[vivid(picture)].mean(axis=0) for picture in (one, other)]
+    assert np.abs(means[0] - means[1]).max() < 0.12
+    papers = [np.median(picture[~vivid(picture)], axis=0) for picture in (one, other)]
+    assert np.abs(papers[0] - papers[1]).max() < 0.15
+    # Lamps are mirrored: some of each balloon is far brighter than it is.
+    peaks = [np.percentile(picture[vivid(picture)].max(axis=1), 99) for picture in (one, other)]
+    peaks = [peak / mean.max() for peak, mean in zip(peaks, means, strict=True)]
+    assert min(peaks) > 1.2
+    assert peaks[1] > 0.6 * peaks[0]

@@ -1,0 +1,94 @@
+"""Coarse meshes in pictures: no gray shards at their outlines, and sharp where they are sharp at the start."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+from exported import BALL
+from meshes import cube, quad_sphere
+from pxr import Usd, UsdGeom
+
+from balloon_warp import Scene, animate
+from balloon_warp.kernels.pictures.shapes import LEAST_SEEN, turned_to_viewer
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.folds import CREASE, SOFT_CREASE, sharp_edges
+from balloon_warp.outputs.render.stage_reader import RenderStage
+from balloon_warp.scene import Balloon
+
+
+@wp.kernel
+def turn(
+    smooth: wp.array[wp.vec3],
+    facing: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    # out
+    turned: wp.array[wp.vec3],
+):
+    """A thread a normal."""
+    place = wp.tid()
+    turned[place] = turned_to_viewer(smooth[place], facing[place], direction[place])
+
+
+def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
+    """Of any smooth normal, face and ray; it stays where it is seen, and turns no more than it must."""
+    draw = np.random.default_rng(5)
+    smooth, facing, direction = (_unit(draw.normal(size=(4000, 3))) for _ in range(3))
+    facing *= -np.sign(np.einsum("ij,ij->i", facing, direction))[:, None]
+    smooth *= np.sign(np.einsum("ij,ij->i", smooth, facing))[:, None]
+    arrays = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (smooth, facing, direction)]
+    out = wp.zeros(len(smooth), dtype=wp.vec3, device="cpu")
+    wp.launch(turn, len(smooth), [*arrays, out], device="cpu")
+    turned, least = out.numpy(), -float(LEAST_SEEN) * np.einsum("ij,ij->i", facing, direction)
+    before, after = (-np.einsum("ij,ij->i", normals, direction) for normals in (smooth, turned))
+    assert np.linalg.norm(turned, axis=1) == pytest.approx(1.0, abs=1e-5)
+    assert (after >= least - 1e-5).all()
+    assert np.allclose(turned[before > least], smooth[before > least], atol=1e-6)
+    assert np.allclose(after[before < least], least[before < least], atol=1e-5)
+    assert (before < least).mean() > 0.2
+    planes = np.cross(smooth, direction)  # it turns in the plane of the ray
+    assert np.abs(np.einsum("ij,ij->i", planes, turned)).max() < 1e-5
+
+
+@pytest.mark.parametrize("bend", [30.0, 59.0, 61.0, 120.0])
+def test_an_edge_is_sharp_beyond_its_angle(bend: float):
+    """Two squares that meet at an angle, whose common edge goes from border to border."""
+    angle = np.radians(bend)
+    points = [(0, 0, -1), (0, 0, 1), (-1, 0, -1), (-1, 0, 1)]
+    points += [(np.cos(angle), np.sin(angle), -1), (np.cos(angle), np.sin(angle), 1)]
+    faces = np.array([0, 2, 3, 1, 0, 1, 5, 4], np.int32)
+    card = PolygonMesh(np.array(points, float), np.array([4, 4], np.int32), faces)
+    assert len(sharp_edges(card, SOFT_CREASE)) == (bend > SOFT_CREASE)
+    assert len(sharp_edges(card, CREASE)) == (bend > CREASE)
+
+
+def test_a_bump_is_no_crease():
+    """A point that is pushed out of a fine ball has sharp edges about it, which lead nowhere; a ball has none."""
+    ball = quad_sphere(8)
+    assert len(sharp_edges(ball, SOFT_CREASE)) == 0
+    bump = ball.points.copy()
+    bump[0] *= 1.3
+    pushed = PolygonMesh(bump, ball.face_vertex_counts, ball.face_vertex_indices)
+    assert len(sharp_edges(pushed, SOFT_CREASE)) == 0
+
+
+def test_a_box_that_is_inflated_keeps_its_edges(tmp_path: Path):
+    """All twelve of them, in the stage as creases, in the picture as vertices of three normals. A ball has none."""
+    boxes = [Balloon(mesh=cube(), name="box"), Balloon(mesh=BALL, name="ball", position=(4, 0, 0))]
+    animate(Scene(balloon=boxes, frames=3, gravity=0.0), tmp_path / "out.usdc", device="cpu")
+    stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
+    box, ball = (UsdGeom.Mesh(stage.GetPrimAtPath(f"/World/{name}")) for name in ("box", "ball"))
+    edges = np.sort(np.array(box.GetCreaseIndicesAttr().Get()).reshape(-1, 2), axis=1)
+    assert len(np.unique(edges, axis=0)) == len(edges) == 12
+    assert list(box.GetCreaseLengthsAttr().Get()) == [2] * len(edges)
+    assert set(box.GetCreaseSharpnessesAttr().Get()) == {UsdGeom.Mesh.SHARPNESS_INFINITE}
+    assert not ball.GetCreaseIndicesAttr().HasAuthoredValue()
+    drawn = RenderStage(tmp_path / "out.usdc")
+    drawn.read_prims(3)
+    sides = [len(mesh.surface._source) - mesh.point_count for mesh in drawn.meshes]
+    assert sides[0] == 3 * 8 - 8
+    assert sides[1] == 0
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
