@@ -13,6 +13,9 @@ from balloon_warp.viewer.playground import Playground
 from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_particle, throw_at
 from balloon_warp.viewer.session import Session
 
+NEAREST = 0.4
+"""part of the way to what a click points at, from the camera, before which no sphere starts: it would fill the view"""
+
 
 class Pointing:
     """Hears the clicks in a page's view, and the drags that `drag` is told of.
@@ -51,7 +54,7 @@ class Pointing:
         if hit is None:
             hit = float((points.mean(axis=0) - origin) @ direction)
         target = origin + hit * direction
-        start = origin + max(hit - 1.2 * size - radius, 0.1 * hit) * direction
+        start = origin + max(hit - 1.2 * size - radius, NEAREST * hit) * direction
         if scene.ground:  # not from below it
             up = np.array(scene.up)
             start = start + max(scene.ground.height + 1.01 * radius - start @ up, 0.0) * up
