@@ -35,7 +35,9 @@ def quiet_warp() -> None:
             os.dup2(standard_error, 2)
             os.close(standard_error)
     clear_left_over(Path(tempfile.gettempdir()))
-    wp._src.context.runtime._get_or_create_pch_dir = _folder_of_headers
+    from warp._src.context import runtime  # once it is there
+
+    runtime._get_or_create_pch_dir = _folder_of_headers  # pyright: ignore[reportOptionalMemberAccess]
 
 
 def _folder_of_headers() -> str:

@@ -23,8 +23,9 @@ from typing import Any, Literal, NamedTuple
 
 from balloon_warp.kernels.traits import Traits
 
-Item = Literal["world", "balloon", "particle", "face", "triangle", "spring", "sphere", "team", "launches"]
-"""whose phase it is: `team` is that of all threads of a block, for a world; `launches` one of the host's own"""
+Item = Literal["world", "balloon", "particle", "face", "triangle", "spring", "element", "sphere", "team", "launches"]
+"""whose phase it is: `element` is that of a spring, string, hinge, triangle or face; `team` that of all threads of a
+block, for a world; `launches` one of the host's own"""
 VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area"}
 """what is seen of all items, and what each of them has of it"""
 STATE = {"point": "points", "velocity": "velocities"}

@@ -8,6 +8,7 @@ schedule puts a barrier where one looks at what others have written. So a balloo
 from collections.abc import Sequence
 
 from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
 from balloon_warp.kernels.phases.aim import extend, measure, take_aim
 from balloon_warp.kernels.phases.correct import correct
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
@@ -42,6 +43,8 @@ STEP: tuple[Phase, ...] = (
     meet_spheres, meet_bodies, meet_faces, meet_edges,
 )  # fmt: skip
 
+SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))
+"""the same where springs, strings, hinges, triangles and faces have added up what particles pull by"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """local and global steps in turn, until every world has settled, see `solvers.projective`"""
 PROJECTIVE_STEP = (

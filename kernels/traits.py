@@ -217,8 +217,8 @@ class Traits(NamedTuple):
 
     @property
     def may_put_off(self) -> bool:
-        """Whether particles may end a substep by themselves when all have moved, see `schedules.later`: not where
-        spheres come first, nor where all wait for each other anyway."""
+        """Whether particles may end a substep by themselves when all have moved, see `schedules.block.deferred`: not
+        where spheres come first, nor where all wait for each other anyway."""
         waits = self.corrected or self.impulses or self.penalties
         return (self.stands_on_fixtures or self.pushes_come_last) and not waits
 

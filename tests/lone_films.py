@@ -8,9 +8,9 @@ from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader, own_functions
-from balloon_warp.kernels.schedules.block_ends import stretch_function
-from balloon_warp.kernels.schedules.block_films import films_of
-from balloon_warp.kernels.schedules.block_memory import Layout, Seat, no_springs
+from balloon_warp.kernels.schedules.block.ends import stretch_function
+from balloon_warp.kernels.schedules.block.films import films_of
+from balloon_warp.kernels.schedules.block.memory import Layout, Seat, no_springs
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import build_model

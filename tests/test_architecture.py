@@ -142,6 +142,18 @@ def test_nothing_is_too_long_to_be_read() -> None:
     assert not excesses, "\n".join(excesses)
 
 
+def test_who_executes_a_list_of_phases_knows_none() -> None:
+    """`block`, `lanes` and `patches` still call theirs one by one."""
+    known = [
+        f"{path} imports {module}"
+        for path, tree in TREES.items()
+        for module in imports(tree)
+        if path.startswith("kernels/schedules/launched/")
+        and module.startswith(("balloon_warp.kernels.laws", "balloon_warp.kernels.phases"))
+    ]
+    assert not known, "\n".join(known)
+
+
 ALSO_ASKED = {
     "gravity": "spheres fall, too",
     "correction_limit": "correction is no force",
@@ -173,7 +185,14 @@ def test_laws_stand_in_their_folder() -> None:
     """Nothing that simulates knows a law's parameters, or calls its function by name."""
     parameters = {row.name for law in LAWS for row in law.parameters} - ALSO_ASKED.keys()
     functions = {law.force.func.__name__ for law in LAWS} - {"string", "weight", "damping"}  # usual words, too
-    folders = ("kernels/loops/", "kernels/schedules/", "kernels/solvers/", "balloon_warp/schedules/")
+    folders = (
+        "kernels/loops/",
+        "kernels/contact/",
+        "kernels/phases/",
+        "kernels/schedules/",
+        "kernels/solvers/",
+        "balloon_warp/schedules/",
+    )
     for path, tree in TREES.items():
         if path.startswith(folders) or path in ("kernels/substep.py", "kernels/compose.py", "kernels/traits.py"):
             assert not words(tree) & (parameters | functions), path

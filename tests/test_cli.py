@@ -74,8 +74,7 @@ def ball(tmp_path: Path) -> Path:
 def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "--picture", "--set", "frames=3", "--device", "cpu")
     assert done.returncode == 0, done.stderr
-    log, first, *others = done.stderr.splitlines()
-    assert log.startswith("ball: 1 world, 56 particles, ")
+    first, *others = done.stderr.splitlines()
     assert first.startswith(FIRST_LINE)
     assert others == [SECOND_LINE]  # no bar in a pipe, no word of Warp's
     assert done.stdout.splitlines()[1:] == [
@@ -197,9 +196,8 @@ def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
     assert done.returncode == 1
     assert "\nerror: the simulation blew up in frame 1, world 0, substep 1 of " in done.stderr
     assert "inflation pushed it with 1.5e+13 N" in done.stderr
-    log, note, _ = done.stderr.splitlines()
-    assert log.startswith("box: 1 world, 8 particles, ")
-    assert note.startswith("note: box.obj inflates above a floor. ")
+    assert len(done.stderr.splitlines()) == 2
+    assert done.stderr.startswith("note: box.obj inflates above a floor. ")
     assert [path.name for path in tmp_path.iterdir()] == ["box.obj"]
 
 
@@ -229,8 +227,9 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, comm
     left = r"out\.usdc\.partial/frames\.usda plays what there is, and --resume goes on from it"
     if command == "batch":
         left = r"out/partial has what there is, and --resume goes on from it"
-    lines = rf"ball: .*\n{FIRST_LINE}.*\n(?:{SECOND_LINE}\n)?"
-    assert re.fullmatch(rf"{lines}error: ball was stopped after frame \d+ of 1000000; {left}\n", said[1])
+    assert re.fullmatch(
+        rf"{FIRST_LINE}.*\n(?:{SECOND_LINE}\n)?error: ball was stopped after frame \d+ of 1000000; {left}\n", said[1]
+    )
     assert said[0] == ""
     assert [path.name for path in ball.iterdir() if path.suffix != ".partial" and path.is_file()] == ["ball.obj"]
 

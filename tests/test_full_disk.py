@@ -125,7 +125,7 @@ def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path: Path):
         env={**os.environ, "NO_COLOR": "1"},
     )
     assert done.returncode == 2, done.stderr
-    _, first, swells, last = done.stderr.splitlines()
+    first, swells, last = done.stderr.splitlines()
     assert first.startswith("note: ball.obj inflates above a floor. ")
     assert swells.startswith("note: auto: ")
     assert last.startswith("error: disk/ball.usdc: cannot be written: ")

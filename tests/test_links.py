@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from meshes import cube
+from painted import write_painted
 from pxr import Usd, UsdGeom
 
 from balloon_warp import animate, load_scene, run_batch
@@ -154,6 +155,16 @@ def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_pat
     stage = Usd.Stage.Open(str(tmp_path / "out.usda"))
     mesh = next(prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
     assert (mesh.GetDisplayName() or mesh.GetName()) == Path(named).stem
+
+
+def test_textures_are_beside_the_link_and_its_target(tmp_path: Path):
+    """Programs look for them here or there."""
+    path, target = link("dangling", tmp_path, ".usdc")
+    animate(load_scene(write_painted(tmp_path, "obj"), {"frames": 1}), path, device="cpu")
+    for place in (path, target):
+        render_stage(place, tmp_path / f"{place.stem}.png", 1, (64, 64), 1, "cpu")
+        assert [each.suffix for each in (place.parent / "textures").iterdir()] == [".png"]
+    assert (tmp_path / "out.png").read_bytes() == (tmp_path / "real.png").read_bytes()
 
 
 @pytest.mark.parametrize("linked", ["model.obj", "all"])

@@ -209,7 +209,7 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
     def said(busy: float = 0.0, **how) -> tuple[str, str]:
         now = replace(picture, **{"running": True, "speed": 1.0, "rate": 1.0, "seconds": 2.0} | how)
         line = status_line(now, busy)
-        found = re.fullmatch(r'<div class="bw-status" title="(.*)"><span>(.*)</span></div>', line)
+        found = re.fullmatch(r'<div class="bw-status"[^>]* title="(.*)"><span>(.*)</span></div>', line)
         assert found
         return found[2], found[1]
 

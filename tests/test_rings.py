@@ -9,7 +9,7 @@ from meshes import cube, grid, prism, quad_sphere, torus
 
 from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.scatter import add_area_vectors
+from balloon_warp.kernels.schedules.launched.scatter import add_area_vectors
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene

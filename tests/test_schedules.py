@@ -115,11 +115,11 @@ def test_parameters_of_worlds_may_differ(name, schedule, device):
 @pytest.mark.parametrize(
     ("scene", "kernels"),
     [
-        (bare(), ["add_forces", "particles_pull_to_move"]),
-        (SCENES["torsion"].model_copy(update={"sphere": []}), ["add_forces", "particles_pull_to_leave"]),
+        (bare(), ["elements_add_forces", "particles_pull_to_move"]),
+        (SCENES["torsion"].model_copy(update={"sphere": []}), ["elements_add_forces", "particles_pull_to_leave"]),
         (
             bare().model_copy(update={"water": Water()}),
-            ["add_forces", "particles_pull_to_push", "particles_move"],
+            ["elements_add_forces", "particles_pull_to_push", "particles_move"],
         ),
     ],
     ids=["springs", "strings and hinges", "water"],

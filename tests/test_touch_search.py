@@ -6,7 +6,7 @@ import warp as wp
 from touching import SLACK, VACUUM, ball
 
 from balloon_warp.benchmarks.overlap import distances
-from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, STILL_NEAR
+from balloon_warp.kernels.contact.boxes import ARE_NEAR, STILL_NEAR
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Scene, Touch
 from balloon_warp.schedules import make_schedule

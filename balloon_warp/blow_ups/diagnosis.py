@@ -46,6 +46,7 @@ def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: 
     farthest = np.flatnonzero(moved == moved.max())
     particle = int(farthest[pulls.strengths[farthest].argmax()])
     spring = pulls.spring_at(particle)
+    pressure, k_normal = _excess(last, particle)
     other = max(pulls.others_at(particle), key=lambda pull: pull.newtons)
     return BlowUp(
         *when,
@@ -57,7 +58,8 @@ def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: 
         touched=tuple(pulls.touched_by(particle)),
         stable_step=_stable_step(last),
         limit_point=_limit_point(last, particle),
-        **_excess(last, particle),
+        pressure=pressure,
+        k_normal=k_normal,
     )
 
 
@@ -97,23 +99,25 @@ def _limit_point(last: LastSubstep, particle: int) -> str | None:
     return str(limit) if limit else None
 
 
-def _excess(last: LastSubstep, particle: int) -> dict[str, float]:
-    """Return the pressure or k_normal given to the balloon of a particle, if that is far beyond all its skin bears."""
+def _excess(last: LastSubstep, particle: int) -> tuple[float | None, float | None]:
+    """Return the pressure or k_normal given to the balloon of a particle, where its skin bears far less."""
     model, number = last.model, int(last.model.particle_balloon.numpy()[particle])
     shape, kind = model.shapes[number], model.scene.balloon[number].inflation.kind
     if kind == "pressure":
-        name, given = "pressure", float(last.before.pressures.numpy()[0, number])
+        given = float(last.before.pressures.numpy()[0, number])
         push = given * shape.area
     elif kind == "normal_force":
         begin, slope = last.before.inflation_ramp.numpy()[0, number].tolist()
-        name, given = "k_normal", begin + slope * (last.substep - 1) * model.step_seconds
+        given = begin + slope * (last.substep - 1) * model.step_seconds
         push = 100.0 * given  # on all particles together, as the paper has it
     else:
-        return {}
+        return None, None
     parameters = {name: np.array(array.numpy(), dtype=np.float64) for name, array in model.parameters.items()}
     most = borne_pressures(model.scene, number, shape, parameters)[1].max() * shape.area
     thrown = 0.5 * abs(push) / parameters["mass"][0, number] * model.frame_seconds**2
-    return {name: given} if abs(push) > BEYOND * most and thrown > BEYOND * size_of(shape.mesh) else {}
+    if abs(push) > BEYOND * most and thrown > BEYOND * size_of(shape.mesh):
+        return (given, None) if kind == "pressure" else (None, given)
+    return None, None
 
 
 def _stable_step(last: LastSubstep) -> float | None:

@@ -157,7 +157,7 @@ def batch(
     with _naming_vary(), frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
         first = first_line(scene, loaded)
-        opening = Opening(first)
+        opening = Opening(name, first)
         summary = run_batch(
             loaded,
             output or Path(f"{name}_batch"),
@@ -172,7 +172,7 @@ def batch(
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
-            on_begin=lambda beginning: opening.begin_with(lambda: progress.begin(task, beginning)),
+            on_begin=lambda beginning: opening.add(progress.begin(task, beginning)),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warner(first)),

@@ -20,6 +20,7 @@ from balloon_warp.cli.options import (
 )
 from balloon_warp.cli.progress import frame_progress
 from balloon_warp.cli.size import parse_size
+from balloon_warp.cli.words import begun
 from balloon_warp.comparison.choices import parse_choices, shown
 from balloon_warp.errors import InputError
 from balloon_warp.quiet import quiet_warp
@@ -95,7 +96,7 @@ def compare(
 
     Try `balloon-warp compare squirrel_inflate --vary balloon.mass=1,2,4`.
     """
-    loaded = Changes(overrides, length=length).load(scene)
+    loaded, name = Changes(overrides, length=length).load(scene), scene_name(scene)
     if not vary:
         raise InputError("--vary: is missing; expected what differs, as in --vary normals=cached,fresh")
     quiet_warp()
@@ -108,17 +109,19 @@ def compare(
             raise InputError(f"--vary {text}: {path} is varied already; expected all its values in one --vary")
         choices[path] = values
     with frame_progress() as progress:
-        task = progress.add_task(escape(scene_name(scene)))
+        task = progress.add_task(escape(name))
         comparison = run_all(
             loaded,
             choices,
-            output or Path(f"{scene_name(scene)}_compare.png"),
+            output or Path(f"{name}_compare.png"),
             table=table,
             frame=frame,
             size=parse_size(size),
             device=device,
             schedule=schedule,
-            on_begin=lambda run, runs, beginning: progress.begin(task, beginning, f"run {run + 1} of {runs}"),
+            on_begin=lambda run, runs, beginning: progress.log_line(
+                f"{name}, run {run + 1} of {runs}: {begun(beginning)}"
+            ),
             on_frame=lambda run, runs, done, count: progress.update(
                 task, completed=run * count + done, total=runs * count
             ),

@@ -25,6 +25,8 @@ from balloon_warp.errors import StoppedError
 
 LOG_SECONDS = 30.0
 """between lines of a log"""
+WIDE = 110
+"""characters of a terminal that has room for more than the bar"""
 
 
 class _FrameRate(ProgressColumn):
@@ -34,27 +36,35 @@ class _FrameRate(ProgressColumn):
         return Text(f"{task.speed:.0f} frames/s" if task.speed else "")
 
 
+class _About(ProgressColumn):
+    """What a frame costs, once that is known."""
+
+    def render(self, task: Task) -> Text:
+        return Text(task.fields.get("about", ""), style="dim")
+
+
 class FrameProgress(Progress):
-    """A bar with frames a second and the time left; where the console is no terminal, a line of what begins, and one
-    of how far it is every `LOG_SECONDS`. Of what takes minutes both say early how many."""
+    """A bar with frames a second and the time left; where the console is no terminal, a line of that every
+    `LOG_SECONDS`. Of what takes minutes both say early how many."""
 
     def __init__(self, console: Console):
         self._logs, self._said = not console.is_terminal, time.monotonic()
         self._estimate = FirstEstimate()
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _FrameRate())
+        columns = (TextColumn("{task.description}"), _About(), BarColumn(), MofNCompleteColumn(), _FrameRate())
         super().__init__(*columns, TimeRemainingColumn(), console=console, disable=self._logs, transient=True)
 
-    def begin(self, task_id: TaskID, beginning: Beginning, which: str = "") -> None:
-        """Say what begins: in a log all of it, beside a bar what is worth its place.
-
-        Args:
-            which: of several runs, such as "run 2 of 3".
-        """
-        name = self._tasks[task_id].description
+    def begin(self, task_id: TaskID, beginning: Beginning) -> str | None:
+        """Show beside the bar what a frame costs, if there is room; return what a log says where there is no bar."""
         if self._logs:
-            self._print(f"{name}{f', {which}' if which else ''}: {begun(beginning)}")
-        elif not which:
-            super().update(task_id, description=f"{name}, {briefly(beginning)}")
+            return begun(beginning)
+        if self.console.width >= WIDE:
+            super().update(task_id, about=briefly(beginning))
+        return None
+
+    def log_line(self, line: str) -> None:
+        """Print a line, if there is no bar."""
+        if self._logs:
+            self._print(line)
 
     def update(self, task_id: TaskID, **fields: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Note how far a task is."""

@@ -134,7 +134,7 @@ def run(
     with frame_progress() as progress:
         task = progress.add_task(escape(name), total=loaded.frames)
         first = first_line(scene, loaded)
-        opening = Opening(first)
+        opening = Opening(name, first)
         summary = animate(
             loaded,
             stage,
@@ -150,7 +150,7 @@ def run(
             checkpoint_seconds=checkpoint,
             resume=resume,
             view=asked,
-            on_begin=lambda beginning: opening.begin_with(lambda: progress.begin(task, beginning)),
+            on_begin=lambda beginning: opening.add(progress.begin(task, beginning)),
             on_frame=opening.before(lambda number: progress.update(task, completed=number)),
             on_note=opening.before(note),
             on_warning=opening.before(warner(first)),

@@ -1,7 +1,6 @@
 """Warnings and notes on a user's terminal."""
 
 from collections.abc import Callable, Iterable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,28 +22,36 @@ def note(sentence: str) -> None:
 
 
 class Opening:
-    """What is said before anything else: where nothing begins there is nothing to say but what is wrong.
+    """The line that is said before anything else: where nothing begins there is nothing to say but what is wrong.
 
     Args:
-        sentence: a note, if there is one.
+        name: of what is simulated.
+        sentence: a note on it, if there is one.
     """
 
-    def __init__(self, sentence: str | None):
-        self._waiting = [partial(note, sentence)] if sentence else []
+    def __init__(self, name: str, sentence: str | None):
+        self._name, self._sentence, self._more = name, sentence, ""
 
-    def begin_with(self, say: Callable[[], None]) -> None:
-        """Take what is said first of all."""
-        self._waiting.insert(0, say)
+    def add(self, more: str | None) -> None:
+        """Take what else the line says."""
+        self._more = more or ""
 
     def before(self, listener: Callable[..., Any]) -> Callable[..., None]:
-        """Return a listener that says this, if nobody did, before it hears anything."""
+        """Return a listener that says the line, if nobody did, before it hears anything."""
 
         def listen(*words: Any) -> None:
-            while self._waiting:
-                self._waiting.pop(0)()
+            self._say()
             listener(*words)
 
         return listen
+
+    def _say(self) -> None:
+        sentence, more = self._sentence, self._more
+        self._sentence, self._more = None, ""
+        if sentence:
+            note(f"{sentence}. {more}" if more else sentence)
+        elif more:
+            Console(stderr=True, highlight=False, soft_wrap=True).print(f"{self._name}: {more}", markup=False)
 
 
 def unsaid(first: str | None, sentences: Iterable[str]) -> list[str]:

@@ -60,14 +60,17 @@ class Picture:
         """Where it is, if a stage names it."""
         return stage.parent / FOLDER / self.name
 
+    def places(self, stage: Path) -> list[Path]:
+        """List where programs look for it: beside a stage, and, if that is a link, beside what it leads to."""
+        return list(dict.fromkeys([self.beside(stage), self.beside(target_of(stage))]))
+
     def write_beside(self, stage: Path) -> None:
-        """Write the file into the folder beside a stage, and, if that is a link, beside what it leads to: programs look
-        here or there.
+        """Write the file into the folder beside a stage, wherever programs look for it.
 
         Raises:
             InputError: it cannot be written.
         """
-        for place in {self.beside(stage), self.beside(target_of(stage))}:
+        for place in self.places(stage):
             self._write_to(place)
 
     def _write_to(self, path: Path) -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.schedules.block_memory import BlockMemory, Layout
-from balloon_warp.kernels.schedules.block_resident import resident_kernel
-from balloon_warp.kernels.schedules.block_streaming import streaming_kernel
-from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR
+from balloon_warp.kernels.contact.boxes import ARE_NEAR
+from balloon_warp.kernels.schedules.block.memory import BlockMemory, Layout
+from balloon_warp.kernels.schedules.block.resident import resident_kernel
+from balloon_warp.kernels.schedules.block.streaming import streaming_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State

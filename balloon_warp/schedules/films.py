@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.film_tables import FilmTable
-from balloon_warp.kernels.schedules.block_memory import FilmLayout
-from balloon_warp.kernels.schedules.film_places import PLACE_BYTES, VECTOR_BYTES
+from balloon_warp.kernels.schedules.block.film_places import PLACE_BYTES, VECTOR_BYTES
+from balloon_warp.kernels.schedules.block.memory import FilmLayout
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.film_banks import spread_places, turned_quads

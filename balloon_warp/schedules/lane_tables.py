@@ -9,8 +9,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.algebra import LANE_COUNT
-from balloon_warp.kernels.schedules.lanes_tables import face_structs, lane_structs
-from balloon_warp.kernels.schedules.layouts import Layout
+from balloon_warp.kernels.schedules.lanes.layouts import Layout
+from balloon_warp.kernels.schedules.lanes.tables import face_structs, lane_structs
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model

@@ -10,9 +10,9 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3
-from balloon_warp.kernels.schedules.lanes import lanes_kernel
-from balloon_warp.kernels.schedules.lanes_tables import lane_structs
-from balloon_warp.kernels.schedules.layouts import OCTETS, WORLDS, Layout
+from balloon_warp.kernels.schedules.lanes.kernel import lanes_kernel
+from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, Layout
+from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State

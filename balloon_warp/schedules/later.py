@@ -1,11 +1,10 @@
-"""Whether particles that touch, or are near obstacles, end a substep in a launch of their own, and the memory that this
-takes."""
+"""Particles that touch, or are near obstacles: whether they end a substep in a launch of their own, or later in their
+block."""
 
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 
@@ -15,12 +14,6 @@ ENOUGH_THREADS = 262_144
 """that keep a GPU busy"""
 FEW_THREADS = 64
 """of a block, where each thread takes many registers"""
-
-
-def puts_off(model: Model, traits: Traits) -> bool:
-    """Whether particles are put off that contacts push, or that may meet what goes where it is told, see
-    `kernels.schedules.later`."""
-    return traits.may_put_off and has_many(model)
 
 
 def has_many(model: Model) -> bool:
@@ -37,15 +30,6 @@ def threads_of_list(model: Model) -> int:
     return -(-wanted // FEW_THREADS) * FEW_THREADS
 
 
-def near_solids_array(model: Model, traits: Traits, room: Room) -> Any:
-    """What of `Working` says who may stand on something, where each piece of a substep is a launch."""
-    return _of_particles(model, puts_off(model, traits) and traits.stands, room, wp.int8)
-
-
 def later_array(model: Model, needed: bool, room: Room) -> Any:
     """The list of those that a block puts off."""
-    return _of_particles(model, needed, room, wp.int32)
-
-
-def _of_particles(model: Model, needed: bool, room: Room, dtype: Any) -> Any:
-    return room.array((model.world_count, model.particle_count) if needed else (0, 0), dtype)
+    return room.array((model.world_count, model.particle_count) if needed else (0, 0), wp.int32)

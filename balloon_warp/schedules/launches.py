@@ -7,12 +7,12 @@ from typing import Any, Self
 import numpy as np
 import warp as wp
 
+from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.launched import ITEMS_OF_PART, Part, arguments_of, kernel_of
-from balloon_warp.kernels.schedules.near import mark_count
-from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
-from balloon_warp.kernels.schedules.working import Working
+from balloon_warp.kernels.schedules.launched.pieces import Piece, Step, values_of
+from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_PART, Part, arguments_of, kernel_of
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -143,6 +143,13 @@ class Launches:
         launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
 
     @property
+    def _elements(self) -> int:
+        """Springs, strings, hinges, triangles, and faces, if a law acts on these."""
+        m, hinges = self.model, self.tables.hinges.ends.shape[0]
+        faces = m.face_count if self.step.traits.has("face") else 0
+        return m.spring_count + m.string_count + hinges + self.tables.membranes.corners.shape[0] + faces
+
+    @property
     def _stands_apart(self) -> bool:
         """Whether particles leave obstacles in a launch of their own."""
         return any(piece.phases[0].name == "leave" for piece in self.step.pieces)
@@ -159,8 +166,12 @@ class Launches:
         """Threads of a launch over all items."""
         m = self.model
         counts = {
-            "particle": m.particle_count, "face": m.face_count, "triangle": m.triangle_count, "sphere": m.sphere_count
-        }  # fmt: skip
+            "particle": m.particle_count,
+            "element": self._elements,
+            "face": m.face_count,
+            "triangle": m.triangle_count,
+            "sphere": m.sphere_count,
+        }
         return (m.world_count, counts[item]) if item in counts else (m.world_count,)
 
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.patch_memory import PatchMemory
-from balloon_warp.kernels.schedules.patches import PatchLayout, patch_kernel
+from balloon_warp.kernels.schedules.patches.kernel import PatchLayout, patch_kernel
+from balloon_warp.kernels.schedules.patches.memory import PatchMemory
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from balloon_warp.kernels.schedules.block_memory import FilmLayout
+from balloon_warp.kernels.schedules.block.memory import FilmLayout
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.block_room import MOST_THREADS, thread_a_particle

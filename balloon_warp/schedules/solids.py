@@ -4,8 +4,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.faces import MOST_IN_LUMP
 from balloon_warp.kernels.laws.grip import Grip
-from balloon_warp.kernels.schedules.launched_faces import MOST_IN_LUMP
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.bodies import most_touches

@@ -1,7 +1,7 @@
 """The source of the kernels that a scene gets."""
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.schedules.launched import source_of
+from balloon_warp.kernels.schedules.launched.source import source_of
 from balloon_warp.model import build_model
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.choose import LAUNCHED, SCHEDULES, schedule_named

@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.contact.lists import ROOM
 from balloon_warp.kernels.contact_tables import TouchTable
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.schedules.touch_lists import ROOM
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model import Model

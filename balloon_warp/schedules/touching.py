@@ -4,13 +4,13 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.launched_edges import MOST_EDGES, find_edges_kernel
-from balloon_warp.kernels.schedules.launched_press import press_kernel
-from balloon_warp.kernels.schedules.pushes import take_counts
-from balloon_warp.kernels.schedules.touch_boxes import ARE_NEAR, box_balloons, meet_kernel
-from balloon_warp.kernels.schedules.touch_lists import MOST_OF_BALLOON, MOST_TRIANGLES
-from balloon_warp.kernels.schedules.touch_parts import box_parts_of_worlds
-from balloon_warp.kernels.schedules.touch_search import find_kernel, looking_kernel
+from balloon_warp.kernels.contact.boxes import ARE_NEAR, box_balloons, meet_kernel
+from balloon_warp.kernels.contact.edges import MOST_EDGES, find_edges_kernel
+from balloon_warp.kernels.contact.forces import take_counts
+from balloon_warp.kernels.contact.lists import MOST_OF_BALLOON, MOST_TRIANGLES
+from balloon_warp.kernels.contact.parts import box_parts_of_worlds
+from balloon_warp.kernels.contact.press import press_kernel
+from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State

@@ -8,7 +8,7 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws.hooke import HOOKE
-from balloon_warp.kernels.schedules.looks import GATHERED
+from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.solvers.projective import (
     foreseeing_kernel,
     inertia_function,

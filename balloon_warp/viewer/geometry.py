@@ -119,8 +119,8 @@ class Drawing:
 
 
 def string_reach(model: Model, up: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Where strings let their balloons come to: the anchors, and as far above them as a string and its balloon are long,
-    or below where they hang; shape (2 string_count, 3).
+    """Where strings let their balloons come to: the anchors, and as far above them as a string and its balloon are
+    long, or below where they hang; shape (2 string_count, 3).
 
     Args:
         up: unit vector, shape (3,).

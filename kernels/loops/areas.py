@@ -11,8 +11,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product, scaled
-from balloon_warp.kernels.memory import in_tile, triple_at
-from balloon_warp.kernels.tables import SLICE, FanTable, first_entry
+from balloon_warp.kernels.memory import fixed_int_at, in_tile, triple_at
+from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
 
 
 @wp.func
@@ -185,3 +185,9 @@ def hole_loop(at: Any) -> Any:
         return area_vector
 
     return area_vector_of_holes
+
+
+@wp.func
+def volume_origin(t: Tables, balloon: wp.int32):
+    """The particle of a balloon about which its volume is taken."""
+    return fixed_int_at(t.faces.volume_origins, balloon)

@@ -6,9 +6,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 @cache

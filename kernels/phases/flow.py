@@ -8,9 +8,9 @@ import warp as wp
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 def _stays(traits: Traits) -> bool:

@@ -13,7 +13,7 @@ from balloon_warp.kernels.laws.gas import free_volume_of
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.kernels.laws.tearing import OPEN
-from balloon_warp.kernels.phases.swell import volume_origin
+from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.phases.tears import (
     SQUARE_MICROMETERS,
     area_vector_of_face,

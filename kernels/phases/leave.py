@@ -4,13 +4,13 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.near import noting_function
+from balloon_warp.kernels.fixed_point import add_quanta
 from balloon_warp.kernels.loops.obstacles import around_function, obstacle_loop
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.schedules.fixed_point import add_quanta
-from balloon_warp.kernels.schedules.near import noting_function
-from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 @phase("particle", {"point": wp.vec3, "velocity": wp.vec3}, when=lambda traits: traits.obstacles)

@@ -5,13 +5,13 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.bodies import bodies_function
+from balloon_warp.kernels.contact.edges import edges_function
+from balloon_warp.kernels.contact.faces import faces_function
+from balloon_warp.kernels.contact.spheres import spheres_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.schedules.launched_bodies import bodies_function
-from balloon_warp.kernels.schedules.launched_edges import edges_function
-from balloon_warp.kernels.schedules.launched_faces import faces_function
-from balloon_warp.kernels.schedules.launched_touch import spheres_function
-from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 @phase("particle", when=lambda traits: traits.small_spheres)

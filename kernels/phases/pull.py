@@ -5,13 +5,13 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.forces import take_pushes
 from balloon_warp.kernels.loops.jets import hole_jet_loop, jet_loop
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.schedules.pushes import take_pushes
-from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 @phase("particle", {"force": wp.vec3, "area_vector": wp.vec3})

@@ -4,14 +4,14 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.loops.colliding import colliding_function, path_in_arrays, paths_of, put_in_arrays
 from balloon_warp.kernels.loops.rolling import course_of, rolling_function
 from balloon_warp.kernels.loops.tumbling import tumbling_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.schedules.fixed_point import set_quanta, total_newtons
-from balloon_warp.kernels.schedules.working import Working
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 @phase("sphere", when=lambda traits: traits.spheres > 0)

@@ -14,16 +14,9 @@ from balloon_warp.kernels.laws.gas import (
 )
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.obstacles import Around, around_function, course_function
-from balloon_warp.kernels.memory import fixed_int_at
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
-
-
-@wp.func
-def volume_origin(t: Tables, balloon: wp.int32):
-    """The particle of a balloon about which its volume is taken."""
-    return fixed_int_at(t.faces.volume_origins, balloon)
 
 
 @cache

@@ -10,9 +10,9 @@ from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.added_mass import air_along
 from balloon_warp.kernels.laws.air import air_of_height
 from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.phases.swell import volume_origin
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

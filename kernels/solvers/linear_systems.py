@@ -11,7 +11,7 @@ import warp as wp
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, of_lane, scaled
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.warps import block_barrier
+from balloon_warp.kernels.warps import block_barrier
 
 wp.set_module_options(OPTIONS)
 

@@ -37,11 +37,10 @@ def check_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:
     Raises:
         InputError: it cannot.
     """
-    for picture in _pictures(models):
-        path = picture.beside(stage)
-        if path.parent.exists():
-            check_writable(path, (path.suffix,))
-            return
+    for picture in _pictures(models)[:1]:
+        for path in picture.places(stage):
+            if path.parent.exists():
+                check_writable(path, (path.suffix,))
 
 
 def write_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:

@@ -1,0 +1,1 @@
+"""Contact: who may touch whom, and what comes of it."""

@@ -1,0 +1,269 @@
+"""Boxes around what balloons sweep until the next search: which may touch at all, and what there is to do."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.loops.meeting import skin_functions
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warps import any_in_block
+from balloon_warp.kernels.working import Working
+
+wp.set_module_options(OPTIONS)
+
+LOWER, UPPER, PACE = wp.constant(0), wp.constant(1), wp.constant(2)
+"""what of a box stands where"""
+SPEED, STRAYED = wp.constant(0), wp.constant(1)
+"""the highest speed [m/s], and whether a particle has strayed, see `Sweep`"""
+APART, WAS_NEAR, ARE_NEAR, STILL_NEAR = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
+"""what there is to do in a world: nothing, to forget what was near, to look, or to go on with what was found"""
+ALONE, KNOWN, LOOKS = wp.constant(0), wp.constant(1), wp.constant(2)
+"""what a balloon's particles do then: nothing, as none is near; go on with what they found; or look"""
+SPARE = wp.constant(0.25)
+"""of a balloon's slack, that its particles may move before they are looked for again. As another may move as much, and
+both as much before as after one of them was looked for, half of the slack is left for what they gain by accelerating"""
+
+
+@wp.struct
+class Sweep:
+    """What particles sweep until the next search."""
+
+    lower: wp.vec3  # corners of the box around it [m]
+    upper: wp.vec3
+    fastest: float  # square of the highest speed [m^2/s^2]
+    strayed: float  # the longest way from where a particle was looked for to where it will be [m]
+
+
+@wp.func
+def sweep_of(
+    t: Tables,
+    balloon: wp.int32,
+    first: wp.int32,
+    step: wp.int32,
+    points: wp.array[wp.vec3],
+    velocities: wp.array[wp.vec3],
+    sought: wp.array[wp.vec3],
+):
+    """Of each so-manyth particle of a balloon.
+
+    Args:
+        sought: where they were at the last search [m].
+    """
+    sweep = Sweep()
+    sweep.lower = wp.vec3(1.0e30)
+    sweep.upper = wp.vec3(-1.0e30)
+    for particle in range(t.particles.offsets[balloon] + first, t.particles.offsets[balloon + 1], step):
+        here = points[particle]
+        way = t.touch.seconds * velocities[particle]
+        sweep.lower = wp.min(sweep.lower, wp.min(here, here + way))
+        sweep.upper = wp.max(sweep.upper, wp.max(here, here + way))
+        sweep.fastest = wp.max(sweep.fastest, wp.length_sq(velocities[particle]))
+        sweep.strayed = wp.max(sweep.strayed, wp.length(here - sought[particle]) + wp.length(way))
+    return sweep
+
+
+@wp.func
+def is_known(working: Working, world: wp.int32):
+    """Whether it was found who is near whom, and not forgotten since."""
+    before = working.near_balloons[world, working.balloon_boxes.shape[1]]
+    return before >= ARE_NEAR
+
+
+@wp.func
+def put_sweep(t: Tables, working: Working, world: wp.int32, balloon: wp.int32, sweep: Sweep, is_first: bool):
+    """Of all its particles.
+
+    Args:
+        is_first: whether a frame begins, with a state that may be another's.
+    """
+    strayed = is_first or not is_known(working, world) or sweep.strayed > SPARE * t.touch.slack[balloon]
+    working.balloon_boxes[world, balloon, LOWER] = sweep.lower
+    working.balloon_boxes[world, balloon, UPPER] = sweep.upper
+    working.balloon_boxes[world, balloon, PACE] = wp.vec3(wp.sqrt(sweep.fastest), wp.where(strayed, 1.0, 0.0), 0.0)
+
+
+@wp.kernel(enable_backward=False)
+def box_balloons(
+    # model
+    t: Tables,
+    # state in
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    is_first: wp.int32,
+    # in and out
+    working: Working,
+):
+    """A block a (world, balloon): what its particles sweep until the next search."""
+    world, balloon, thread = wp.tid()
+    own = sweep_of(t, balloon, thread, wp.block_dim(), points[world], velocities[world], working.sought[world])
+    sweep = Sweep()
+    x = wp.tile_min(wp.tile(own.lower[0]))[0]
+    y = wp.tile_min(wp.tile(own.lower[1]))[0]
+    z = wp.tile_min(wp.tile(own.lower[2]))[0]
+    sweep.lower = wp.vec3(x, y, z)
+    x = wp.tile_max(wp.tile(own.upper[0]))[0]
+    y = wp.tile_max(wp.tile(own.upper[1]))[0]
+    z = wp.tile_max(wp.tile(own.upper[2]))[0]
+    sweep.upper = wp.vec3(x, y, z)
+    sweep.fastest = wp.tile_max(wp.tile(float(own.fastest)))[0]
+    sweep.strayed = wp.tile_max(wp.tile(float(own.strayed)))[0]
+    if thread == 0:
+        put_sweep(t, working, world, balloon, sweep, is_first == 1)
+
+
+@wp.func
+def boxes_meet(lower: wp.vec3, upper: wp.vec3, other_lower: wp.vec3, other_upper: wp.vec3, pad: float):
+    """Whether they come as near as that in each direction [m]."""
+    gap = wp.max(lower - other_upper, other_lower - upper)
+    return wp.max(gap) <= pad
+
+
+@wp.func
+def squared_distance_to_box(point: wp.vec3, lower: wp.vec3, upper: wp.vec3):
+    """[m^2]"""
+    return wp.length_sq(wp.max(wp.max(lower - point, point - upper), wp.vec3()))
+
+
+@cache
+def pad_function(traits: Traits) -> Any:
+    """The function that says how near two balloons' particles and triangles have to be, beside what they sweep [m]."""
+    thickness_between, _ = skin_functions(traits)
+
+    @wp.func
+    def pad_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
+        return thickness_between(t, world, first, second) + t.touch.slack[first] + t.touch.slack[second]
+
+    return pad_between
+
+
+@cache
+def nearing_function(traits: Traits) -> Any:
+    """The function that says whether a particle may meet a balloon until the next search."""
+    pad_between = pad_function(traits)
+
+    @wp.func
+    def is_nearing(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        own: wp.int32,
+        other: wp.int32,
+        point: wp.vec3,
+        velocity: wp.vec3,
+    ):
+        """By the box around what the balloon sweeps."""
+        end = point + t.touch.seconds * velocity
+        return boxes_meet(
+            wp.min(point, end),
+            wp.max(point, end),
+            working.balloon_boxes[world, other, LOWER],
+            working.balloon_boxes[world, other, UPPER],
+            pad_between(t, world, own, other),
+        )
+
+    return is_nearing
+
+
+@wp.func
+def has_strayed(working: Working, world: wp.int32, balloon: wp.int32):
+    """Whether its particles may have come further than lists allow for."""
+    return working.balloon_boxes[world, balloon, PACE][STRAYED] > 0.0
+
+
+@cache
+def meet_function(traits: Traits) -> Any:
+    """The function that notes which balloons one may meet, and says what its particles do."""
+    pad_between = pad_function(traits)
+
+    @wp.func
+    def meet(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
+        count = wp.int32(0)
+        strayed = has_strayed(working, world, balloon)
+        for other in range(working.balloon_boxes.shape[1]):
+            near = bool(wp.static(traits.touches_itself))
+            if other != balloon:
+                near = boxes_meet(
+                    working.balloon_boxes[world, balloon, LOWER],
+                    working.balloon_boxes[world, balloon, UPPER],
+                    working.balloon_boxes[world, other, LOWER],
+                    working.balloon_boxes[world, other, UPPER],
+                    pad_between(t, world, balloon, other),
+                )
+            if near:
+                working.neighbors[world, balloon, count] = other
+                count += 1
+                strayed = strayed or has_strayed(working, world, other)
+        working.neighbor_counts[world, balloon] = count
+        return wp.where(count > 0, wp.where(strayed, LOOKS, KNOWN), ALONE)
+
+    return meet
+
+
+@wp.func
+def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
+    """What there is to do in a world; lists are forgotten where others will be made.
+
+    Args:
+        near: whether any of its balloons are near each other.
+        strayed: whether any has strayed.
+    """
+    now = wp.where(is_known(working, world), WAS_NEAR, APART)
+    if near:
+        now = wp.where(strayed, ARE_NEAR, STILL_NEAR)
+    if now != STILL_NEAR:
+        for which in range(3):  # of particles, see `contact.search`, and of edges, see `contact.edges`
+            working.list_lengths[world, which] = 0
+    working.near_balloons[world, working.balloon_boxes.shape[1]] = now
+
+
+@cache
+def meeting_function(traits: Traits) -> Any:
+    """The function by which the threads of a block note which balloons of a world may meet, and what there is to do."""
+    meet = meet_function(traits)
+
+    @wp.func
+    def meet_all(t: Tables, working: Working, world: wp.int32, thread: wp.int32):
+        """Whether any may meet."""
+        near = bool(False)
+        strayed = bool(False)
+        for balloon in range(thread, working.balloon_boxes.shape[1], wp.block_dim()):
+            does = meet(t, working, world, balloon)
+            working.near_balloons[world, balloon] = does
+            near = near or does != ALONE
+            strayed = strayed or has_strayed(working, world, balloon)
+        any_near = any_in_block(near)
+        any_strayed = any_in_block(strayed)
+        if thread == 0:
+            decide(working, world, any_near, any_strayed)
+        return any_near
+
+    return meet_all
+
+
+@cache
+def meet_kernel(traits: Traits) -> Any:
+    """The kernel that says which balloons may meet."""
+    meet_all = meeting_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def meet_balloons(
+        # model
+        t: Tables,
+        # in and out
+        working: Working,
+    ):
+        """A block a world."""
+        world, thread = wp.tid()
+        meet_all(t, working, world, thread)
+
+    return meet_balloons
+
+
+@wp.func
+def is_searched(working: Working, world: wp.int32):
+    """Whether there are lists to make, or to forget."""
+    what = working.near_balloons[world, working.balloon_boxes.shape[1]]
+    return what > APART and what < STILL_NEAR

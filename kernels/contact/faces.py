@@ -1,0 +1,241 @@
+"""Spheres that meet faces, where each piece of a substep is a launch: a block a world, which takes what meets first,
+again and again, until nothing meets any more.
+
+Between faces that are folded around a sphere that takes long. Then the sphere and the corners of all faces that it
+meets from there on become a lump, which goes on with its mean velocity: that keeps momentum and takes energy, and where
+nothing moves beside the sphere, nothing comes through (Provot 1997, *Collision and self-collision handling in cloth*).
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.boxes import boxes_meet
+from balloon_warp.kernels.laws.collision import NEVER
+from balloon_warp.kernels.laws.contact import friction_on
+from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
+from balloon_warp.kernels.laws.sliding import spin_by
+from balloon_warp.kernels.loops.inertia import ease_function, inertia_function
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_friction, sphere_mass, sphere_radius
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warps import block_barrier
+from balloon_warp.kernels.working import Working
+
+MOST_MEETINGS = wp.constant(16)
+"""of a sphere with faces in a step, before they become a lump: a few do, as a rule"""
+MOST_LUMPED = wp.constant(48)
+"""meetings more, each with another face"""
+SHRINKING, LEAST_PART = wp.constant(0.03), wp.constant(0.5)
+"""by how much of its radius a sphere may come nearer after each meeting, so that they come to an end; and how far"""
+MOST_IN_LUMP = wp.constant(128)
+"""particles"""
+MOST_SWEEPS = wp.constant(4)
+"""over all spheres"""
+NONE = wp.constant(2147483647)
+
+
+@wp.func
+def corner_rows(points: wp.array[wp.vec3], corners: wp.vec3i):
+    """What three particles have, row by row."""
+    return wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]])
+
+
+@wp.func
+def part_until_face(
+    t: Tables,
+    triangle: wp.int32,
+    start: wp.vec3,
+    end: wp.vec3,
+    radius: float,
+    nearest: float,
+    starts: wp.array[wp.vec3],
+    points: wp.array[wp.vec3],
+):
+    """The part of the step after which a sphere meets a triangle; `NEVER` if it does not.
+
+    Args:
+        nearest: part of the radius to which the center may come.
+    """
+    corners = t.spheres.triangles[triangle]
+    before = corner_rows(starts, corners)
+    after = corner_rows(points, corners)
+    lower = wp.min(wp.min(wp.min(before[0], after[0]), wp.min(before[1], after[1])), wp.min(before[2], after[2]))
+    upper = wp.max(wp.max(wp.max(before[0], after[0]), wp.max(before[1], after[1])), wp.max(before[2], after[2]))
+    part = float(NEVER)
+    if boxes_meet(lower, upper, wp.min(start, end), wp.max(start, end), radius + 0.01 * wp.length(upper - lower)):
+        facing = facing_of(start, end, radius, before, after)
+        part = part_until_contact(facing, nearest * facing.radius)
+    return part
+
+
+@wp.func
+def find_soonest(
+    t: Tables,
+    state: WorldState,
+    working: Working,
+    world: wp.int32,
+    thread: wp.int32,
+    sphere: wp.int32,
+    radius: float,
+    nearest: float,
+    points: wp.array[wp.vec3],
+):
+    """Of the triangles that are a thread's, which a sphere meets first, and after which part of the step."""
+    start = working.sphere_starts[world, sphere]
+    end = state.sphere_positions[world, sphere]
+    soonest = float(NEVER)
+    which = wp.int32(NONE)
+    for triangle in range(thread, t.spheres.triangles.shape[0], wp.block_dim()):
+        part = part_until_face(t, triangle, start, end, radius, nearest, working.point_starts[world], points)
+        if part < soonest:
+            soonest = part
+            which = triangle
+    return soonest, which
+
+
+@cache
+def faces_function(traits: Traits) -> Any:
+    """The function by which spheres that are small beside faces meet these, once all have moved."""
+    _, read_own = own_functions(traits.columns, traits.balloons)
+    inertia, ease_of_moving = inertia_function(traits), ease_function(traits)
+    friction_column = traits.columns.places["balloon_friction"]
+
+    @wp.func
+    def meet_face(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        sphere: wp.int32,
+        triangle: wp.int32,
+        part: float,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """What a sphere and a triangle exchange after a part of the step."""
+        corners = t.spheres.triangles[triangle]
+        radius = sphere_radius(t.spheres, world, sphere)
+        end = state.sphere_positions[world, sphere]
+        velocity = state.sphere_velocities[world, sphere]
+        facing = facing_of(
+            working.sphere_starts[world, sphere], end, radius,
+            corner_rows(working.point_starts[world], corners), corner_rows(points, corners),
+        )  # fmt: skip
+        eases = wp.vec4(
+            1.0 / sphere_mass(t.spheres, world, sphere),
+            ease_of_moving(t, working, world, corners[0]),
+            ease_of_moving(t, working, world, corners[1]),
+            ease_of_moving(t, working, world, corners[2]),
+        )
+        spin = wp.vec3()
+        friction = float(0.0)
+        if wp.static(traits.spheres_rub):
+            spin = state.sphere_spins[world, sphere]
+            friction = friction_on(
+                read_own(t, world, corners[0]).n[friction_column], sphere_friction(t.spheres, world, sphere)
+            )
+        met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
+        gain = met.gains[0] * met.normal
+        shift = met.shifts[0] * met.normal
+        if wp.static(traits.spheres_rub):
+            rub = met.pulled[0] * met.rub
+            gain += rub
+            shift += met.seconds * rub
+            torque = wp.cross(met.arm, met.rub)
+            state.sphere_spins[world, sphere] = spin + spin_by(1.0 / eases[0], radius, torque)
+        state.sphere_positions[world, sphere] = end + shift
+        state.sphere_velocities[world, sphere] = velocity + gain
+        for corner in range(3):
+            particle = corners[corner]
+            gain = met.gains[corner + 1] * met.normal
+            shift = met.shifts[corner + 1] * met.normal
+            if wp.static(traits.spheres_rub):
+                rub = met.pulled[corner + 1] * met.rub
+                gain += rub
+                shift += met.seconds * rub
+            points[particle] = points[particle] + shift
+            velocities[particle] = velocities[particle] + gain
+
+    @wp.func
+    def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
+        """How many particles are in it then."""
+        for corner in range(3):
+            known = bool(False)
+            for place in range(count):
+                known = known or lump[place] == corners[corner]
+            if not known and count < MOST_IN_LUMP:
+                lump[count] = corners[corner]
+                count += 1
+        return count
+
+    @wp.func
+    def move_lump(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        sphere: wp.int32,
+        count: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Sphere and lump by their mean way, with their mean velocity; nowhere, where one of them is fixed."""
+        mass = sphere_mass(t.spheres, world, sphere)
+        way = mass * (state.sphere_positions[world, sphere] - working.sphere_starts[world, sphere])
+        momentum = mass * state.sphere_velocities[world, sphere]
+        held = bool(False)
+        for place in range(count):
+            particle = working.lumps[world, place]
+            own = inertia(working, read_own(t, world, particle))
+            held = held or own == 0.0
+            mass += own
+            way += own * (points[particle] - working.point_starts[world, particle])
+            momentum += own * velocities[particle]
+        ease = wp.where(held, 0.0, 1.0 / mass)
+        for place in range(count):
+            particle = working.lumps[world, place]
+            points[particle] = working.point_starts[world, particle] + ease * way
+            velocities[particle] = ease * momentum
+        state.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
+        state.sphere_velocities[world, sphere] = ease * momentum
+
+    @wp.func
+    def meet_faces(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Of a world, by all threads of a block."""
+        moved = bool(True)
+        sweep = wp.int32(0)
+        while moved and sweep < MOST_SWEEPS:
+            moved = bool(False)
+            sweep += 1
+            for sphere in range(state.sphere_positions.shape[1]):
+                radius = sphere_radius(t.spheres, world, sphere)
+                meetings = wp.int32(0)
+                lumped = wp.int32(0)
+                while radius > 0.0 and t.spheres.small[sphere] == 1 and meetings < MOST_MEETINGS + MOST_LUMPED:
+                    nearest = wp.max(1.0 - SHRINKING * float(meetings), LEAST_PART)
+                    soonest, which = find_soonest(t, state, working, world, thread, sphere, radius, nearest, points)
+                    first = wp.tile_min(wp.tile(soonest))[0]
+                    if soonest > first:
+                        which = wp.int32(NONE)
+                    chosen = wp.tile_min(wp.tile(which))[0]
+                    meetings = wp.where(first <= 1.0, meetings + 1, int(MOST_MEETINGS + MOST_LUMPED))
+                    if first <= 1.0:
+                        moved = bool(True)
+                        if thread == 0 and meetings <= MOST_MEETINGS:
+                            meet_face(t, state, working, world, sphere, chosen, first, points, velocities)
+                        elif thread == 0:
+                            lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
+                            move_lump(t, state, working, world, sphere, lumped, points, velocities)
+                        block_barrier()
+
+    return meet_faces

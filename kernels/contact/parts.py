@@ -1,0 +1,112 @@
+"""Boxes around what parts of balloons sweep until the next search: they lead a particle to the triangles near it."""
+
+import warp as wp
+
+from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR
+from balloon_warp.kernels.memory import four_in, four_ints_at, int_at, int_pair_at, put_four_in, vector_at
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.warps import block_barrier
+from balloon_warp.kernels.working import Working
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.func
+def lower_of_part(working: Working, world: wp.int32, part: wp.int32):
+    """A corner of its box [m]; the fourth is nothing."""
+    return four_in(working.part_boxes, world, 2 * part)
+
+
+@wp.func
+def upper_of_part(working: Working, world: wp.int32, part: wp.int32):
+    """The corner opposite [m]."""
+    return four_in(working.part_boxes, world, 2 * part + 1)
+
+
+@wp.func
+def put_box_of_part(working: Working, world: wp.int32, part: wp.int32, lower: wp.vec4, upper: wp.vec4):
+    """Both."""
+    put_four_in(working.part_boxes, world, 2 * part, lower)
+    put_four_in(working.part_boxes, world, 2 * part + 1, upper)
+
+
+@wp.func
+def is_boxed(working: Working, world: wp.int32, node: wp.vec4i):
+    """Whether a part's balloon may meet any. What has no faces, but edges, has no triangles."""
+    return node[2] > node[1] and working.near_balloons[world, node[3]] != ALONE
+
+
+@wp.func
+def box_whole_part(
+    t: Tables,
+    working: Working,
+    world: wp.int32,
+    part: wp.int32,
+    points: wp.array[wp.vec3],
+    velocities: wp.array[wp.vec3],
+):
+    """The box around a part that has no others in it."""
+    lower = wp.vec3(1.0e30)
+    upper = wp.vec3(-1.0e30)
+    own = int_pair_at(t.touch.part_particles, part)
+    for place in range(own[0], own[1]):
+        particle = int_at(t.touch.particles, place)
+        here = vector_at(points, particle)
+        there = here + t.touch.seconds * vector_at(velocities, particle)
+        lower = wp.min(lower, wp.min(here, there))
+        upper = wp.max(upper, wp.max(here, there))
+    put_box_of_part(
+        working, world, part,
+        wp.vec4(lower[0], lower[1], lower[2], 0.0), wp.vec4(upper[0], upper[1], upper[2], 0.0),
+    )  # fmt: skip
+
+
+@wp.func
+def box_both_halves(working: Working, world: wp.int32, part: wp.int32, second: wp.int32):
+    """The box around a part that has two in it; the first is the next."""
+    put_box_of_part(
+        working, world, part,
+        wp.min(lower_of_part(working, world, part + 1), lower_of_part(working, world, second)),
+        wp.max(upper_of_part(working, world, part + 1), upper_of_part(working, world, second)),
+    )  # fmt: skip
+
+
+@wp.func
+def box_parts(
+    t: Tables,
+    working: Working,
+    world: wp.int32,
+    thread: wp.int32,
+    threads: wp.int32,
+    points: wp.array[wp.vec3],
+    velocities: wp.array[wp.vec3],
+):
+    """Boxes around the parts of balloons that may meet others, by all threads of a block: level by level from the parts
+    that have no others in them."""
+    for level in range(t.touch.levels.shape[0] - 1):
+        for place in range(t.touch.levels[level] + thread, t.touch.levels[level + 1], threads):
+            part = t.touch.parts_by_level[place]
+            node = four_ints_at(t.touch.parts, part)
+            if is_boxed(working, world, node):
+                if level == 0:
+                    box_whole_part(t, working, world, part, points, velocities)
+                else:
+                    box_both_halves(working, world, part, four_ints_at(t.touch.parts, part + 1)[0])
+        block_barrier()
+
+
+@wp.kernel(enable_backward=False)
+def box_parts_of_worlds(
+    # model
+    t: Tables,
+    # state in
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # out
+    working: Working,
+):
+    """A block a world."""
+    world, thread = wp.tid()
+    if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
+        box_parts(t, working, world, thread, wp.block_dim(), points[world], velocities[world])

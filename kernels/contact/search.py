@@ -1,0 +1,190 @@
+"""Which particles look for triangles at all, and which have found some: two lists of a world, so that threads have
+something to do one beside the other. In which order they stand in them does not matter."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.boxes import (
+    ALONE,
+    KNOWN,
+    LOOKS,
+    has_strayed,
+    is_searched,
+    nearing_function,
+)
+from balloon_warp.kernels.contact.lists import finding_functions
+from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warps import next_place
+from balloon_warp.kernels.working import Working
+
+LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
+"""the two lists"""
+FIND_REGISTERS = 64
+"""of a thread that looks, so that more threads wait for memory in turns"""
+
+
+@wp.func
+def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp.int32):
+    """By any thread in any order."""
+    place = next_place(working.list_lengths, world, which)
+    working.particle_lists[world, which, place] = particle
+
+
+@cache
+def looking_function(traits: Traits) -> Any:
+    """The function that puts a particle on the list of those that look around."""
+    is_nearing = nearing_function(traits)
+
+    @wp.func
+    def looks(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Whether it may meet a balloon, or touched one until now."""
+        own = t.particles.balloon[particle]
+        used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
+        if used and working.near_balloons[world, own] != ALONE:
+            point = vector_at(points, particle)
+            velocity = vector_at(velocities, particle)
+            for place in range(working.neighbor_counts[world, own]):
+                other = working.neighbors[world, own, place]
+                if is_nearing(t, working, world, own, other, point, velocity):
+                    return True
+        return state.holds[world, particle][3] != 0.0
+
+    @wp.func
+    def note_looking(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """If it does; and where it is, if that was too long ago."""
+        own = t.particles.balloon[particle]
+        if has_strayed(working, world, own):
+            working.sought[world, particle] = points[particle]
+        if working.near_balloons[world, own] != KNOWN:
+            working.candidate_counts[world, particle] = 0
+        if looks(t, state, working, world, particle, points, velocities):
+            put_on_list(working, world, LOOKING, particle)
+
+    return note_looking
+
+
+@cache
+def listing_function(traits: Traits) -> Any:
+    """The function that makes the list of triangles of a particle that looks around."""
+    find_of_balloon, is_nearing = finding_functions(traits), nearing_function(traits)
+
+    @wp.func
+    def list_triangles(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Of all balloons that it may touch, if what it has found does not do.
+
+        A particle is looked for in the depth of others, too, where it may have started or was pressed so far in; not
+        wherever it has come behind a surface, as in what crumples, which there is nothing to come out of.
+        """
+        own = t.particles.balloon[particle]
+        point = vector_at(points, particle)
+        velocity = vector_at(velocities, particle)
+        count = working.candidate_counts[world, particle]
+        if working.near_balloons[world, own] != KNOWN:
+            may_be_deep = state.deep[world, particle] == wp.int8(1)
+            state.deep[world, particle] = wp.int8(0)
+            if working.near_balloons[world, own] == LOOKS:
+                place = wp.int32(0)
+                while place < working.neighbor_counts[world, own]:
+                    other = wp.int32(-1)
+                    while place < working.neighbor_counts[world, own] and other < 0:  # to the next that it may meet
+                        nearby = working.neighbors[world, own, place]
+                        if is_nearing(t, working, world, own, nearby, point, velocity):
+                            other = nearby
+                        place += 1
+                    if other >= 0:
+                        count = find_of_balloon(
+                            t, state, working, world, particle, own, other, points, velocities, may_be_deep, count
+                        )
+        working.candidate_counts[world, particle] = count
+        if count > 0 or state.holds[world, particle][3] != 0.0:
+            put_on_list(working, world, TOUCHING, particle)
+
+    return list_triangles
+
+
+@cache
+def looking_kernel(traits: Traits) -> Any:
+    """The kernel that finds the particles that look around."""
+    note_looking = looking_function(traits)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def find_looking(
+        # model
+        t: Tables,
+        threads: wp.int32,
+        # state in
+        state: WorldState,
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # out
+        working: Working,
+    ):
+        """Some threads a world."""
+        world, thread = wp.tid()
+        if is_searched(working, world):
+            for particle in range(thread, points.shape[1], threads):
+                note_looking(t, state, working, world, particle, points[world], velocities[world])
+
+    return find_looking
+
+
+@cache
+def find_kernel(traits: Traits, fast_math: bool = False) -> Any:
+    """The kernel that finds the triangles that each of them may touch."""
+    list_triangles = listing_function(traits)
+
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=FIND_REGISTERS,
+        module_options={**OPTIONS, "fast_math": fast_math},
+    )
+    def find_near_triangles(
+        # model
+        t: Tables,
+        threads: wp.int32,
+        # state in and out
+        state: WorldState,
+        # state in
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # out
+        working: Working,
+    ):
+        """Some threads a world."""
+        world, thread = wp.tid()
+        if is_searched(working, world):
+            for place in range(thread, working.list_lengths[world, LOOKING], threads):
+                particle = working.particle_lists[world, LOOKING, place]
+                list_triangles(t, state, working, world, particle, points[world], velocities[world])
+
+    return find_near_triangles

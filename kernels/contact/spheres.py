@@ -1,0 +1,192 @@
+"""Spheres and particles that exchange momentum, where each piece of a substep is a launch: a block a world, which goes
+through the particles that were noted, in the same order every time."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
+from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
+from balloon_warp.kernels.loops.inertia import inertia_function
+from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state, standing_function
+from balloon_warp.kernels.loops.touching import (
+    answer_of_ball,
+    answer_to_ball,
+    ball_function,
+    change_of_ball,
+    press_on_ball,
+    rub_on_ball,
+    rubbed_ball,
+    rubbed_point,
+    shift_of_ball,
+)
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
+
+
+@cache
+def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
+    """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, which
+    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles."""
+    _, read_own = own_functions(traits.columns, traits.balloons)
+    inertia = inertia_function(traits)
+    stand = standing_function(traits)
+    around_own = around_function(traits)
+    friction_column = traits.columns.places["balloon_friction"]
+
+    @wp.func
+    def end_of_mark(mark: wp.int32, count: wp.int32):
+        """Where its particles end."""
+        return wp.min((mark + 1) * PARTICLES_A_MARK, count)
+
+    @wp.func
+    def press_at_mark(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        mark: wp.int32,
+        ball: Any,
+        change: wp.vec3,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        total = Press()
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+            own = read_own(t, world, particle)
+            if own.share > 0.0:
+                mass = inertia(working, own)
+                total += press_on_ball(t, ball, change, mass, points[particle], velocities[particle])
+        return total
+
+    @wp.func
+    def answer_at_mark(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        mark: wp.int32,
+        ball: Any,
+        press: Press,
+        last: wp.vec3,
+        change: wp.vec3,
+        shift: wp.vec3,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        total = wp.spatial_vector()
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+            if t.particles.mass_share[particle] > 0.0:
+                start = points[particle]
+                speed = velocities[particle]
+                point, velocity = answer_to_ball(t, ball, last, change, shift, start, speed)
+                if wp.static(traits.spheres_rub):
+                    own = read_own(t, world, particle)
+                    mass = inertia(working, own)
+                    rub = rub_on_ball(t, ball, press, last, change, mass, own.n[friction_column], start, speed)
+                    total += rub
+                    point, velocity = rubbed_point(t, rub, mass, point, velocity)
+                points[particle] = point
+                velocities[particle] = velocity
+        return total
+
+    @wp.func
+    def stand_at_mark(
+        t: Tables,
+        world: wp.int32,
+        time: float,
+        mark: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+            own = read_own(t, world, particle)
+            if own.share > 0.0:
+                point, velocity = stand(t, around_own(own, time), points[particle], velocities[particle])
+                points[particle] = point
+                velocities[particle] = velocity
+
+    return press_at_mark, answer_at_mark, stand_at_mark
+
+
+@cache
+def spheres_function(traits: Traits) -> Any:
+    """The function by which spheres and particles exchange momentum, sphere by sphere."""
+    ball_at = ball_function(traits, sphere_in_state)
+    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits)
+
+    @wp.func
+    def press_of_thread(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        ball: Any,
+        change: wp.vec3,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """By the particles whose marks are a thread's."""
+        part = Press()
+        for mark in range(thread, working.near.shape[1] - 1, wp.block_dim()):
+            if working.near[world, mark] > 0:
+                part += press_at_mark(t, working, world, mark, ball, change, points, velocities)
+        return part
+
+    @wp.func
+    def touch_spheres(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        thread: wp.int32,
+        end: float,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Of a world, by all threads of a block; nothing if no particle of it was noted, and then all marks are taken
+        away."""
+        marks = working.near.shape[1] - 1
+        if working.near[world, marks] > 0:
+            for sphere in range(state.sphere_positions.shape[1]):
+                ball = ball_at(t, state, state.sphere_spins, world, sphere)
+                last = wp.vec3()
+                part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
+                press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                if is_met(press):
+                    change = change_of_ball(t, ball, press, last)
+                    turn = wp.int32(1)
+                    while turn < MOST_TURNS and not is_settled(change, last):
+                        last = change
+                        part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
+                        press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                        change = change_of_ball(t, ball, press, last)
+                        turn += 1
+                    shift = shift_of_ball(t, ball, press)
+                    mine = wp.spatial_vector()
+                    for mark in range(thread, marks, wp.block_dim()):
+                        if working.near[world, mark] > 0:
+                            mine += answer_at_mark(
+                                t, working, world, mark, ball, press, last, change, shift, points,
+                                velocities,
+                            )  # fmt: skip
+                    center, motion, force = answer_of_ball(t, ball, change, shift)
+                    if wp.static(traits.spheres_rub):
+                        rub = wp.tile_sum(wp.tile(mine, preserve_type=True))[0]
+                        center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
+                        if thread == 0:
+                            state.sphere_spins[world, sphere] = spin
+                    if thread == 0:
+                        state.sphere_positions[world, sphere] = center
+                        state.sphere_velocities[world, sphere] = motion
+                        state.sphere_forces[world, sphere] = force
+            for mark in range(thread, marks, wp.block_dim()):
+                if working.near[world, mark] > 0:
+                    if wp.static(traits.stands):
+                        stand_at_mark(t, world, end, mark, points, velocities)
+                    working.near[world, mark] = 0
+            if thread == 0:
+                working.near[world, marks] = 0
+
+    return touch_spheres

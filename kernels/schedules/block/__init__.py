@@ -1,0 +1,1 @@
+"""A thread block a world."""

@@ -1,0 +1,1 @@
+"""Eight worlds, or eight particles of one, in a CPU's vector registers."""

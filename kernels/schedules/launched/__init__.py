@@ -1,0 +1,1 @@
+"""A list of phases as launches of kernels."""

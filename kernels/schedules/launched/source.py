@@ -1,0 +1,267 @@
+"""Phases as launches: the source of a kernel for each piece of a list, flat, with just what the piece does."""
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, Literal
+
+import warp as wp
+
+from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
+from balloon_warp.kernels.loops.areas import volume_origin
+from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.phase import STATE, VIEWS, Phase
+from balloon_warp.kernels.schedules.launched.pieces import Piece, Step, values_of
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.working import Working
+from balloon_warp.kernels.written import kernel_from
+
+ITEMS_OF_PART = wp.constant(512)
+"""of a large balloon, whose items are added up part by part"""
+Part = Literal["all", "part", "parts"]
+"""of a piece that sums: whether its kernel sums all items of a balloon, the items of a part, or the parts"""
+HANDLES = ("t", "time_in_frame", "state", "working")
+NAMES: Mapping[str, tuple[str, str]] = {
+    "time": ("", "time_of(t, state.frame, time_in_frame)"),
+    "end": ("", "end_of_step(t, state.frame, time_in_frame)"),
+    "points": ("", "all_points[world]"),
+    "velocities": ("", "all_velocities[world]"),
+}
+"""how a piece finds what phases name: what that takes itself, and the text"""
+OF_PARTICLE: Mapping[str, tuple[str, str]] = {
+    "own": ("", "read_own(t, world, particle)"),
+    "balloon": ("own", "own.balloon"),
+    "point": ("", "vector_in(all_points, world, particle)"),
+    "velocity": ("", "vector_in(all_velocities, world, particle)"),
+    "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
+    "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
+    "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
+}
+"""the same of a particle"""
+ALIASES = {"springs": "working"}
+"""handles that phases know by another name"""
+OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
+"""where each balloon's items begin"""
+TYPES = {
+    "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of, "end_of_step": end_of_step,
+    "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
+    "volume_origin": volume_origin, "ITEMS_OF_PART": ITEMS_OF_PART,
+}  # fmt: skip
+"""what a source may refer to, beside its phases"""
+
+
+class _Writer:
+    """Writes the source of a piece line by line."""
+
+    def __init__(self, step: Step, piece: Piece, part: Part = "all"):
+        self.step, self.piece, self.part = step, piece, part
+        _, self.read_own = own_functions(step.traits.columns, step.traits.balloons)
+        self.lines: list[str] = []
+        self.known: set[str] = {*HANDLES, "world"}
+        self.indent = "    "
+
+    def source(self) -> str:
+        """The text of the kernel."""
+        arguments = [f"{name}: {kind}" for name, kind in self.arguments().items()]
+        head = [f"def {self.piece.name}(", *(f"    {each}," for each in arguments), "):"]
+        return "\n".join([*head, f'    """{self._whose()}"""', *self._written(), ""])
+
+    def _whose(self) -> str:
+        """Which thread executes it."""
+        if self.piece.sums:
+            return f"A block for each {self.part if self.part == 'part' else 'balloon'}."
+        if self.piece.item in ("team", "world", "balloon"):
+            return f"A {'block' if self.piece.item == 'team' else 'thread'} for each world."
+        return f"A thread for each {self.piece.item} of each world."
+
+    def names(self) -> dict[str, Any]:
+        """What the text refers to."""
+        step = self.step
+        called = {phase.name: phase.function(step.traits, step.look) for phase in (*self.piece.phases, *step.light)}
+        types = {f"{value}_type": dtype for value, dtype in _written_types(step).items()}
+        return {**TYPES, "read_own": self.read_own, **types, **called}
+
+    def arguments(self) -> dict[str, str]:
+        """Names of the kernel's arguments, as it needs them, and their types."""
+        may_be = {
+            "t": "Tables", "time_in_frame": "float", "state": "WorldState", "working": "Working",
+            **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
+            **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+        }  # fmt: skip
+        if self.piece.sums:
+            may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
+        if self.piece.item == "spring":
+            may_be["first_spring"] = "wp.int32"
+        named = set(re.findall(r"\w+", "\n".join(self._written())))
+        return {name: kind for name, kind in may_be.items() if name in named}
+
+    def _written(self) -> list[str]:
+        """The body's lines."""
+        if not self.lines:
+            self._body()
+        return self.lines
+
+    @property
+    def _summed(self) -> str:
+        return next(iter(self.piece.phases[0].writes))
+
+    def _body(self) -> None:
+        piece = self.piece
+        if piece.sums:
+            self._sum()
+        elif piece.item == "team":
+            self._begin("world, thread")
+            self._calls(piece.phases)
+        elif piece.item in ("world", "balloon"):
+            self._worlds()
+        else:
+            self._begin(f"world, {piece.item}")
+            if piece.item == "spring":
+                self._line("spring += first_spring")
+            self._calls(piece.phases)
+            self._leave()
+
+    def _begin(self, indices: str) -> None:
+        self._line(f"{indices} = wp.tid()")
+        self.known |= set(indices.split(", "))
+
+    def _line(self, text: str) -> None:
+        self.lines.append(self.indent + text)
+
+    def _calls(self, phases: tuple[Phase, ...]) -> None:
+        for phase in phases:
+            call = self._call(phase)
+            self._line(f"# {phase.summary}")
+            self._line(f"{', '.join(phase.writes)} = {call}" if phase.writes else call)
+            self.known |= phase.writes.keys()
+
+    def _call(self, phase: Phase) -> str:
+        reads = [ALIASES.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
+        for name in reads:
+            self._need(name)
+        return f"{phase.name}({', '.join(reads)})"
+
+    def _need(self, name: str) -> None:
+        """See to it that a name is known."""
+        if name in self.known:
+            return
+        self.known.add(name)
+        for phase in self.step.light:
+            if name in phase.writes:
+                self._line(f"{name} = {self._call(phase)}")
+                return
+        takes, text = self._found(name)
+        if takes:
+            self._need(takes)
+        self._line(f"{name} = {text}")
+
+    def _found(self, name: str) -> tuple[str, str]:
+        """What it takes to find a name, and how."""
+        kept = self.step.kept
+        if VIEWS.get(name) in kept:
+            return "", f"all_{VIEWS[name]}[world]"
+        if name in kept:
+            item = self.step.owner(name)
+            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
+        particles = "particle" in self.known
+        if particles and name in OF_PARTICLE:
+            return OF_PARTICLE[name]
+        if name in NAMES:
+            return NAMES[name]
+        columns = self.step.traits.columns
+        if particles and name in columns.places:
+            return "own", f"own.n[{columns.places[name]}]"
+        raise TypeError(f"{self.piece.name}: a phase reads {name}, which nothing before it writes")
+
+    def _leave(self) -> None:
+        """What the piece has found goes to where it is kept."""
+        for name in self.piece.moves:
+            self._line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
+        for name in self.piece.leaves:
+            self._line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
+
+    def _worlds(self) -> None:
+        """A thread a world, which goes through its balloons."""
+        self._begin("world")
+        known = set(self.known)
+        looping = False
+        for phase in self.piece.phases:
+            of_balloon = phase.item == "balloon"
+            if of_balloon and not looping:
+                known = set(self.known)
+                self._line("for balloon in range(t.inflation_kind.shape[0]):")
+                self.known.add("balloon")
+            elif looping and not of_balloon:
+                self.known = known
+            looping = of_balloon
+            self.indent = "        " if looping else "    "
+            self._calls((phase,))
+
+    def _sum(self) -> None:
+        """A block a balloon, or a part of one, whose threads add up in the same order every time."""
+        phase, *others = self.piece.phases
+        value = self._summed
+        self._begin("world, balloon, part, thread" if self.part == "part" else "world, balloon, thread")
+        self._line("total = float(0.0)" if phase.writes[value] is float else f"total = {value}_type()")
+        before = set(self.known)
+        if self.part == "parts":
+            self._line("for part in range(thread, all_parts.shape[2], wp.block_dim()):")
+            self._line("    total += all_parts[world, balloon, part]")
+        else:
+            begin, end = f"{OFFSETS[phase.item]}[balloon]", f"{OFFSETS[phase.item]}[balloon + 1]"
+            if self.part == "part":
+                self._line(f"begin = {begin} + part * ITEMS_OF_PART")
+                begin, end = "begin", f"wp.min(begin + ITEMS_OF_PART, {end})"
+            self._line(f"for {phase.item} in range({begin} + thread, {end}, wp.block_dim()):")
+            self.indent = "        "
+            self.known.add(phase.item)
+            call = self._call(phase)
+            self._line(f"# {phase.summary}")
+            self._line(f"total += {call}")
+            self.indent = "    "
+        self.known = before
+        tile = "wp.tile(total)" if phase.writes[value] is float else "wp.tile(total, preserve_type=True)"
+        self._line(f"{value} = wp.tile_sum({tile})[0]")
+        self.known.add(value)
+        self._line("if thread == 0:")
+        self.indent = "        "
+        if self.part == "part":
+            self._line(f"all_parts[world, balloon, part] = {value}")
+        else:
+            self._calls(tuple(others))
+            self._leave()
+
+
+def _written_types(step: Step) -> dict[str, Any]:
+    """Of all values."""
+    written = {value: dtype for piece in step.pieces for phase in piece.phases for value, dtype in phase.writes.items()}
+    return values_of(step) | written
+
+
+@cache
+def kernel_of(step: Step, piece: Piece, part: Part = "all", fast_math: bool = False, registers: int = 0) -> Any:
+    """The kernel of a piece.
+
+    Args:
+        fast_math: whether a GPU's own division and root will do.
+        registers: of a thread, at most; 0 for as many as the compiler takes.
+    """
+    writer = _Writer(step, piece, part)
+    options: dict[str, Any] = {"module_options": {**OPTIONS, "fast_math": fast_math}}
+    if registers:
+        options["cuda_max_registers"] = registers
+    return kernel_from(piece.name, writer.source(), writer.names(), **options)
+
+
+@cache
+def arguments_of(step: Step, piece: Piece, part: Part = "all") -> tuple[str, ...]:
+    """The names of what the kernel of a piece takes."""
+    return tuple(_Writer(step, piece, part).arguments())
+
+
+def source_of(step: Step) -> str:
+    """The kernels of a list, as they are launched."""
+    return "\n\n".join(_Writer(step, piece).source() for piece in step.pieces if piece.item != "launches")

@@ -1,0 +1,32 @@
+"""Forces on spheres, where pieces of a substep are launches: as a frame begins, and as it ends."""
+
+import warp as wp
+
+from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options({**OPTIONS, "enable_backward": False})
+
+
+@wp.kernel
+def read_sphere_forces(
+    # state in
+    sphere_forces: wp.array2d[wp.vec3],
+    # out
+    sphere_quanta: wp.array3d[wp.int64],
+):
+    """A thread a (world, sphere): from newtons to whole numbers."""
+    world, sphere = wp.tid()
+    set_quanta(sphere_quanta, world, sphere, sphere_forces[world, sphere])
+
+
+@wp.kernel
+def write_sphere_forces(
+    # in
+    sphere_quanta: wp.array3d[wp.int64],
+    # state out
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): from whole numbers to newtons."""
+    world, sphere = wp.tid()
+    sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)

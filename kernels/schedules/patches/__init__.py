@@ -1,0 +1,1 @@
+"""Blocks that have a part of a large world each, and exchange its rim."""

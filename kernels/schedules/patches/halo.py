@@ -1,0 +1,86 @@
+"""What blocks of a GPU that run at once tell each other: in entries of four words, whose last is the round that they
+belong to. An entry is written and read as a whole, so that nobody has to wait for anything else.
+
+Should blocks not run at once after all, the kernel ends with an error after some ten seconds.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.warp_sums import Five
+
+Six = wp.types.vector(length=6, dtype=wp.float32)
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const unsigned long long low = (unsigned long long)__float_as_uint(v[1]) << 32 | __float_as_uint(v[0]);
+    const unsigned long long high = (unsigned long long)(unsigned)round << 32 | __float_as_uint(v[2]);
+    asm volatile("{ .reg .b128 entry; mov.b128 entry, {%1, %2}; st.relaxed.gpu.global.b128 [%0], entry; }"
+        :: "l"(entries.data + place), "l"(low), "l"(high) : "memory");
+#endif
+""")
+def tell(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec3):
+    """A vector."""
+    ...
+
+
+def _listening(count: int) -> str:
+    """To so many entries, one after the other: their vectors, or zeros for a thread that does not listen. The threads
+    of a warp stay together until the last has heard. With a loop for each, which ends sooner for some than for others,
+    a compiler let those go on alone to what only all may do."""
+    return f"""
+#if defined(__CUDA_ARCH__)
+    unsigned long long low[{count}] = {{}}, high[{count}] = {{}};
+    unsigned looks = 0;
+    bool waits = listens;
+    do {{
+        if (++looks == 1u << 25) {{
+            __trap();
+        }}
+        if (waits) {{
+            waits = false;
+            for (int n = 0; n < {count}; ++n) {{
+                asm volatile(
+                    "{{ .reg .b128 entry; ld.relaxed.gpu.global.b128 entry, [%2]; mov.b128 {{%0, %1}}, entry; }}"
+                    : "=l"(low[n]), "=l"(high[n]) : "l"(entries.data + place + n) : "memory");
+                waits |= (int)(high[n] >> 32) < round;
+            }}
+        }}
+    }} while (__any_sync(0xffffffffu, waits));
+    wp::vec_t<{3 * count}, float> heard;
+    for (int n = 0; n < {count}; ++n) {{
+        heard[3 * n] = __uint_as_float((unsigned)low[n]);
+        heard[3 * n + 1] = __uint_as_float((unsigned)(low[n] >> 32));
+        heard[3 * n + 2] = __uint_as_float((unsigned)high[n]);
+    }}
+    return heard;
+#else
+    return wp::vec_t<{3 * count}, float>();
+#endif
+"""
+
+
+@wp.func_native(_listening(1))
+def hear(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> wp.vec3:
+    """What another block tells in that round, once it does, or in a later one. By all threads of a warp."""
+    ...
+
+
+@wp.func_native(_listening(2))
+def hear_two(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> Six:
+    """The same of two entries."""
+    ...
+
+
+@wp.func
+def tell_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, sums: Five):
+    """Five numbers, in two entries."""
+    tell(entries, 2 * place, round, wp.vec3(sums[0], sums[1], sums[2]))
+    tell(entries, 2 * place + 1, round, wp.vec3(sums[3], sums[4], 0.0))
+
+
+@wp.func
+def hear_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool):
+    """Those of another block. By all threads of a warp."""
+    heard = hear_two(entries, 2 * place, round, listens)
+    return Five(heard[0], heard[1], heard[2], heard[3], heard[4])
